@@ -24,6 +24,7 @@ from dirprim_filter.cli import (
     recover,
     score,
     simulate,
+    smooth,
     store,
     track,
     view,
@@ -90,7 +91,7 @@ class _Shown(logging.Formatter):
 
 for command in (
     info.info, convert.convert, simulate.simulate, learn.learn, calibrate.calibrate, track.track, forecast.forecast,
-    plot.plot, view.view, recover.recover, score.score, export.export, demo.demo,
+    plot.plot, view.view, recover.recover, score.score, smooth.smooth, export.export, demo.demo,
 ):  # fmt: skip
     app.command()(checked(command))
 app.add_typer(evaluate.evaluate)

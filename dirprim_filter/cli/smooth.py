@@ -1,0 +1,104 @@
+"""`dirprim smooth`: the tracks of any tracker, refined by a map."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from dirprim_filter.cli import losses
+from dirprim_filter.cli.counts import counted
+from dirprim_filter.cli.options import Force, Log, Map, Output, Particles, Seed
+from dirprim_filter.cli.reading import Reading, reads_logs
+from dirprim_filter.cli.results import read_filter
+from dirprim_filter.cli.settings import Settings
+
+if TYPE_CHECKING:
+    from dirprim_filter.detections import Detections
+
+
+@reads_logs("fields of FilterConfig and TrackingConfig")
+def smooth(
+    estimates: Log,
+    map_file: Map,
+    output: Output,
+    noise: Annotated[
+        float | None, typer.Option(min=1e-6, help="Standard deviation of the tracker's errors, metres. Default: 0.5.")
+    ] = None,
+    truth: Annotated[
+        Path | None, typer.Option("--truth", help="True tracks: score before and after.", exists=True, dir_okay=False)
+    ] = None,
+    particles: Particles = None,
+    seed: Seed = 0,
+    force: Force = False,
+    *,
+    reading: Reading,
+    settings: Settings,
+) -> int:
+    """Refine the tracks of another tracker, offline, by a map.
+
+    A log or table with ids is enough: its rows are taken for measurements whose errors last, rows in which the tracker
+    coasted are left out, and what is between them is filled in along the map.
+
+    Example: dirprim smooth their_tracks.csv --map map.mcap -o refined.mcap --truth truth.mcap
+    """
+    import numpy as np
+
+    from dirprim_filter.cli.progress import working
+    from dirprim_filter.cli.provenance import provenance
+    from dirprim_filter.detections import NO_ID, Detections
+    from dirprim_filter.estimates import EstimateList
+    from dirprim_filter.recording import load_map
+    from dirprim_filter.recording.errors import RecordingError
+    from dirprim_filter.recording.writer import EstimateWriter
+    from dirprim_filter.refining import refine
+
+    primitive_map = load_map(map_file)
+    config, tracking = read_filter(None, settings, n_particles=particles, noise_m=noise)
+    stream = reading.detections(estimates, motion=False)
+    rows = Detections.concatenate(list(stream))
+    reading.require_frames(len(rows), estimates, stream.losses)
+    if (rows.track_id == NO_ID).any():
+        raise RecordingError(f"{estimates}: expected tracks with ids, got detections; `dirprim track` makes tracks")
+    said = provenance(
+        "smooth", inputs=[estimates, map_file], config=config, seed=seed, tracking=str(asdict(tracking)),
+        **reading.said(),
+    )  # fmt: skip
+    found = EstimateList()
+    with (
+        working(f"smoothing {estimates.name}"),
+        EstimateWriter(output, metadata=said, force=force, particle_stride=None) as writer,
+    ):
+        writer.write_map_scene(primitive_map)
+        n_measured = refine(
+            rows, primitive_map, [writer.write, found.write], noise_m=config.noise_m, config=config, tracking=tracking,
+            rng=lambda: np.random.default_rng(seed),
+        )  # fmt: skip
+    after = found.all()
+    typer.echo(
+        f"{output}: {counted(len(after), 'row')} of {counted(np.unique(after.track_id).size, 'track')}, from "
+        f"{counted(n_measured, 'measured row')} of {len(rows)}"
+    )
+    if truth is not None:
+        typer.echo(_scored(rows, output, truth, reading))
+    return losses.exit_code(stream.losses)
+
+
+def _scored(before: Detections, output: Path, truth: Path, reading: Reading) -> str:
+    """A table of both, as `dirprim score` prints it."""
+    from dirprim_filter.cli.score import score_text
+    from dirprim_filter.evaluation.scores import score_rows
+    from dirprim_filter.evaluation.tracked_rows import TrackedRows
+    from dirprim_filter.evaluation.tracking_report import Scales
+    from dirprim_filter.recording.tracked_table import read_tracked_rows
+
+    log = reading.tracks([truth])
+    rows = {
+        "before": TrackedRows(
+            track_id=before.track_id, time_ns=before.time_ns, position=before.position, group=before.group
+        ),
+        "after": read_tracked_rows(output, truth=log.tracks),
+    }
+    return score_text(score_rows(rows, log.tracks, with_ids=False, scales=Scales()), truth.name)

@@ -1,0 +1,87 @@
+"""Tracking by tracking: what another tracker reported is taken for measurements, and smoothed with the map.
+
+A tracker's estimates differ from a sensor's detections in two ways. Where it lost its vehicle from sight it coasts:
+such rows measure nothing, and are left out. And its errors last, for each estimate follows from the one before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from dirprim_filter.arrays import BoolArray
+from dirprim_filter.config import FilterConfig, TrackingConfig
+from dirprim_filter.detections import Detections
+from dirprim_filter.estimates import TrackedFrame
+from dirprim_filter.filtering import Tracker, Worlds
+from dirprim_filter.filtering.smoothing import Smoother
+from dirprim_filter.primitives import PrimitiveMap
+from dirprim_filter.sensor import AxisError, Sensor
+
+EVEN = 0.01
+"""Change of velocity between rows, as a share of the usual one of all rows, below which a track runs on by itself."""
+CORRELATED_SHARE, CORRELATION_S = 0.8, 0.5
+"""Of a tracker's error, and seconds: a Kalman filter's, of cars at 10 Hz. `tests/benchmarks/refined_peers.py`."""
+
+
+def is_measured(rows: Detections) -> BoolArray:
+    """(n,) whether a tracker measured its vehicle, or coasted: moved it on at an even velocity, to the last digit.
+
+    Args:
+        rows: of named vehicles, in any order.
+    """
+    order = np.lexsort((rows.time_ns, rows.track_id, rows.group))
+    place, time_s = rows.position[order], rows.time_ns[order] * 1e-9
+    names = np.unique(rows.track_id, return_inverse=True)[1][order]
+    velocity = np.diff(place, axis=0) / np.maximum(np.diff(time_s), 1e-9)[:, None]
+    change = np.hypot(*np.diff(velocity, axis=0).T)
+    same = (names[2:] == names[:-2]) & (rows.group[order][2:] == rows.group[order][:-2])
+    even = same & (change < EVEN * np.median(change[same])) if same.any() else same
+    coasted = np.zeros(len(rows), np.bool_)
+    coasted[order[2:]] |= even
+    coasted[order[1:-1]] |= even  # it is the first that shows no change of its own
+    return ~coasted
+
+
+def refine(
+    rows: Detections, primitive_map: PrimitiveMap, sinks: Iterable[Callable[[TrackedFrame], None]], *, noise_m: float,
+    config: FilterConfig, tracking: TrackingConfig, rng: Callable[[], np.random.Generator],
+) -> int:  # fmt: skip
+    """Smooth what another tracker reported, at each of its instants, from a vehicle's first measured row to its last.
+
+    Args:
+        rows: what it reported, of named vehicles. Covariances and velocities are not used.
+        primitive_map: how vehicles move there.
+        sinks: take the smoothed frames.
+        noise_m: metres, standard deviation of its errors in either direction.
+        config: of the filter; its noise is not used.
+        tracking: of the tracker.
+        rng: makes the generator of each group.
+
+    Returns:
+        How many rows were measured.
+
+    Raises:
+        ValueError: two rows of a vehicle at one instant.
+    """
+    axis = AxisError(spread_m=noise_m, correlated_share=CORRELATED_SHARE, correlation_s=CORRELATION_S)
+    sensor = Sensor(along=axis, across=axis)
+    measured = is_measured(rows)
+    bare = replace(rows, covariance=np.empty(0), direction=np.empty(0), speed=np.empty(0))
+    smoother = Smoother(max_gap_s=config.max_gap_s, sinks=list(sinks))
+
+    def tracker_of(group: int) -> Tracker:
+        return smoother.tracker(group, primitive_map, config=config, tracking=tracking, sensor=sensor, rng=rng())
+
+    worlds = Worlds(tracker_of)
+    seen = {int(frame.time_ns[0]): frame for frame in bare[measured].frames()}
+    with smoother:
+        for time_ns in np.unique(rows.time_ns).tolist():
+            groups = np.unique(rows.group[rows.time_ns == time_ns]).tolist()
+            worlds.predict(seen.get(time_ns, Detections.none()), time_ns=time_ns, groups=groups)
+            worlds.weigh()
+            smoother.write(worlds.frame())
+            worlds.resample()
+    return int(measured.sum())

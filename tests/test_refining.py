@@ -1,0 +1,80 @@
+"""Another tracker's output, refined: what it measured, and that its errors get smaller by the map."""
+
+from dataclasses import replace
+
+import numpy as np
+from filterpy.common import Q_continuous_white_noise
+from filterpy.kalman import KalmanFilter
+
+from dirprim_filter.config import FilterConfig, TrackingConfig
+from dirprim_filter.detections import Detections
+from dirprim_filter.estimates import EstimateList
+from dirprim_filter.refining import is_measured, refine
+from situations import ring_traffic
+
+NOISE_M, LOST = 0.5, slice(30, 45)
+"""Rows in which the other tracker's sensor sees nothing."""
+
+
+def other_tracker(tracks, *, seed):
+    """What filterpy's constant velocity makes of noisy positions, and where it measured them."""
+    rng, seen, measured = np.random.default_rng(seed), [], []
+    for name in np.unique(tracks.track_id):
+        own = tracks[tracks.track_id == name]
+        dt_s = float(np.diff(own.time_ns[:2])[0]) * 1e-9
+        kalman = KalmanFilter(dim_x=4, dim_z=2)
+        kalman.F[0, 2] = kalman.F[1, 3] = dt_s
+        kalman.H, kalman.R = np.eye(2, 4), NOISE_M**2 * np.eye(2)
+        kalman.Q = np.kron(Q_continuous_white_noise(2, dt_s, 5.0), np.eye(2))
+        kalman.x, kalman.P = np.append(own.position[0], [0.0, 0.0]), np.diag([0.25, 0.25, 100.0, 100.0])
+        lost = np.arange(len(own))[LOST]
+        for row, place in enumerate(own.position):
+            kalman.predict()
+            if row not in lost:
+                kalman.update(place + rng.normal(0.0, NOISE_M, 2))
+            seen.append((name, own.time_ns[row], *kalman.x[:2]))
+            measured.append(row not in lost)
+    names, times, east, north = zip(*seen, strict=True)
+    return Detections(
+        track_id=np.array(names), time_ns=np.array(times), position=np.column_stack([east, north])
+    ), np.array(measured)
+
+
+def keys(rows):
+    return sorted(zip(map(str, rows.track_id.tolist()), rows.time_ns.tolist(), strict=True))
+
+
+def errors(rows, tracks):
+    place = dict(zip(zip(tracks.track_id.tolist(), tracks.time_ns.tolist(), strict=True), tracks.position, strict=True))
+    true = [place[int(name), at] for name, at in zip(rows.track_id.tolist(), rows.time_ns.tolist(), strict=True)]
+    return np.hypot(*(rows.position - np.array(true)).T)
+
+
+def test_rows_in_which_a_tracker_coasts_are_told_from_measured_ones_in_any_order():
+    tracks = ring_traffic(np.random.default_rng(1), n_vehicles=4, n_rows=60)
+    rows, measured = other_tracker(tracks, seed=0)
+    np.testing.assert_array_equal(is_measured(rows), measured)
+    shuffled = np.random.default_rng(0).permutation(len(rows))
+    np.testing.assert_array_equal(is_measured(rows[shuffled]), measured[shuffled])
+    standing = replace(rows, position=np.random.default_rng(1).normal(0.0, 0.1, (len(rows), 2)))
+    assert is_measured(standing).mean() > 0.98  # it stands, but it is measured
+
+
+def test_the_map_makes_another_trackers_errors_smaller_and_fills_what_it_did_not_see(ring_map):
+    for seed in range(3):
+        tracks = ring_traffic(np.random.default_rng([30, seed]), n_vehicles=4, n_rows=60)
+        rows, measured = other_tracker(tracks, seed=seed)
+        found = EstimateList()
+        n = refine(
+            rows, ring_map, [found.write], noise_m=0.4, config=FilterConfig(n_particles=300), tracking=TrackingConfig(),
+            rng=lambda seed=seed: np.random.default_rng(seed),
+        )  # fmt: skip
+        after = found.all()
+        assert n == measured.sum()
+        assert keys(after) == keys(rows)
+        before_m, after_m = np.median(errors(rows, tracks)), np.median(errors(after, tracks))
+        assert after_m < 0.8 * before_m, seed
+        unseen = ~np.isin(after.time_ns, np.unique(rows.time_ns[measured]))
+        lost = ~np.isin(rows.time_ns, np.unique(rows.time_ns[measured]))
+        assert unseen.any()
+        assert np.median(errors(after[unseen], tracks)) < 0.3 * np.median(errors(rows[lost], tracks)), seed
