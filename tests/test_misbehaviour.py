@@ -41,62 +41,46 @@ def test_rows_stay_and_speeds_are_those_of_the_displacements(traffic, kind):
         assert np.abs(middle - pace)[usual].mean() < 0.2
 
 
-def first_rows(traffic, found):
-    """Of each vehicle both paths, and the row from which on they differ."""
+def away_from(place, path):
+    return np.hypot(*(place[:, None] - path[None]).transpose(2, 0, 1)).min(axis=1)
+
+
+def stops_dead(before, after, row):
+    steps = np.hypot(*np.diff(after[row - 1 :], axis=0).T) / DT_S
+    assert np.diff(steps[1:][steps[1:] > 1.0]) == pytest.approx(-6.0 * DT_S, abs=0.15)
+    assert steps[-1] < 1e-9
+
+
+def creeps(before, after, row):
+    ways = [np.hypot(*np.diff(path[row:], axis=0).T).sum() for path in (before, after)]
+    assert ways[1] == pytest.approx(0.25 * ways[0], abs=0.75 * 10.0**2 / (2 * 6.0))  # and what it takes to brake
+    assert away_from(after[row:], before).max() < 0.6  # rows of the path are a metre apart
+
+
+def turns_round(before, after, row):
+    turned = np.arctan2(*np.diff(after[row - 1 :], axis=0)[:, ::-1].T)
+    assert np.ptp(np.unwrap(turned)) > 2.5
+    assert away_from(after[row + 25 : row + 30], before).max() < 12.0  # past the half circle
+
+
+def jumps(before, after, row):
+    off = np.hypot(*(after - before).T)
+    assert (off[:row] == 0.0).all()
+    assert off[row:] == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("does", [stops_dead, creeps, turns_round, jumps], ids=lambda does: does.__name__)
+def test_each_begins_in_its_middle_as_it_drove_and_does_what_its_kind_says(traffic, does):
+    found = misbehaving(traffic, kind=does.__name__.replace("_", " "), rng=np.random.default_rng(2))
     for (before, _), (after, _) in zip(by_vehicle(traffic), by_vehicle(found), strict=True):
         off = np.hypot(*(after.position - before.position).T)
-        yield before, after, off, int(np.argmax(off > 1e-9))
-
-
-def test_each_begins_in_its_middle_as_it_drove(traffic):
-    for kind in set(KINDS) - {"drives against"}:
-        found = misbehaving(traffic, kind=kind, rng=np.random.default_rng(2))
-        for before, _, off, row in first_rows(traffic, found):
-            assert 0.25 * len(before) < row < 0.75 * len(before) + 2, kind
-            assert off[-1] > 1.0, kind
-
-
-def test_what_stops_dead_brakes_by_six_and_stands(traffic):
-    found = misbehaving(traffic, kind="stops dead", rng=np.random.default_rng(3))
-    for _, after, _, row in first_rows(traffic, found):
-        steps = np.hypot(*np.diff(after.position[row - 1 :], axis=0).T) / DT_S
-        braking = steps[1:][steps[1:] > 1.0]
-        assert np.diff(braking) == pytest.approx(-6.0 * DT_S, abs=0.15)
-        assert steps[-1] < 1e-9
-
-
-def test_what_creeps_goes_its_own_path_at_a_quarter(traffic):
-    found = misbehaving(traffic, kind="creeps", rng=np.random.default_rng(4))
-    for before, after, _, row in first_rows(traffic, found):
-        ways = [np.hypot(*np.diff(of.position[row:], axis=0).T).sum() for of in (before, after)]
-        assert ways[1] == pytest.approx(0.25 * ways[0], abs=0.75 * 10.0**2 / (2 * 6.0))  # and what it takes to brake
-        away = np.hypot(*(after.position[row:, None] - before.position[None]).transpose(2, 0, 1)).min(axis=1)
-        assert away.max() < 0.6  # rows of the path are a metre apart
-
-
-def test_what_turns_round_drives_back_beside_its_path(traffic):
-    found = misbehaving(traffic, kind="turns round", rng=np.random.default_rng(5))
-    for before, after, _, row in first_rows(traffic, found):
-        turned = np.arctan2(*np.diff(after.position[row - 1 :], axis=0)[:, ::-1].T)
-        assert np.ptp(np.unwrap(turned)) > 2.5
-        back = after.position[row + 25 : row + 30]  # past the half circle
-        away = np.hypot(*(back[:, None] - before.position[None]).transpose(2, 0, 1)).min(axis=1)
-        assert away.max() < 12.0
+        row = int(np.argmax(off > 1e-9))
+        assert 0.25 * len(before) < row < 0.75 * len(before) + 2
+        assert off[-1] > 1.0
+        does(before.position, after.position, row)
 
 
 def test_what_drives_against_takes_the_same_path_from_its_end(traffic):
     found = misbehaving(traffic, kind="drives against", rng=np.random.default_rng(6))
-    for before, after, *_ in first_rows(traffic, found):
+    for (before, _), (after, _) in zip(by_vehicle(traffic), by_vehicle(found), strict=True):
         np.testing.assert_array_equal(after.position, before.position[::-1])
-
-
-def test_what_jumps_is_two_metres_to_the_left_from_then_on(traffic):
-    found = misbehaving(traffic, kind="jumps", rng=np.random.default_rng(7))
-    for _, _, off, row in first_rows(traffic, found):
-        assert (off[:row] == 0.0).all()
-        assert off[row:] == pytest.approx(2.0)
-
-
-def test_a_kind_that_does_not_exist_is_named(traffic):
-    with pytest.raises(ValueError, match="kind: expected one of stops dead, creeps"):
-        misbehaving(traffic, kind="flies", rng=np.random.default_rng(0))  # type: ignore[arg-type]

@@ -98,17 +98,3 @@ def test_a_birth_is_as_wide_as_its_measurement_says(turned):
     found = scale @ m[0, [2, 3, 3, 4]].reshape(2, 2) @ scale.T
     np.testing.assert_allclose(found, np.eye(2), atol=5 * np.sqrt(2 / 20_000))
     np.testing.assert_allclose(m[1, 2:5], [0.25, 0.0, 0.25], atol=0.25 * 5 * np.sqrt(2 / 20_000))
-
-
-@pytest.mark.parametrize(
-    ("known", "message"),
-    [
-        ({"speed": [-1.0, 2.0]}, "speed: expected at least 0 m/s, got -1.0"),
-        ({"direction": [np.inf, 0.0]}, "direction: expected finite numbers, or NaN"),
-        ({"direction": [0.0]}, r"direction: expected shape \(2,\), got \(1,\)"),
-        ({"covariance": np.zeros((2, 2, 2))}, "covariance: expected symmetric positive definite"),
-    ],
-)
-def test_what_no_sensor_can_say_is_refused(known, message):
-    with pytest.raises(ValueError, match=message):
-        measured(**known)

@@ -10,7 +10,7 @@ from scipy import stats
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.filtering import _interaction, _kernels, _measuring, _resampling, particle_filter
-from dirprim_filter.filtering.belief import FIRST_CAPACITY, ParticleBelief, birth_key
+from dirprim_filter.filtering.belief import ParticleBelief, birth_key
 from dirprim_filter.primitives._leader import ALONE
 from dirprim_filter.primitives._manoeuvres import STANDING_BELOW
 from dirprim_filter.primitives.motion_table import motion_table
@@ -94,17 +94,6 @@ def test_a_measurement_of_huge_noise_after_next_to_no_time_changes_no_belief(clo
         np.testing.assert_array_equal(cloud.weight[other], before.weight[other])
 
 
-def effective_sample_size(weight):
-    weight = np.asarray(weight, dtype=float)
-    return _kernels.effective_sample_size(weight)
-
-
-def test_effective_sample_size_is_n_of_equal_weights_and_one_of_a_single_survivor():
-    assert effective_sample_size(np.full(64, 1 / 64)) == pytest.approx(64)
-    assert effective_sample_size([0, 0, 1, 0]) == pytest.approx(1)
-    assert effective_sample_size([0.5, 0, 0.5, 0]) == pytest.approx(2)
-
-
 def ancestors(weight, u):
     survivors = np.empty(len(weight), np.int64)
     _resampling.systematic(np.asarray(weight, dtype=float), float(u), survivors)
@@ -134,11 +123,6 @@ def test_systematic_resampling_is_filterpys_for_the_same_number(seed):
     theirs = filterpy.monte_carlo.systematic_resample(weight)
     np.testing.assert_array_equal(ancestors(weight, u), theirs)
     assert not np.array_equal(ancestors(weight, (u + 0.5) % 1), theirs)
-
-
-@pytest.mark.parametrize("survivor", [0, 3, 6])
-def test_a_particle_with_all_the_weight_is_the_only_ancestor(survivor):
-    np.testing.assert_array_equal(ancestors(np.eye(7)[survivor], 0.999999), survivor)
 
 
 def test_a_belief_that_has_kept_its_weight_is_left_as_it_is(cloud):
@@ -236,26 +220,7 @@ def test_birth_follows_the_measurement_and_the_primitive_there(ring_map):
     np.testing.assert_array_equal(belief.cloud.cell[0], ring_map.tessellation.cell_of(belief.cloud.position[0]))
 
 
-def test_slots_keep_what_they_hold_when_there_is_room_for_more():
-    belief = ParticleBelief(n_particles=3, mode_of=np.zeros(1, np.int64))
-    belief.cloud.position[:] = np.arange(FIRST_CAPACITY)[:, None, None]
-    before = copied(belief.cloud)
-    belief.reserve(FIRST_CAPACITY + 5)
-    assert belief.n_slots == FIRST_CAPACITY + 5
-    for column, old in zip(belief.cloud, before, strict=True):
-        np.testing.assert_array_equal(column[:FIRST_CAPACITY], old)
-    belief.reserve(2)
-    assert belief.n_slots == FIRST_CAPACITY + 5
-    belief.copy(np.array([3]), np.array([20]))
-    assert (belief.cloud.position[20] == 3.0).all()
-
-
 def test_a_birth_key_differs_by_seed_by_vehicle_and_by_time():
     keys = {int(birth_key(*given)) for given in [(1, "a", 5), (2, "a", 5), (1, "b", 5), (1, "a", 6), (1, "a", 5)]}
     assert len(keys) == 4
     assert birth_key(1, "2/3", 4) != birth_key(1, "3", 42)
-
-
-def test_a_belief_without_particles_is_refused():
-    with pytest.raises(ValueError, match="n_particles: expected at least 1, got 0"):
-        ParticleBelief(n_particles=0, mode_of=np.zeros(1, np.int64))
