@@ -8,6 +8,7 @@ from scipy.stats import multivariate_normal
 
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
+from dirprim_filter.estimates import EstimateList, Estimates
 from dirprim_filter.filtering import ParticleFilter, Tracker
 from dirprim_filter.filtering.smoothing import Smoother
 from dirprim_filter.primitives import learn_primitives
@@ -68,32 +69,33 @@ def test_weights_and_evidence_are_those_of_the_joint_gaussian(learned):
     assert sum(reported) == pytest.approx(np.log(np.exp(log_fit).mean()), abs=0.01)
 
 
-def estimates_of(learned, seen, sensor, n_particles, **knobs):
-    """(n, 2) positions, (n,) directions, and the vehicle and instant of all estimates."""
-    rows = []
+def estimates_of(learned, seen, sensor, n_particles, **given):
+    """All estimates of a log, as one table."""
+    kept, config = EstimateList(), FilterConfig(n_particles=n_particles, noise_m=0.5, **given)
+    replay(seen.frames(), Tracker(learned, sensor=sensor, config=config, rng=np.random.default_rng(0)), [kept])
+    return kept.all()
 
-    class Keep:
-        write = staticmethod(lambda frame: rows.append(frame.estimates))
 
-    config = FilterConfig(n_particles=n_particles, noise_m=0.5, **knobs)
-    replay(seen.frames(), Tracker(learned, sensor=sensor, config=config, rng=np.random.default_rng(0)), [Keep()])
-    position, direction = (np.concatenate([getattr(of, name) for of in rows]) for name in ("position", "direction"))
-    return (
-        position,
-        direction,
-        [key for of in rows for key in zip(of.track_id.tolist(), of.time_ns.tolist(), strict=True)],
-    )
+def keys(rows):
+    return list(zip(rows.track_id.tolist(), rows.time_ns.tolist(), strict=True))
+
+
+def beside(rows, others):
+    """Rows of the same vehicle and instant."""
+    row_of = {key: i for i, key in enumerate(keys(others))}
+    found = [(i, row_of[key]) for i, key in enumerate(keys(rows)) if key in row_of]
+    return np.array(found).T
 
 
 def test_with_white_round_errors_it_is_the_plain_filter(learned):
     """To the last belief of a log, not only in one step: both draw and weigh alike."""
     plainly = {"innovation_outlier_rate": 0.0, "resample_below": 0.0}  # rounding may decide who survives
     seen = sense(circling(3, 20), Sensor.white(0.5), rng=np.random.default_rng(1))
-    plain, *_ = estimates_of(learned, seen, None, 60, **plainly)
-    sensed, *_ = estimates_of(learned, seen, Sensor.white(0.5), 60, **plainly)
-    np.testing.assert_allclose(sensed, plain, atol=1e-6)
     oblong = Sensor(along=AxisError(spread_m=0.5), across=AxisError(spread_m=0.4))
-    other, *_ = estimates_of(learned, seen, oblong, 60, **plainly)
+    plain, sensed, other = (
+        estimates_of(learned, seen, sensor, 60, **plainly).position for sensor in (None, Sensor.white(0.5), oblong)
+    )
+    np.testing.assert_allclose(sensed, plain, atol=1e-6)
     assert not np.allclose(other, plain, atol=1e-6)
 
 
@@ -111,17 +113,15 @@ def test_a_bias_moves_no_estimate(learned):
     truth = circling(24, 40)
     seen = sense(truth, Sensor(**axes), rng=np.random.default_rng(0))
     course = np.column_stack([np.cos(truth.direction), np.sin(truth.direction)])
-    where = {(v, t): u for v, t, u in zip(truth.track_id, truth.time_ns.tolist(), course, strict=True)}
-    along = np.array([where[v, t] for v, t in zip(seen.track_id, seen.time_ns.tolist(), strict=True)])
-    ahead = replace(seen, position=seen.position + 2.0 * along)
+    _, row = beside(seen, truth)
+    ahead = replace(seen, position=seen.position + 2.0 * course[row])
     biased = Sensor(along=replace(axes["along"], bias_m=2.0), across=axes["across"])
-    at, direction, of = estimates_of(learned, seen, Sensor(**axes), 200)
-    other, _, of_other = estimates_of(learned, ahead, biased, 200)
-    row_of = {row: i for i, row in enumerate(of)}
-    both = np.array([(row_of[row], i, row[1]) for i, row in enumerate(of_other) if row in row_of])
-    assert len(both) > 0.98 * len(of)  # a belief that is lost begins anew and misses a frame
-    here, there, _ = both[both[:, 2] >= seen.time_ns.max() - 2_000_000_000].T
-    off = (other[there] - at[here]) @ np.array([1.0, 1j]) * np.exp(-1j * direction[here])
+    own, other = estimates_of(learned, seen, Sensor(**axes), 200), estimates_of(learned, ahead, biased, 200)
+    here, there = beside(own, other)
+    assert here.size > 0.98 * len(own)  # a belief that is lost begins anew and misses a frame
+    late = own.time_ns[here] >= seen.time_ns.max() - 2_000_000_000
+    here, there = here[late], there[late]
+    off = (other.position[there] - own.position[here]) @ np.array([1.0, 1j]) * np.exp(-1j * own.direction[here])
     assert abs(np.median(off.real)) < 0.09
 
 
@@ -150,28 +150,17 @@ def test_a_copy_carries_the_error_that_leaves_the_detection_where_it_was(learned
 
 def followed(learned, truth, seen, sensor):
     """RMSE and NEES of the filter's and the smoother's estimates."""
-    reported = [[], []]
-
-    class Keep:
-        def __init__(self, rows):
-            self.write = lambda frame: rows.append(frame.estimates)
-
+    filtered, smoothed = EstimateList(), []
     config = FilterConfig(n_particles=200, **({"noise_m": sensor.noise_m} if sensor else {}))
-    smoother = Smoother(max_gap_s=5.0, sinks=[Keep(reported[1]).write])
+    smoother = Smoother(max_gap_s=5.0, sinks=[lambda frame: smoothed.append(frame.estimates)])
     rng = np.random.default_rng(0)
     tracker = smoother.tracker(0, learned, config=config, tracking=TrackingConfig(), sensor=sensor, rng=rng)
     with smoother:
-        replay(seen.frames(), tracker, [Keep(reported[0]), smoother])
-    where = {(name, t): x for name, t, x in zip(truth.track_id, truth.time_ns.tolist(), truth.position, strict=True)}
-    for rows in reported:
-        pairs = [
-            (x - where[name, t], p)
-            for of in rows
-            for name, t, x, p in zip(of.track_id, of.time_ns.tolist(), of.position, of.covariance, strict=True)
-            if (name, t) in where and t > 1_000_000_000
-        ]
-        error, covariance = (np.array(column) for column in zip(*pairs, strict=True))
-        nees = np.einsum("ni,ni->n", error, np.linalg.solve(covariance, error[..., None])[..., 0]).mean()
+        replay(seen.frames(), tracker, [filtered, smoother])
+    for found in (filtered.all(), Estimates.concatenate(smoothed)):
+        here, there = beside(found, truth[truth.time_ns > 1_000_000_000])
+        error = found.position[here] - truth[truth.time_ns > 1_000_000_000].position[there]
+        nees = np.einsum("ni,ni->n", error, np.linalg.solve(found.covariance[here], error[..., None])[..., 0]).mean()
         yield float(np.sqrt((error**2).sum(axis=1).mean())), float(nees)
 
 
