@@ -65,7 +65,7 @@ def plot(
     ] = None,
     extent: Annotated[
         tuple[float, float, float, float] | None,
-        typer.Option("--extent", help="Part of the map to show: west south east north, metres. Default: all."),
+        typer.Option("--extent", help="What to show: west south east north, metres. Default: 99 % of the traffic."),
     ] = None,
     width: Annotated[float | None, typer.Option("--width", min=3.0, max=100.0, help="Inches, of the figure.")] = None,
     dpi: Annotated[

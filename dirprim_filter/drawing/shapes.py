@@ -3,9 +3,9 @@
 Pure geometry in the map's own frame (metres, x east, y north); the live stream and the figures both draw from
 here.
 
-The roses follow Nightingale's: a petal's area, not its length, is proportional to probability, with one
-scale for the whole map. A cell of one sharp mode has one long petal that reaches past its border; a cell
-where vehicles go every way has a small round one.
+The roses follow Nightingale's: a petal's area, not its length, is proportional to probability. A cell of one sharp mode
+has one long petal that reaches past its border; a cell where vehicles go every way has a small round one. A rose is
+larger where there was more traffic, whatever its cell: of wide cells at the border the eye must not see first.
 """
 
 from __future__ import annotations
@@ -32,14 +32,18 @@ PETAL_RIM = 0.08
 """A petal is drawn out to the angle where its radius has fallen to this share of its length."""
 PETAL_VERTICES = 24
 REACH = 1.5
-"""How far the longest petal goes, as a share of the way from the cell's centre to its border: along a lane it
-ends before the next cell's petal begins."""
+"""How far the longest petal of a usual cell with usual traffic goes, as a share of the way from its centre to its
+border: along a lane it ends before the next cell's petal begins."""
+TRAFFIC = (1.0 / 32.0, 4.0)
+"""Times the usual: with less a rose is no smaller, with more no larger."""
 LARGEST_ROSE = 0.18
 """The same as a share of the width of a square as large as all cells: those of a map of few cells would hide it."""
 MOST_BEND = 1.0
 """Radians by which a petal turns at most from its root to its tip."""
 LITTLE_MORE = 1.6
 """Times as long as the busy square is a map that is shown in whole."""
+LITTLE_LARGER = 1.15
+"""Times as long as the box around most of the traffic is a map that is shown in whole."""
 MARGIN = 0.06
 """Free space around a map, as a share of its longer side."""
 FLOW_LEAST = 0.05
@@ -62,20 +66,22 @@ class Petals(NamedTuple):
         mean_speed: (n,) m/s, of the petal's mode.
         weight: (n,) of the petal's mode in its cell.
         cell: (n,) the petal's cell.
+        reach: (n,) metres, of the petal's rose.
     """
 
     polygon: FloatArray
     mean_speed: FloatArray
     weight: FloatArray
     cell: IntArray
+    reach: FloatArray
 
 
 def rose_petals(primitives: PrimitiveMap) -> Petals:
     """One petal for each mode of its own of each cell that holds data; a disc for that of standing vehicles.
 
-    The radius at direction theta is R sqrt(w VM(theta; mu, k) / VM(mu; mu, K)) with R the cell's radius times
-    `REACH`, K = `SHARPEST_PETAL` and k = min(kappa, K): the area is proportional to w, whatever kappa. Where the mode
-    bends, so does the petal: as much along its way as the mode's mean direction turns along it.
+    The radius at direction theta is R sqrt(w VM(theta; mu, k) / VM(mu; mu, K)) with R the rose's reach, see
+    `_rose_reach`, K = `SHARPEST_PETAL` and k = min(kappa, K): the area is proportional to w, whatever kappa. Where the
+    mode bends, so does the petal: as much along its way as the mode's mean direction turns along it.
     """
     direction, weight = primitives.direction, primitives.own_weight
     drawn = (weight >= SMALLEST_PETAL) & _has_rose(primitives)[:, None]
@@ -91,7 +97,7 @@ def rose_petals(primitives: PrimitiveMap) -> Petals:
     theta = mean[:, None] + half_width[:, None] * np.linspace(-1.0, 1.0, PETAL_VERTICES)
     sharpest = von_mises.log_density(np.zeros(()), np.zeros(()), np.array(SHARPEST_PETAL))
     log_p = von_mises.log_density(theta, mean[:, None], concentration[:, None]) - sharpest
-    reach = _rose_reach(primitives.tessellation)[cell]
+    reach = _rose_reach(primitives)[cell]
     radius = reach[:, None] * np.sqrt(weight[:, None] * np.exp(log_p))
     root = root[:, None, :]
     curvature = (bend * _heading(mean)).sum(axis=-1)
@@ -101,6 +107,7 @@ def rose_petals(primitives: PrimitiveMap) -> Petals:
         mean_speed=primitives.speed.mean[cell, mode],
         weight=weight,
         cell=cell,
+        reach=reach,
     )
 
 
@@ -109,10 +116,24 @@ def _has_rose(primitives: PrimitiveMap) -> BoolArray:
     return np.asarray((primitives.n_rows[:-1] > 0) & (primitives.tessellation.area > 0))
 
 
-def _rose_reach(tessellation: Tessellation) -> FloatArray:
-    """How far the longest petal of each cell may go. -> (n_cells,) metres."""
-    own = 0.5 * REACH * np.sqrt(tessellation.area)
-    return np.asarray(np.minimum(own, LARGEST_ROSE * np.sqrt(tessellation.area.sum())))
+def _rose_reach(primitives: PrimitiveMap) -> FloatArray:
+    """How far the longest petal of each cell may go. -> (n_cells,) metres.
+
+    Half the geometric mean of the cell's width and the usual one, times `REACH` and the fourth root of the traffic over
+    the usual: so areas grow with the root of the traffic. Usual is the median over rows.
+    """
+    n_rows, area = primitives.n_rows[:-1], primitives.tessellation.area
+    if n_rows.sum() == 0:
+        return np.zeros(len(area))
+    usual_rows, usual_area = (_median(of, n_rows) for of in (n_rows, area))
+    traffic = np.clip(n_rows / usual_rows, *TRAFFIC)
+    usual = min(0.5 * REACH * usual_area**0.5, LARGEST_ROSE * float(area.sum()) ** 0.5)
+    return np.asarray(usual * (area / usual_area * traffic) ** 0.25)
+
+
+def _median(values: FloatArray | IntArray, weight: IntArray) -> float:
+    order = np.argsort(values)
+    return float(values[order[np.searchsorted(np.cumsum(weight[order]), 0.5 * weight.sum())]])
 
 
 def fastest_speed(petals: Petals) -> float:
@@ -189,38 +210,45 @@ def extent(points: FloatArray) -> FloatArray:
     return np.stack([center - half, center + half])
 
 
-def cell_extent(tessellation: Tessellation) -> FloatArray:
-    """The box around all cells: its SW and NE corner. -> (2, 2)."""
-    polygons = tessellation.polygons()
-    return extent(np.concatenate(polygons) if polygons else np.empty((0, 2)))
+def map_extent(primitives: PrimitiveMap, *, share: float = 1.0) -> FloatArray:
+    """The box around the cells that hold a share of the traffic, those left out at each side alike. -> (2, 2).
 
-
-def map_extent(primitives: PrimitiveMap) -> FloatArray:
-    """The box around all cells of a map: its SW and NE corner. -> (2, 2)."""
-    return cell_extent(primitives.tessellation)
+    That is around all cells where it is little larger, or where there is no traffic. Its SW and NE corner.
+    """
+    polygons, n_rows = primitives.tessellation.polygons(), primitives.n_rows[:-1]
+    whole = extent(np.concatenate(polygons) if polygons else np.empty((0, 2)))
+    if share >= 1.0 or n_rows.sum() == 0:
+        return whole
+    kept = np.ones(len(n_rows), np.bool_)
+    for place in primitives.tessellation.centers.T:
+        order = np.argsort(place)
+        below = np.cumsum(n_rows[order]) / n_rows.sum()
+        rare = 0.25 * (1.0 - share)  # at each of four sides
+        kept[order] &= (below > rare) & (below - n_rows[order] / n_rows.sum() < 1.0 - rare)
+    box = extent(np.concatenate([polygon for polygon, one in zip(polygons, kept, strict=True) if one and len(polygon)]))
+    return whole if np.ptp(whole, axis=0).max() <= LITTLE_LARGER * np.ptp(box, axis=0).max() else box
 
 
 def busy_box(primitives: PrimitiveMap, *, share: float) -> FloatArray:
-    """The busy square of a map, by the rows that it was learned from; all of it, if it is little more. -> (2, 2)."""
-    busy = busy_square(primitives.tessellation, primitives.n_rows[:-1], share=share)
-    whole = map_extent(primitives)
+    """The busy square of a map; all of it, if it is little more. -> (2, 2)."""
+    busy, whole = busy_square(primitives, share=share), map_extent(primitives)
     return whole if np.ptp(whole, axis=0).max() <= LITTLE_MORE * np.ptp(busy, axis=0).max() else busy
 
 
-def busy_square(tessellation: Tessellation, n_rows: IntArray, *, share: float) -> FloatArray:
+def busy_square(primitives: PrimitiveMap, *, share: float) -> FloatArray:
     """The smallest square around the middle of the traffic that holds a share of it: its SW and NE corner. -> (2, 2).
 
-    The traffic is the rows in each cell, (n_cells,). A map reaches far along its roads, where nothing happens: the
-    busy part is what to look at first.
+    The traffic is the rows in each cell. A map reaches far along its roads, where nothing happens: the busy part is
+    what to look at first.
     """
+    cells, n_rows = primitives.tessellation, primitives.n_rows[:-1]
     if n_rows.sum() == 0:
-        return cell_extent(tessellation)
-    centers = tessellation.centers
-    middle = np.average(centers, axis=0, weights=n_rows)
-    distance = np.abs(centers - middle).max(axis=1)
+        return map_extent(primitives)
+    middle = np.average(cells.centers, axis=0, weights=n_rows)
+    distance = np.abs(cells.centers - middle).max(axis=1)
     outwards = np.argsort(distance)
     cell = outwards[np.searchsorted(np.cumsum(n_rows[outwards]), share * n_rows.sum())]
-    half = distance[cell] + 0.5 * np.sqrt(tessellation.area[cell])
+    half = distance[cell] + 0.5 * np.sqrt(cells.area[cell])
     return np.stack([middle - half, middle + half])
 
 

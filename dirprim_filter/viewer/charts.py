@@ -13,7 +13,7 @@ from matplotlib.patheffects import withStroke
 from dirprim_filter.evaluation.experiment import TrackingTable
 from dirprim_filter.evaluation.forecasting import ForecastTable
 from dirprim_filter.evaluation.scores import ScoreTable
-from dirprim_filter.viewer.figures.page import DOTS_PER_INCH
+from dirprim_filter.viewer.figures.page import DOTS_PER_INCH, LARGE, NORMAL, SMALL
 
 PANELS = {
     "RMSE, m": {"all": "rmse", "in sight": "seen_rmse", "in gaps": "hidden_rmse"},
@@ -29,6 +29,8 @@ FORECAST_PANELS = {
     "energy score, m": "energy", "first is ahead by, %": "gain", "mean to truth, m": "fde",
     "90 % regions hold": "coverage_90",
 }  # fmt: skip
+COLUMNS = 3
+"""Of panels of bars."""
 COVERAGE = 0.9
 COVERAGE_PANEL = "90 % regions hold"
 OVER_LINES = withStroke(linewidth=2.5, foreground="white")
@@ -43,8 +45,8 @@ LINE_STYLES = (
 
 def forecast_chart(table: ForecastTable) -> Figure:
     """A panel for each figure, a line for each method over the seconds ahead; whiskers are 95 % intervals."""
-    figure = Figure(figsize=(3.2 * len(FORECAST_PANELS), 3.7), dpi=DOTS_PER_INCH, layout="constrained")
-    panels = figure.subplots(1, len(FORECAST_PANELS))
+    figure = Figure(figsize=(7.6, 6.4), dpi=DOTS_PER_INCH, layout="constrained")
+    panels = figure.subplots(2, len(FORECAST_PANELS) // 2).flat
     for axes, (title, name) in zip(panels, FORECAST_PANELS.items(), strict=True):
         for k, row in enumerate(table.methods):
             color, dashes, mark = LINE_STYLES[k % len(LINE_STYLES)]
@@ -63,7 +65,7 @@ def forecast_chart(table: ForecastTable) -> Figure:
         _dress(axes, title.replace("first", table.methods[0].name))
         axes.set_xlabel("seconds ahead")
     figure.legend(
-        *panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8, frameon=False
+        *figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=SMALL, frameon=False
     )
     return figure
 
@@ -91,9 +93,11 @@ def _bar_chart(
     figures: Callable[[str], tuple[list[float], list[float] | None]],
 ) -> Figure:
     """The panels of bars; `figures`: values and, where there are any, deviations of a figure, one for each name."""
-    height = 1.5 + 0.6 * len(names)
-    figure = Figure(figsize=(3.2 * len(PANELS), height), dpi=DOTS_PER_INCH, layout="constrained")
-    for axes, (title, bars) in zip(figure.subplots(1, len(PANELS), sharey=True), PANELS.items(), strict=True):
+    n_rows = -(-len(PANELS) // COLUMNS)
+    size = (3.4 * COLUMNS, n_rows * (1.1 + 0.42 * len(names)))
+    figure = Figure(figsize=size, dpi=DOTS_PER_INCH, layout="constrained")
+    grid = figure.subplots(n_rows, COLUMNS, sharey=True)
+    for axes, (title, bars) in zip(grid.flat, PANELS.items(), strict=True):
         width = 0.8 / len(bars)
         ends = np.zeros(1)
         for i, (label, name) in enumerate(bars.items()):
@@ -103,20 +107,21 @@ def _bar_chart(
                 at, values, height=width, xerr=deviations, label=label, color=BAR_COLORS[i], error_kw={"linewidth": 0.8}
             )
             numbers = ["" if isnan(value) else f"{value:.2f}" for value in values]
-            axes.bar_label(drawn, numbers, fontsize=7, padding=3, path_effects=[OVER_LINES], zorder=5)
+            axes.bar_label(drawn, numbers, fontsize=SMALL, padding=3, path_effects=[OVER_LINES], zorder=5)
             spread = np.nan_to_num(deviations) if deviations else 0.0
             ends = np.concatenate([ends, np.nan_to_num(values) - spread, np.nan_to_num(values) + spread])
         if title == COVERAGE_PANEL:
             axes.axvline(COVERAGE, color="0.3", linewidth=0.8, linestyle=":")
-        axes.set_yticks(range(len(names)), names)
+        axes.set_yticks(range(len(names)), names, fontsize=NORMAL)
         axes.set_xlim(1.24 * ends.min(), 1.24 * max(ends.max(), 1.0))  # a number beside the longest bar
         _dress(axes, title)
         if len(bars) > 1:
-            axes.legend(fontsize=7, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=len(bars))
-    axes.invert_yaxis()
+            axes.legend(fontsize=SMALL, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=len(bars))
+    grid[0, 0].invert_yaxis()
     return figure
 
 
 def _dress(axes: Axes, title: str) -> None:
-    axes.set_title(title, fontsize=10)
+    axes.set_title(title, fontsize=LARGE)
+    axes.tick_params(labelsize=SMALL)
     axes.spines[["top", "right"]].set_visible(False)

@@ -22,19 +22,22 @@ from dirprim_filter.drawing.colors import direction_color, speed_color
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
-from tessellation.anchors import anchors
 
 CONFIDENCE = 0.9
 MAX_GAP_S = 2.0
 """A vehicle unseen for longer is drawn as two lines."""
-ROOT_DIAMETER = 0.09
-"""Of the dot at a rose's root, as a share of its cell's width: it shows which way the petals point."""
+ROOT_DIAMETER = 0.12
+"""Of the dot at a rose's root, as a share of its reach: it shows which way the petals point."""
+FEW_VEHICLES = 12
+"""Of more, lines are thin: they would hide the map."""
 STANDING_SPEED = LearningConfig().standing_speed
 """m/s; below it a direction means nothing."""
 
 INK = "0.15"
 CELL_GREY = "0.87"
-TRACK_GREY = "0.8"
+TRACK_GREY = "0.45"
+TRACKS_OPACITY, FAINTEST_TRACK, BOLDEST_TRACK = 60.0, 0.15, 0.7
+"""Of all tracks together where they lie over each other, and the limits of each one's."""
 FOCUS_COLOR = "#D55E00"
 OTHER_COLOR = "#0072B2"
 """Of Okabe and Ito (2008): the vehicle that a figure is about, and all others."""
@@ -49,11 +52,12 @@ def draw_map(axes: Axes, primitives: PrimitiveMap, *, opacity: float = 1.0) -> S
     color = speed_color(petals.mean_speed, fastest=fastest) / 255.0
     color[:, 3] = opacity
     axes.add_collection(PolyCollection(list(petals.polygon), facecolors=color, linewidths=0, zorder=3))
-    roots, width = _roots(primitives, petals)
+    _, first = np.unique(petals.cell, return_index=True)
+    width = ROOT_DIAMETER * petals.reach[first]
     axes.add_collection(
         EllipseCollection(
-            width, width, np.zeros_like(width), offsets=roots, offset_transform=axes.transData, units="xy",
-            facecolors=INK, alpha=opacity, linewidths=0, zorder=4,
+            width, width, np.zeros_like(width), offsets=petals.polygon[first, 0], offset_transform=axes.transData,
+            units="xy", facecolors=INK, alpha=opacity, linewidths=0, zorder=4,
         )
     )  # fmt: skip
     steps = speed_color(np.linspace(0.0, 1.0, 256), fastest=1.0) / 255.0
@@ -83,27 +87,26 @@ def draw_wheel(axes: Axes, title: str) -> None:
     axes.axis("off")
 
 
-def _roots(primitives: PrimitiveMap, petals: shapes.Petals) -> tuple[FloatArray, FloatArray]:
-    cells = np.unique(petals.cell)
-    return anchors(primitives.tessellation)[cells], ROOT_DIAMETER * np.sqrt(primitives.tessellation.area[cells])
-
-
 def draw_tracks(axes: Axes, tracks: Tracks) -> None:
-    """Observed motion, as thin lines under the roses."""
+    """Observed motion, as thin lines under the roses, fainter the more there are."""
     paths = paths_of(tracks.vehicle, tracks.time_ns, tracks.position)
-    axes.add_collection(LineCollection(paths, colors=TRACK_GREY, linewidths=0.5, alpha=0.5, zorder=2))
+    opacity = float(np.clip(TRACKS_OPACITY / max(len(paths), 1), FAINTEST_TRACK, BOLDEST_TRACK))
+    axes.add_collection(LineCollection(paths, colors=TRACK_GREY, linewidths=0.6, alpha=opacity, zorder=2))
 
 
 def draw_estimates(axes: Axes, estimates: Estimates, color: Mapping[str, str]) -> None:
-    """The way of each vehicle, in its colour or else in that of all others; thin where it coasts."""
+    """The way of each vehicle, in its colour or else in that of all others; thin and faint where it coasts."""
     names = estimates.track_id.astype(np.str_)
-    for name in np.unique(names):
-        rows = names == name
-        for coasts, width in ((False, 1.6), (True, 0.6)):
-            own = rows & (estimates.is_coasting == coasts)
+    distinct = np.unique(names)
+    usual = 1.6 if distinct.size <= FEW_VEHICLES else 0.8
+    for name in distinct:
+        shade = color.get(name, OTHER_COLOR)
+        for coasts, width, opacity in ((False, usual, 1.0), (True, 0.3 * usual, 0.6)):
+            own = (names == name) & (estimates.is_coasting == coasts)
             paths = paths_of(names[own], estimates.time_ns[own], estimates.position[own])
-            shade = color.get(name, OTHER_COLOR)
-            axes.add_collection(LineCollection(paths, colors=shade, linewidths=width, capstyle="round", zorder=6))
+            axes.add_collection(
+                LineCollection(paths, colors=shade, linewidths=width, alpha=opacity, capstyle="round", zorder=6)
+            )
 
 
 def draw_forecast(axes: Axes, paths: FloatArray, color: str, *, opacity: float) -> None:

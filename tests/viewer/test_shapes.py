@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.path import Path as Outline
 
+from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.drawing import shapes
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from tessellation import GridTessellation
@@ -29,15 +30,44 @@ def test_a_petal_points_where_its_mode_goes(scene_map: PrimitiveMap) -> None:
     assert (np.hypot(*north.T) <= shapes.REACH * 5.0 + 1e-9).all()
 
 
-def test_a_petals_area_is_proportional_to_its_weight_whatever_its_concentration(
+def test_a_petals_area_is_its_weight_times_the_root_of_the_traffic_whatever_its_concentration(
     scene_map: PrimitiveMap,
 ) -> None:
     petals = shapes.rose_petals(scene_map)
+    of_cell = petals.weight * np.sqrt(scene_map.n_rows[petals.cell])
     area = np.array([area_of(p) for p in petals.polygon])
     # 24 vertices and the cut at the rim cost at most 3 %; lengths, the wrong quantity, differ by far more.
-    assert area / petals.weight == pytest.approx((area / petals.weight)[0], rel=0.03)
+    assert area / of_cell == pytest.approx((area / of_cell)[0], rel=0.03)
     length = np.hypot(*(petals.polygon - petals.polygon[:, :1]).transpose(2, 0, 1)).max(axis=1)
-    assert np.ptp(length / petals.weight) > 0.3 * (length / petals.weight).max()
+    assert np.ptp(length / of_cell) > 0.3 * (length / of_cell).max()
+
+
+def test_a_rose_grows_with_traffic_more_than_with_its_cell(scene_map: PrimitiveMap) -> None:
+    def reach(n_rows: list[int]) -> dict[int, float]:
+        petals = shapes.rose_petals(replace(scene_map, n_rows=np.array([*n_rows, 0, sum(n_rows)])))
+        return dict(zip(petals.cell.tolist(), petals.reach.tolist(), strict=True))
+
+    assert reach([100, 100])[1] == pytest.approx(reach([100, 100])[0])
+    assert reach([160, 10])[1] == pytest.approx(0.5 * reach([160, 10])[0])
+    assert reach([10**6, 1])[1] == pytest.approx(shapes.TRAFFIC[0] ** 0.25 * reach([10**6, 1])[0])
+
+
+def test_where_most_of_the_traffic_is_leaves_out_who_is_far_away() -> None:
+    """A thousandth of the rows lies a kilometre off; control: a tenth is shown."""
+
+    def width(n_far: int) -> float:
+        cells = GridTessellation.covering(np.array([[5.0, 5.0], [15.0, 5.0], [1005.0, 5.0]]), cell_size=10.0)
+        n_rows = np.zeros(cells.n_cells + 1, np.int64)
+        n_rows[cells.cell_of(np.array([[5.0, 5.0], [15.0, 5.0], [1005.0, 5.0]]))] = 500, 500, n_far
+        one = np.ones((cells.n_cells + 1, 1))
+        of = PrimitiveMap(
+            tessellation=cells, direction=VonMisesMixture(weight=one, mean_direction=0.0 * one, concentration=one),
+            speed=Gamma(shape=one, rate=one), n_rows=n_rows, n_place_free_modes=0,
+        )  # fmt: skip
+        return float(np.ptp(shapes.map_extent(of, share=0.99), axis=0)[0])
+
+    assert width(1) < 50.0
+    assert width(100) > 1000.0
 
 
 def test_only_a_cells_own_modes_are_drawn_the_heaviest_first(scene_map: PrimitiveMap) -> None:

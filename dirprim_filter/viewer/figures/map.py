@@ -1,4 +1,4 @@
-"""The whole map, and closer where most happens: petals by speed, or arrows from cell to cell."""
+"""The map, and closer where most happens: petals by speed, or arrows from cell to cell."""
 
 from __future__ import annotations
 
@@ -44,8 +44,12 @@ Forecasts = Mapping[str, FloatArray]
 
 MAP_WIDTH, PANELS_WIDTH, TALLEST = 6.5, 9.6, 8.0
 """Inches across a map and across two; and the height of a map that is longer north to south, which is narrower."""
-LEFT, BOTTOM, GAP, KEY_WIDTH = 0.65, 0.8, 0.5, 0.8
-"""Inches around maps."""
+LEFT, BOTTOM, GAP, KEY_WIDTH = 0.42, 0.8, 0.28, 0.8
+"""Inches around maps, without the numbers beside them."""
+DIGIT = 0.065
+"""Inches across a digit of these."""
+SHOWN_SHARE = 0.99
+"""Of the traffic: a vehicle that is far away must not make all others small."""
 BUSY_SHARE = 0.6
 """A close-up holds this share of the traffic."""
 CLOSE_UP_SHARE = 0.6
@@ -53,7 +57,7 @@ CLOSE_UP_SHARE = 0.6
 KEY: Mapping[str, dict[str, Any]] = {
     "cells": {"color": CELL_GREY, "linewidth": 0.8},
     "roots, where petals start": {"color": INK, "marker": "o", "markersize": 3, "linestyle": "none"},
-    "tracks": {"color": TRACK_GREY, "linewidth": 2.5},
+    "tracks": {"color": TRACK_GREY, "linewidth": 0.5},
     "estimates, thin: coasting": {"color": OTHER_COLOR, "linewidth": 1.6},
     "forecast samples": {"color": FOCUS_COLOR, "linewidth": 0.7},
 }
@@ -71,7 +75,8 @@ def map_figure(
 ) -> Figure:
     """The learned map: cells, and petals coloured by mean speed; a legend explains every kind of line.
 
-    Beside the whole stands, where it is much smaller, its busy part, or that of the forecasts.
+    It shows where 99 % of the traffic is. Beside it stands, where it is much smaller, its busy part, or that of the
+    forecasts.
 
     Args:
         primitives: the map.
@@ -79,23 +84,24 @@ def map_figure(
         tracks: what it was learned from, as thin lines underneath.
         estimates: tracked vehicles, as lines.
         forecasts: sampled rollouts.
-        extent: (2, 2) metres, the south-west and the north-east corner to show. Default: the whole map.
+        extent: (2, 2) metres, the south-west and the north-east corner to show. Default: 99 % of the traffic.
         width: inches, of the figure.
     """
-    whole = shapes.map_extent(primitives) if extent is None else extent
-    near = shapes.busy_square(primitives.tessellation, primitives.n_rows[:-1], share=BUSY_SHARE)
+    whole = shapes.map_extent(primitives, share=SHOWN_SHARE) if extent is None else extent
+    near = shapes.busy_square(primitives, share=BUSY_SHARE)
     if forecasts:
         box = shapes.extent(np.concatenate([paths.reshape(-1, 2) for paths in forecasts.values()]))
         near = box.mean(axis=0) + 0.5 * np.ptp(box, axis=0).max() * np.array([[-1.0], [1.0]])
     span, depth = whole[1] - whole[0]
     has_close_up = extent is None and (near[1] - near[0]).max() <= CLOSE_UP_SHARE * max(span, depth)
+    digits = DIGIT * max(len(f"{north:.0f}") for north in whole[:, 1])
     room = PANELS_WIDTH if has_close_up else MAP_WIDTH
     if width is not None:
-        room = width - LEFT - GAP * has_close_up - KEY_WIDTH - 0.4
+        room = width - LEFT - digits - (GAP + digits) * has_close_up - KEY_WIDTH - 0.4
     height = min(room / (span / depth + has_close_up), TALLEST)
-    panels = [(LEFT, height * span / depth, whole)]
+    panels = [(LEFT + digits, height * span / depth, whole)]
     if has_close_up:
-        panels.append((LEFT + panels[0][1] + GAP, height, near))
+        panels.append((panels[0][0] + panels[0][1] + GAP + digits, height, near))
     key = panels[-1][0] + panels[-1][1] + 0.25
     figure = Figure(figsize=(key + KEY_WIDTH + 0.15, BOTTOM + height + 0.35), dpi=DOTS_PER_INCH)
     drawn = []
@@ -118,7 +124,7 @@ def map_figure(
     if has_close_up:
         whole_axes, close_up = drawn
         close_up.set_ylabel("")
-        whole_axes.set_title("(a)  The whole", loc="left", fontsize=LARGE)
+        whole_axes.set_title("(a)  Overview", loc="left", fontsize=LARGE)
         close_up.set_title("(b)  Closer", loc="left", fontsize=LARGE)
         mark_close_up(whole_axes, close_up, "b")
     if transitions:

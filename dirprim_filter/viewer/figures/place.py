@@ -112,7 +112,7 @@ class Place:
             place = np.asarray(position, dtype=np.float64)
             cell = int(cells.cell_of(place))
             if cell == OUTSIDE:
-                (west, south), (east, north) = shapes.cell_extent(cells)
+                (west, south), (east, north) = shapes.map_extent(primitives)
                 raise ValueError(
                     f"position: expected a place in a cell, got ({place[0]:g}, {place[1]:g}) m, outside of all "
                     f"{cells.n_cells}; they lie between ({west:.0f}, {south:.0f}) and ({east:.0f}, {north:.0f}) m"
