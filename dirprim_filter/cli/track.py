@@ -6,6 +6,7 @@ import json
 from collections.abc import Sequence
 from contextlib import ExitStack, nullcontext
 from dataclasses import asdict, dataclass, replace
+from enum import StrEnum
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -47,6 +48,13 @@ MOST_LOST = 0.5
 """Share of the rows with an estimate below which a log counts as lost."""
 
 
+class RosForm(StrEnum):
+    """ROS 2 messages that estimates are written as beside ours."""
+
+    VISION_MSGS = "vision_msgs"
+    AUTOWARE = "autoware"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Own:
     """The settings of tracking that are neither of its filter nor of reading.
@@ -82,6 +90,7 @@ def track(
     particles_out: Annotated[
         int, typer.Option(min=0, help="Write so many particles of each vehicle, to be looked at.")
     ] = 0,
+    also_as: Annotated[RosForm | None, typer.Option("--as", help="Also write ROS 2 messages of them.")] = None,
     config: Config = None,
     seed: Seed = 0,
     force: Force = False,
@@ -144,7 +153,7 @@ def track(
     viewer = None
     with ExitStack() as open_files:
         estimates = open_files.enter_context(EstimateWriter(
-            output, metadata=said, force=force,
+            output, metadata=said, force=force, also_as=also_as,
             particle_stride=max(filtering.n_particles // particles_out, 1) if particles_out else None,
         ))  # fmt: skip
         estimates.write_map_scene(primitive_map)

@@ -162,7 +162,8 @@ class LogWriter:
         self._writer.add(channel, sequence, time_ns, time_ns, data)
 
     def _register(self, topic: str, schema: Schema) -> int:
-        channel = Channel(topic=topic, message_encoding=schema.encoding, schema=schema, metadata=())
+        encoding = "cdr" if schema.encoding == "ros2msg" else schema.encoding
+        channel = Channel(topic=topic, message_encoding=encoding, schema=schema, metadata=())
         channel_id = self._writer.define(channel)
         self._n_messages[channel_id] = 0
         return channel_id

@@ -25,6 +25,7 @@ from dirprim_filter.recording.foxglove.maps import map_scene
 from dirprim_filter.recording.foxglove.scene import origin_of, scene_transform, view_of
 from dirprim_filter.recording.foxglove.vehicles import detections_scene, tracks_scene
 from dirprim_filter.recording.log_writer import LogWriter
+from dirprim_filter.recording.ros_estimates import RosEstimates
 from dirprim_filter.recording.schemas.dirprim import encode_estimates, encode_observations
 from dirprim_filter.track_ids import as_texts
 from dirprim_filter.tracks import Tracks
@@ -123,6 +124,7 @@ class EstimateWriter:
         path: the MCAP file.
         metadata: goes into the `dirprim` metadata record: configuration, seed, the inputs' checksums.
         particle_stride: every how many-th particle is written; None: none, and there is no such topic.
+        also_as: beside the rest write estimates as ROS 2 messages, "vision_msgs" or "autoware", on topics that end so.
         force: overwrite an existing file.
 
     Raises:
@@ -131,15 +133,17 @@ class EstimateWriter:
     """
 
     def __init__(
-        self, path: str | Path, *, metadata: Mapping[str, str], particle_stride: int | None = None, force: bool = False
-    ) -> None:
+        self, path: str | Path, *, metadata: Mapping[str, str], particle_stride: int | None = None,
+        also_as: str | None = None, force: bool = False,
+    ) -> None:  # fmt: skip
         if particle_stride is not None and particle_stride < 1:
             raise ValueError(f"particle_stride: expected at least 1, got {particle_stride}")
         self._log = LogWriter(
             path, metadata=metadata, max_chunk_ns=MAX_CHUNK_NS, level=PARTICLES_LEVEL, force=force,
             keep_when_interrupted=True,
         )  # fmt: skip
-        self._particle_stride = particle_stride
+        self._particle_stride, self._also_as = particle_stride, also_as
+        self._ros = None if also_as is None else RosEstimates(also_as)
         self._scene, self._smoothed_scene = EstimatesScene(), EstimatesScene(SMOOTHED_COLOR)
         self._map: PrimitiveMap | None = None
         self._origin: FloatArray | None = None
@@ -195,19 +199,29 @@ class EstimateWriter:
 
     def _append(self, estimates: Estimates, detections: Detections, particles: Particles | None, time_ns: int) -> None:
         origin = self._begin(np.concatenate([estimates.position, detections.position]), time_ns)
-        self._log.write(topic_names.ESTIMATES, encode_estimates(estimates, time_ns), time_ns)
-        drawn = self._scene.update(estimates, detections, time_ns, origin)
-        self._log.write(topic_names.ESTIMATES_SCENE, drawn, time_ns)
+        self._append_estimates(
+            topic_names.ESTIMATES, self._scene, estimates, detections=detections, time_ns=time_ns, origin=origin
+        )
         if particles is not None:
             self._log.write(topic_names.PARTICLES, particle_cloud(particles, time_ns, origin), time_ns)
         self._log.write(topic_names.REPORTS, detection_cloud(detections.position, time_ns, origin), time_ns)
         self._not_forecast = frozenset(as_texts(estimates.track_id)[has_no_forecast(estimates)].tolist())
 
+    def _append_estimates(
+        self, topic: str, scene: EstimatesScene, estimates: Estimates, *, detections: Detections, time_ns: int,
+        origin: FloatArray,
+    ) -> None:  # fmt: skip
+        self._log.write(topic, encode_estimates(estimates, time_ns), time_ns)
+        self._log.write(f"{topic}/scene", scene.update(estimates, detections, time_ns, origin), time_ns)
+        if self._ros is not None:
+            data = self._ros.encode(estimates, scene.sizes, time_ns)
+            self._log.write_encoded(f"{topic}/{self._also_as}", self._ros.schema, data, time_ns)
+
     def _append_smoothed(self, estimates: Estimates, detections: Detections, time_ns: int) -> None:
         origin = self._begin(estimates.position, time_ns)
-        self._log.write(topic_names.SMOOTHED, encode_estimates(estimates, time_ns), time_ns)
-        drawn = self._smoothed_scene.update(estimates, detections, time_ns, origin)
-        self._log.write(topic_names.SMOOTHED_SCENE, drawn, time_ns)
+        self._append_estimates(
+            topic_names.SMOOTHED, self._smoothed_scene, estimates, detections=detections, time_ns=time_ns, origin=origin
+        )
 
     def _append_forecast(self, forecasts: Forecasts) -> None:
         origin = self._begin(forecasts.start, forecasts.time_ns)

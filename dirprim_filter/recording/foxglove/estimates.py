@@ -48,11 +48,14 @@ class EstimatesScene:
 
     Args:
         color: red, green and blue of all vehicles; left out, each has its own, the same as in rerun.
+
+    Attributes:
+        sizes: length, width and height that were last reported of vehicles, by name.
     """
 
     def __init__(self, color: Sequence[float] | None = None) -> None:
         self._color = color
-        self._size: dict[str, FloatArray] = {}
+        self.sizes: dict[str, list[float]] = {}
         self._trail: dict[str, list[tuple[int, list[float]]]] = {}
 
     def update(self, estimates: Estimates, detections: Detections, time_ns: int, origin: FloatArray) -> SceneUpdate:
@@ -82,7 +85,7 @@ class EstimatesScene:
         for name, (x, y), yaw, speed, is_turned, (minor, major), turn, strength, is_anywhere, own in zip(
             names, *(column.tolist() for column in columns), strict=True
         ):
-            length, width, height = self._size.get(name, VEHICLE_SIZE)
+            length, width, height = self.sizes.get(name, VEHICLE_SIZE)
             rgb, opacity = self._color or own, {part: strength * alpha for part, alpha in OPACITY.items()}
             head = min(HEAD_LENGTH, HEAD_SHARE * speed)
             entities.append(entity(
@@ -115,7 +118,7 @@ class EstimatesScene:
             return
         for name, size in zip(detections.track_id.tolist(), detections.size, strict=True):
             if name != NO_ID and not np.isnan(size).all():
-                self._size[name] = np.where(np.isnan(size), VEHICLE_SIZE, size).tolist()
+                self.sizes[name] = np.where(np.isnan(size), VEHICLE_SIZE, size).tolist()
 
     def _led_on(self, name: str, place: list[float], time_ns: int) -> list[tuple[int, list[float]]]:
         """Where a vehicle was at even instants, oldest first, and is."""
