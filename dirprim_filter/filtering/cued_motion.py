@@ -11,6 +11,7 @@ import numpy as np
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.filtering.protocols import BayesFilter, WeighsCues
 from dirprim_filter.filtering.roster import Roster
+from dirprim_filter.filtering.smoothing.recorder import Recorder
 from dirprim_filter.primitives.cues import Cue
 from dirprim_filter.primitives.motion_sums import AHEAD_S
 
@@ -24,11 +25,12 @@ class CuedMotion:
     Args:
         beliefs: a filter.
         roster: whose cues and times these are.
+        recorder: keeps where they were, for a smoother.
         step_s: seconds of a whole step.
     """
 
-    def __init__(self, beliefs: BayesFilter, roster: Roster, *, step_s: float) -> None:
-        self._filter, self._roster = beliefs, roster
+    def __init__(self, beliefs: BayesFilter, roster: Roster, recorder: Recorder | None, *, step_s: float) -> None:
+        self._filter, self._roster, self._recorder = beliefs, roster, recorder
         self._cues = beliefs if isinstance(beliefs, WeighsCues) else None
         self._step_ns = max(round(step_s * 1e9), 1)
 
@@ -37,6 +39,8 @@ class CuedMotion:
         slot, dt_ns = slot[dt_ns > 0], dt_ns[dt_ns > 0]
         if slot.size:
             self._weigh(slot, away=True)
+            if self._recorder is not None:
+                self._recorder.moves(slot, dt_ns)
             self._filter.predict(slot, np.asarray(dt_ns * 1e-9, np.float64))
             self._roster.cue[slot[now_ns - self._roster.measured_ns[slot] > CUE_LASTS_S * 1e9]] = np.nan
             self._weigh(slot)
@@ -52,6 +56,8 @@ class CuedMotion:
     def copy(self, source: IntArray, target: IntArray) -> None:
         """Copy beliefs (v,) into other slots (v,), with their cues."""
         self._filter.copy(source, target)
+        if self._recorder is not None:
+            self._recorder.copied(target)
         for column in (self._roster.cue, self._roster.measured_ns):
             column[target] = column[source]
 

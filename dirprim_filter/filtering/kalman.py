@@ -21,9 +21,9 @@ from filterpy.kalman import IMMEstimator, KalmanFilter, MerweScaledSigmaPoints, 
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
-from dirprim_filter.estimates import Particles
 from dirprim_filter.filtering.measurements import FASTEST, measured_covariance, measured_motion
 from dirprim_filter.filtering.protocols import Evidence
+from dirprim_filter.filtering.smoothing._kernels import log_gaussian
 
 N_STATES = 5
 PLACE, VELOCITY = np.eye(2, N_STATES), np.eye(2, N_STATES, 2)
@@ -55,11 +55,6 @@ class KalmanBank:
         self._log_astray = _log(config.motion_outlier_probability)
         self._log_steady = float(np.log1p(-config.motion_outlier_probability))
 
-    @property
-    def traffic(self) -> None:
-        """None: these models know no places."""
-        return
-
     def reserve(self, n_slots: int) -> None:
         """Make room for so many slots."""
         more = n_slots - len(self.mean)
@@ -80,20 +75,6 @@ class KalmanBank:
                 state[2:4], first[2:4, 2:4] = self._velocity(direction[i], speed[i])
             self.mean[s], self.covariance[s] = state, first
             self.probability[s] = 1.0 / len(self._models)
-
-    def sibling(self) -> Self:
-        """One of the same models, without beliefs."""
-        other = copy(self)
-        for name in ("mean", "covariance", "probability"):
-            setattr(other, name, getattr(self, name)[:0])
-        return other
-
-    def place(self, slot: IntArray, key: AnyArray, mean: FloatArray, covariance: FloatArray) -> None:
-        """Start beliefs from Gaussians of x, y and their rates. (v,), (v,) not looked at, (v, 4), (v, 4, 4)."""
-        d = mean.shape[1]
-        self.mean[slot], self.covariance[slot] = 0.0, np.diag([0.0] * d + [FIRST_TURN_STD**2])
-        self.mean[slot, :, :d], self.covariance[slot, :, :d, :d] = mean[:, None], covariance[:, None]
-        self.probability[slot] = 1.0 / len(self._models)
 
     def copy(self, source: IntArray, target: IntArray) -> None:
         """Make the beliefs of `target` those of `source`. (v,), (v,)."""
@@ -134,7 +115,7 @@ class KalmanBank:
             if np.isfinite(direction[i]) and np.isfinite(speed[i]):
                 evidence[i] += self._weigh_velocity(int(s), direction[i], speed[i])
         unexplained = ~(np.logaddexp(fit, self._log_outlier) >= np.log(2.0) + self._log_outlier)
-        return Evidence(evidence, unexplained, np.zeros(slot.size, np.bool_))
+        return Evidence(evidence, unexplained, np.ones(slot.size, np.bool_))
 
     def moments(self, slot: IntArray) -> FloatArray:
         """(v,) -> (v, 10), as `Estimates` names them; the course is the mean velocity's, and certain."""
@@ -152,20 +133,8 @@ class KalmanBank:
             ]
         )  # fmt: skip
 
-    def probability_outside(self, slot: IntArray) -> FloatArray:
-        """0: these models know no places. (v,)."""
-        return np.zeros(slot.size)
-
-    def rate_of_ends(self, slot: IntArray) -> FloatArray:
-        """0, likewise. (v,)."""
-        return np.zeros(slot.size)
-
     def resample(self, slot: IntArray) -> None:
         """Nothing to resample."""
-
-    def particles(self, slot: IntArray) -> Particles:
-        """None: a Kalman filter has no samples."""
-        return Particles.none()
 
     def _update(self, s: int, z: FloatArray, of_state: FloatArray, noise: FloatArray) -> None:
         self._lend(s, 0.0)
@@ -215,6 +184,63 @@ class ConstantVelocityKalman(KalmanBank):
 
     def __init__(self, *, acceleration_density: float, config: FilterConfig | None = None) -> None:
         super().__init__([ConstantVelocity(acceleration_density)], config or FilterConfig())
+
+    @property
+    def paths(self) -> KalmanPaths:
+        """What a smoother asks for: then its sweep is Rauch, Tung and Striebel's own."""
+        return KalmanPaths(self)
+
+    def sibling(self) -> Self:
+        """One of the same models, without beliefs."""
+        other = copy(self)
+        other.mean, other.covariance, other.probability = self.mean[:0], self.covariance[:0], self.probability[:0]
+        return other
+
+    def place(self, slot: IntArray, key: AnyArray, mean: FloatArray, covariance: FloatArray) -> None:
+        """Start beliefs from Gaussians of x, y and their rates. (v,), (v,) not looked at, (v, 4), (v, 4, 4)."""
+        self.mean[slot], self.covariance[slot] = 0.0, np.diag([0.0] * 4 + [FIRST_TURN_STD**2])
+        self.mean[slot, 0, :4], self.covariance[slot, 0, :4, :4] = mean, covariance
+        self.probability[slot] = 1.0
+
+
+class KalmanPaths:
+    """`Paths` of constant velocity: the joint Gaussians of two times.
+
+    Args:
+        of: whose Gaussians are looked at.
+    """
+
+    def __init__(self, of: KalmanBank) -> None:
+        self._of = of
+
+    def states(self, slot: IntArray) -> FloatArray:
+        """(v, 5, 6) mean and covariance."""
+        return np.concatenate([self._of.mean[slot, 0, :, None], self._of.covariance[slot, 0]], axis=2)
+
+    def weights(self, slot: IntArray) -> FloatArray:
+        """(v, 1) ones: there are no samples."""
+        return np.ones((slot.size, 1))
+
+    def joint(
+        self, weight: FloatArray, then: FloatArray, now: FloatArray, *, row: IntArray, vehicle: IntArray,
+        dt_s: FloatArray,
+    ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+        """As `Paths.joint`: the covariance with what is dt_s later is P F(dt_s)^T."""
+        pair = then[row], now[vehicle]
+        direction = [np.arctan2(state[:, 3, 0], state[:, 2, 0])[:, None] for state in pair]
+        means = [[of[..., 0], np.cos(angle), np.sin(angle)] for of, angle in zip(pair, direction, strict=True)]
+        p, later = (state[..., 1:] for state in pair)
+        moved = np.tile(np.diag([1.0, 1.0, 1.0, 1.0, 0.0]), (row.size, 1, 1))
+        moved[:, 0, 2] = moved[:, 1, 3] = dt_s
+        c = p @ moved.swapaxes(1, 2)
+        return np.hstack([*means[0], *means[1]]), np.block([[p, c], [c.swapaxes(1, 2), later]])
+
+    def arrivals(self, now: FloatArray, mean: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """As `Paths.arrivals`."""
+        d = mean.shape[1]
+        spread = now[:, :d, 1 : d + 1] + covariance
+        density = [float(log_gaussian(*pair)) for pair in zip(mean - now[:, :d, 0], spread, strict=True)]
+        return np.array(density), np.ones((len(now), 1))
 
 
 class ConstantTurnUKF(KalmanBank):

@@ -23,6 +23,7 @@ from dirprim_filter.filtering.belief import BelievedParticles, ParticleBelief
 from dirprim_filter.filtering.cue_weights import weigh_by_cue
 from dirprim_filter.filtering.measurements import FASTEST, measured_motion
 from dirprim_filter.filtering.protocols import BayesFilter, Evidence
+from dirprim_filter.filtering.smoothing.particle_paths import ParticlePaths
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.primitives._leader import ALONE
 from dirprim_filter.primitives.cues import Cue
@@ -91,6 +92,11 @@ class ParticleFilter:
             (slot, np.asarray(key), self._columns(measured)), (self._errors, self._noise), each_ns=200.0,
         )  # fmt: skip
         self.split(_kernels.initialise_motion, (self._table, belief.cloud), (slot,), (), each_ns=100.0)
+
+    @property
+    def paths(self) -> ParticlePaths:
+        """What a smoother asks for."""
+        return ParticlePaths(self)
 
     def sibling(self) -> Self:
         """One that moves by the same map, without beliefs."""

@@ -1,10 +1,12 @@
 """What a tracker asks of a filter: beliefs in numbered slots, which it predicts and corrects.
 
 One tracker serves the particle filter on the map and the Kalman filters, so that a comparison is one of motion models
-alone.
+alone. What some filters can do beside that are protocols of their own.
 """
 
-from typing import NamedTuple, Protocol, runtime_checkable
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol, Self, runtime_checkable
 
 from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from dirprim_filter.detections import Detections
@@ -20,7 +22,7 @@ class Evidence(NamedTuple):
         log_density: (v,) natural log of the density of each measurement given those before it: per square metre of
             position; that of course and speed is a ratio to a false detection's, see `measurements`.
         is_unexplained: (v,) where an outlier explains it better, or nothing does.
-        is_moved: (v,) of whom samples were moved, not only weighed.
+        is_moved: (v,) whose belief was moved: samples were, not only weighed, or there are none.
     """
 
     log_density: FloatArray
@@ -28,25 +30,11 @@ class Evidence(NamedTuple):
     is_moved: BoolArray
 
 
-@runtime_checkable
-class WeighsCues(Protocol):
-    """A filter whose beliefs hold what vehicles will do next, which cues report."""
-
-    def weigh_by_cue(self, slot: IntArray, cue: Cue) -> FloatArray:
-        """Weigh beliefs by a cue, Eq. 4. (v,) -> (v,) natural log of the cue's density under each, per radian."""
-        ...
-
-
 class BayesFilter(Protocol):
     """Beliefs of many vehicles; every step takes the slots (v,) it is about.
 
     No belief depends on another.
     """
-
-    @property
-    def traffic(self) -> Traffic | None:
-        """Of the map; None for models without places."""
-        ...
 
     def reserve(self, n_slots: int) -> None:
         """Make room for so many slots; the present beliefs stay."""
@@ -79,18 +67,99 @@ class BayesFilter(Protocol):
         """
         ...
 
-    def probability_outside(self, slot: IntArray) -> FloatArray:
-        """(v,) probability that a vehicle is outside of the map's cells; 0 for models without places."""
-        ...
-
-    def rate_of_ends(self, slot: IntArray) -> FloatArray:
-        """(v,) 1/s, rate at which journeys end where vehicles are; 0 for models without places."""
-        ...
-
     def resample(self, slot: IntArray) -> None:
         """Resample beliefs whose samples have degenerated."""
         ...
 
+
+@runtime_checkable
+class HasSamples(Protocol):
+    """A filter whose beliefs are samples."""
+
     def particles(self, slot: IntArray) -> Samples:
-        """The samples behind the beliefs, if there are any, until the next step; `vehicle` counts the slots given."""
+        """The samples behind the beliefs, until the next step; `vehicle` counts the slots given."""
+        ...
+
+
+@runtime_checkable
+class KnowsPlaces(Protocol):
+    """A filter on a map."""
+
+    @property
+    def traffic(self) -> Traffic | None:
+        """Of the map; None for one without cells."""
+        ...
+
+    def probability_outside(self, slot: IntArray) -> FloatArray:
+        """(v,) probability that a vehicle is outside of the map's cells; 0 without cells."""
+        ...
+
+    def rate_of_ends(self, slot: IntArray) -> FloatArray:
+        """(v,) 1/s, rate at which journeys end where vehicles are; 0 without cells."""
+        ...
+
+
+@runtime_checkable
+class WeighsCues(Protocol):
+    """A filter whose beliefs hold what vehicles will do next, which cues report."""
+
+    def weigh_by_cue(self, slot: IntArray, cue: Cue) -> FloatArray:
+        """Weigh beliefs by a cue, Eq. 4. (v,) -> (v,) natural log of the cue's density under each, per radian."""
+        ...
+
+
+class Paths(Protocol):
+    """How beliefs at one time follow from those at another: what a smoother asks of a filter.
+
+    A state is x, y, their rates and one number more that lasts; its moments are followed by the mean cosine and sine of
+    the direction. A filter without samples has one for each belief, of weight 1.
+    """
+
+    def states(self, slot: IntArray) -> FloatArray:
+        """(v, ...) beliefs as they are, to be given back when they have moved on."""
+        ...
+
+    def weights(self, slot: IntArray) -> FloatArray:
+        """(v, P) of their samples."""
+        ...
+
+    def joint(
+        self, weight: FloatArray, then: FloatArray, now: FloatArray, *, row: IntArray, vehicle: IntArray,
+        dt_s: FloatArray,
+    ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+        """(k, 14), (k, 10, 10) mean and covariance of earlier states beside later ones.
+
+        Args:
+            weight: (v, P) of the samples.
+            then: (r, ...) earlier states.
+            now: (v, ...) later ones.
+            row: (k,) of the earlier.
+            vehicle: (k,) of the later, and of its weights.
+            dt_s: (k,) seconds between them.
+        """
+        ...
+
+    def arrivals(self, now: FloatArray, mean: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(v,), (v, P) natural log density of Gaussians (v, 4), (v, 4, 4) of x, y and their rates, and weights.
+
+        The weights of samples are by how near they come.
+        """
+        ...
+
+
+@runtime_checkable
+class HasPaths(BayesFilter, Protocol):
+    """A filter that can be smoothed."""
+
+    @property
+    def paths(self) -> Paths:
+        """Of its beliefs."""
+        ...
+
+    def sibling(self) -> Self:
+        """One of the same models, without beliefs."""
+        ...
+
+    def place(self, slot: IntArray, key: AnyArray, mean: FloatArray, covariance: FloatArray) -> None:
+        """Start beliefs from Gaussians of x, y and their rates. (v,), (v,) uint64, (v, 4), (v, 4, 4)."""
         ...

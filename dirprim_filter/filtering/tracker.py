@@ -14,7 +14,7 @@ import numpy as np
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import NO_ID, NO_TIME, Detections, check_after
-from dirprim_filter.estimates import Estimates, Innovations, Samples, TrackedFrame
+from dirprim_filter.estimates import Estimates, Innovations, Particles, Samples, TrackedFrame
 from dirprim_filter.filtering import existence
 from dirprim_filter.filtering.association import Associator, Hits
 from dirprim_filter.filtering.belief import birth_key
@@ -22,9 +22,10 @@ from dirprim_filter.filtering.cued_motion import CuedMotion
 from dirprim_filter.filtering.current_frame import NO_ROWS, CurrentFrame
 from dirprim_filter.filtering.measurements import position_errors, with_unseen_errors
 from dirprim_filter.filtering.particle_filter import bayes_filter_of
-from dirprim_filter.filtering.protocols import BayesFilter
+from dirprim_filter.filtering.protocols import BayesFilter, HasSamples, KnowsPlaces
 from dirprim_filter.filtering.roster import GAP_INTERVALS, Roster
 from dirprim_filter.filtering.scans import IntervalsByName, RevisitTime
+from dirprim_filter.filtering.smoothing.recorder import Recorder
 from dirprim_filter.filtering.track_existence import TrackExistence
 from dirprim_filter.filtering.undetected import Undetected
 from dirprim_filter.primitives import PrimitiveMap
@@ -59,9 +60,11 @@ class Tracker:
             Beliefs are of the time when a detection was true, its latency ago; estimates are of the frame's own time.
             Out of its sight a vehicle is not missed, and none is expected to be found; for any filter.
         with_innovations: report innovations, to find the frame where a filter went wrong; costs some 5 % of the time.
+        recorder: keeps what a smoother needs.
         rng: one number drawn from it seeds every vehicle, together with its id.
 
     Attributes:
+        sensor: as given.
         recoveries: number of beliefs that no longer explained their vehicle's positions and were reinitialised.
         longest_gap_ns: nanoseconds without a measurement after which a belief ends: those of the configuration, or more
             where the sensor's own intervals are longer.
@@ -70,7 +73,7 @@ class Tracker:
     def __init__(
         self, model: PrimitiveMap | BayesFilter, *, config: FilterConfig | None = None,
         tracking: TrackingConfig | None = None, sensor: Sensor | None = None, with_innovations: bool = False,
-        rng: np.random.Generator,
+        recorder: Recorder | None = None, rng: np.random.Generator,
     ) -> None:  # fmt: skip
         self.config = _checked("config", config or FilterConfig(), FilterConfig)
         self.tracking = _checked("tracking", tracking or TrackingConfig(), TrackingConfig)
@@ -79,20 +82,24 @@ class Tracker:
             raise TypeError(f"model: expected a map or a filter, got the path {str(model)!r}; load_map reads it")
         if sensor is not None:
             self.config, self.tracking = sensor.informs(self.config, self.tracking)
-        self._sensor = sensor
+        self.sensor = sensor
         self.recoveries = 0
         self._with_innovations = with_innovations
         self._filter = bayes_filter_of(model, self.config, sensor)
         self._intervals, self._revisits, self._frame_times = IntervalsByName(), RevisitTime(), RevisitTime()
+        self._places = self._filter if isinstance(self._filter, KnowsPlaces) else None
+        self._samples = self._filter if isinstance(self._filter, HasSamples) else None
+        self._recorder = recorder
+        if recorder is not None:
+            recorder.follow(self._filter)
         self._latency_ns = 0 if sensor is None else round(sensor.latency_s * 1e9)
         sight = None if sensor is None else sensor.sight
         self._roster = Roster(self._filter)
-        self._motion = CuedMotion(self._filter, self._roster, step_s=self.config.step_s)
-        self._roster.least_gap_ns = self.config.max_gap_s * 1e9
-        self.longest_gap_ns = int(self._roster.least_gap_ns)
-        self._existence = TrackExistence(self._roster, self._filter, self.tracking, sight)
+        self._motion = CuedMotion(self._filter, self._roster, recorder, step_s=self.config.step_s)
+        self._roster.least_gap_ns = self.longest_gap_ns = int(self.config.max_gap_s * 1e9)
+        self._existence = TrackExistence(self._roster, self._filter, self._places, self.tracking, sight)
         self._associator = Associator(self._filter, self.config, self.tracking)
-        traffic = self._filter.traffic
+        traffic = None if self._places is None else self._places.traffic
         self._undetected = {
             labelled: Undetected(traffic, self.tracking, self.config, sight=sight, learns_level=not labelled)
             for labelled in KINDS
@@ -165,7 +172,7 @@ class Tracker:
         self._motion.change_cues(slot, measured.cue)
         if self._with_innovations:
             frame.innovation = self._innovation(slot, measured)
-        evidence = self._filter.weigh(slot, measured)
+        evidence = (self._recorder or self._filter).weigh(slot, measured)
         self._revisits.see((time_ns - roster.measured_ns[slot])[~roster.is_labelled[slot]])
         missed = [self._existence.missed(slot, time_ns, is_labelled=kind) for kind in frame.kinds]
         is_back = roster.is_labelled[slot] & (_seconds(time_ns - roster.measured_ns[slot]) > AWAY_S)
@@ -206,18 +213,17 @@ class Tracker:
             existence=exists[reported],
             unseen_s=_seconds(self._time_ns - roster.measured_ns[home]),
         )
-        return with_unseen_errors(estimates, self._sensor)
+        return with_unseen_errors(estimates, self.sensor)
 
     def particles(self) -> Samples:
         """The samples behind the frame's estimates, of which copies can be taken until the next step."""
-        return self._filter.particles(self._frame.shown)
+        return Particles.none() if self._samples is None else self._samples.particles(self._frame.shown)
 
     def innovations(self) -> Innovations | None:
         """Of the frame's estimates; None if they were not asked for."""
-        of_slot = self._frame.innovation
-        if of_slot is None:
+        if self._frame.innovation is None:
             return None
-        rows = of_slot[self._frame.shown_home]
+        rows = self._frame.innovation[self._frame.shown_home]
         return Innovations(distance=rows[:, 0], squared=rows[:, 1])
 
     def begun_anew(self) -> tuple[str, ...]:
@@ -227,12 +233,15 @@ class Tracker:
 
     def frame(self) -> TrackedFrame:
         """All of this of the frame at hand, to be written before the next step."""
-        seen = self._frame.detections
+        time_ns, seen, estimates = self._time_ns + self._latency_ns, self._frame.detections, self.estimate()
         if self._latency_ns:
             seen = replace(seen, time_ns=seen.time_ns + self._latency_ns)
+        if self._recorder is not None:
+            home = self._frame.shown_home
+            self._recorder.reported(time_ns, home, estimates, self._roster.is_labelled[home])
         return TrackedFrame(
-            time_ns=self._time_ns + self._latency_ns, detections=seen, estimates=self.estimate(),
-            particles=self.particles(), innovations=self.innovations(), begun_anew=self.begun_anew(),
+            time_ns=time_ns, detections=seen, estimates=estimates, particles=self.particles(),
+            innovations=self.innovations(), begun_anew=self.begun_anew(),
         )  # fmt: skip
 
     def resample(self) -> None:
@@ -329,6 +338,8 @@ class Tracker:
             return
         key = [birth_key(self._seed, name, self._time_ns) for name in self._roster.names_of(slot)]
         self._filter.begin(slot, np.array(key, dtype=np.uint64), self._frame.detections[row])
+        if self._recorder is not None:
+            self._recorder.begun(slot, self._time_ns)
 
     def _recover(self, slot: IntArray, row: IntArray) -> None:
         self.recoveries += int(slot.size)
@@ -341,7 +352,7 @@ class Tracker:
     def _innovation(self, slot: IntArray, measured: Detections) -> FloatArray:
         """(slots, 2) how far measurements are from the means of the beliefs, and that squared in their covariance."""
         columns, m = np.full((self._roster.time_ns.size, 2), np.nan), self._filter.moments(slot)
-        bias, noise = position_errors(measured, m[:, 5], self.config, self._sensor)
+        bias, noise = position_errors(measured, m[:, 5], self.config, self.sensor)
         away = measured.position - m[:, :2] - bias
         covariance = m[:, [2, 3, 3, 4]].reshape(-1, 2, 2) + noise
         squared = np.einsum("vi,vi->v", away, np.linalg.solve(covariance, away[..., None])[..., 0])

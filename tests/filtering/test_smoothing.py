@@ -1,6 +1,7 @@
 """The smoother against filterpy's, against exact regression, and by laws that hold whatever the filter."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +15,8 @@ from dirprim_filter.estimates import EstimateList
 from dirprim_filter.filtering import ConstantTurnUKF, ConstantVelocityKalman, Worlds
 from dirprim_filter.filtering.kalman import FIRST_SPEED_STD
 from dirprim_filter.filtering.smoothing import Smoother, _kernels, chain
-from dirprim_filter.filtering.smoothing.recorded import EXACT_LINK, LINK, recorded
+from dirprim_filter.filtering.smoothing.particle_paths import ParticlePaths
+from dirprim_filter.filtering.smoothing.recorder import Recorder
 from dirprim_filter.primitives.motion import PUSH_RATE
 from moving import ring_road
 from oracles import ring_forward_backward
@@ -296,10 +298,19 @@ def linked(weight, then, now, added=None):
     def columns(state):
         return np.ascontiguousarray(np.vstack([state.T, np.ones(len(state)), np.zeros(len(state))]))
 
-    mean, later, gain, spread = np.empty(7), np.empty(5), np.empty((5, 5)), np.empty((5, 5))
-    added = np.zeros((5, 5)) if added is None else added
-    _kernels.link(weight, columns(then), columns(now), added, mean, later, gain, spread)
-    return mean[:5], later, gain, spread
+    class Still(ParticlePaths):
+        def states(self, slot):
+            return columns(now)[None]
+
+        def weights(self, slot):
+            return weight[None]
+
+    recorder, slot = Recorder(), np.zeros(1, np.int64)
+    recorder._paths = Still(SimpleNamespace(split=lambda kernel, first, each, last, **_: kernel(*first, *each, *last)))
+    recorder.begun(slot, 0)
+    recorder._past[0] = [(0, columns(then)[None], 0)]
+    link = recorder._linked(slot, weight[None], columns(now)[None], added=None if added is None else added[None])[0][0]
+    return link["mean"], link["mean"] + link["step"], link["gain"], link["spread"]
 
 
 def test_links_of_linear_gaussian_particles_are_exact_also_among_those_that_came_near():
@@ -357,13 +368,9 @@ def test_tempered_weights_are_those_of_the_measurement_where_these_leave_enough(
     assert weight.sum() == pytest.approx(1.0)
 
 
-def test_a_link_takes_no_more_than_200_bytes():
-    assert max(LINK.itemsize, EXACT_LINK.itemsize) <= 200
-
-
 def test_a_filter_that_has_no_smoother_is_refused_and_so_is_a_negative_lag():
     with pytest.raises(ValueError, match="which can be smoothed, got ConstantTurnUKF"):
-        recorded(ConstantTurnUKF(acceleration_density=1.0, turn_density=0.1))
+        Recorder().follow(ConstantTurnUKF(acceleration_density=1.0, turn_density=0.1))
     with pytest.raises(ValueError, match="lag_s"):
         Smoother(max_gap_s=5.0, lag_s=-1.0)
 

@@ -20,8 +20,14 @@ N_COLUMNS = 7
 """Of a particle: its state, then cosine and sine of its direction."""
 HALVINGS = 12
 """Of the interval in which the exponent of weights is looked for."""
-LEAST_VARIANCE = np.array([1e-8, 1e-8, 1e-6, 1e-6, 1e-6])
-"""Added to what a later state varies by: standing vehicles' velocities do not vary at all."""
+LEAST_EFFECTIVE = 0.4
+"""Share of the particles that links across a gap are learned from at least."""
+
+
+def log_gaussian(off: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Natural log density of deviations (..., d) from the mean of a Gaussian of covariance (d, d)."""
+    squared = np.einsum("...i,...i->...", off, np.linalg.solve(covariance, off[..., None])[..., 0])
+    return np.asarray(-0.5 * (squared + np.linalg.slogdet(2.0 * np.pi * covariance)[1]))
 
 
 @njit(cache=True, nogil=True)
@@ -77,85 +83,24 @@ def tempered(before: FloatArray, after: FloatArray, least: float, weight: FloatA
 
 
 @njit(cache=True, nogil=True)
-def moments(weight: FloatArray, column: FloatArray, mean: FloatArray, covariance: FloatArray) -> None:
-    """Fills (7,) and (5, 5) from (7, P) columns."""
-    mean[:] = np.dot(column, weight)
-    off = np.empty((N_STATES, weight.size))
-    covariance[:] = np.dot(weighted(weight, column, mean, off), off.T)
-
-
-@njit(cache=True, nogil=True)
-def weighted(weight: FloatArray, column: FloatArray, mean: FloatArray, off: FloatArray) -> FloatArray:
-    """Fills (5, P) deviations of the states from their mean; -> (5, P) the same by weight."""
-    by_weight = np.empty_like(off)
-    for a in range(N_STATES):
-        for p in range(weight.size):
-            off[a, p] = column[a, p] - mean[a]
-        for p in range(weight.size):
-            by_weight[a, p] = weight[p] * off[a, p]
-    return by_weight
-
-
-@njit(cache=True, nogil=True)
-def link(
-    weight: FloatArray, then: FloatArray, now: FloatArray, added: FloatArray, mean: FloatArray, later: FloatArray,
-    gain: FloatArray, spread: FloatArray,
+def joint_moments(
+    weight: FloatArray, then: FloatArray, now: FloatArray, row: IntArray, vehicle: IntArray, mean: FloatArray,
+    covariance: FloatArray,
 ) -> None:  # fmt: skip
-    """The link from particles `then` (7, P) to the same ones `now`: mean (7,), later (5,), gain and spread (5, 5).
-
-    P' is the covariance of `now` with what is `added` (5, 5) to it, C = cov(then, now): gain = C (P' + least)^-1 and
-    spread = P - gain C^T - C gain^T + gain P' gain^T.
-    """
-    of_now, off = np.dot(now, weight), np.empty((2 * N_STATES, weight.size))
-    mean[:] = np.dot(then, weight)
-    by_weight = np.empty_like(off)
-    by_weight[:N_STATES] = weighted(weight, then, mean, off[:N_STATES])
-    by_weight[N_STATES:] = weighted(weight, now, of_now, off[N_STATES:])
-    both = np.dot(by_weight, off.T)
-    p_then, c, p_now = both[:N_STATES, :N_STATES], both[:N_STATES, N_STATES:], both[N_STATES:, N_STATES:] + added
-    later[:] = of_now[:N_STATES]
-    solved(c, p_now, gain)
-    around(p_then, p_now, c, gain, spread)
-
-
-@njit(cache=True, nogil=True)
-def link_each(
-    weight: FloatArray, then: FloatArray, now: FloatArray, added: FloatArray, at: IntArray, row: IntArray,
-    vehicle: IntArray, mean: FloatArray, later: FloatArray, gain: FloatArray, spread: FloatArray,
-) -> None:  # fmt: skip
-    """`link` from particles `then[row]` to those of a vehicle `now`, by its weights, into results number `at`."""
-    for i in range(at.size):
-        k, v = at[i], vehicle[i]
-        link(weight[v], then[row[i]], now[v], added[v], mean[k], later[k], gain[k], spread[k])
-
-
-@njit(cache=True, nogil=True)
-def moments_each(weight: FloatArray, column: FloatArray, mean: FloatArray, covariance: FloatArray) -> None:
-    """`moments` of several vehicles, likewise."""
-    for i in range(weight.shape[0]):
-        moments(weight[i], column[i], mean[i], covariance[i])
-
-
-@njit(cache=True, nogil=True)
-def solved(c: FloatArray, p_later: FloatArray, gain: FloatArray) -> None:
-    """Fills gain = C (P' + least)^-1."""
-    regular = p_later.copy()
-    for a in range(N_STATES):
-        regular[a, a] += LEAST_VARIANCE[a]
-    gain[:] = np.linalg.solve(regular, c.T.copy()).T
-
-
-@njit(cache=True, nogil=True)
-def around(p: FloatArray, p_later: FloatArray, c: FloatArray, gain: FloatArray, spread: FloatArray) -> None:
-    """Fills P - G C^T - C G^T + G P' G^T: a covariance whatever the gain."""
-    for a in range(N_STATES):
-        for b in range(N_STATES):
-            total = p[a, b]
-            for k in range(N_STATES):
-                total -= gain[a, k] * c[b, k] + c[a, k] * gain[b, k]
-                for m in range(N_STATES):
-                    total += gain[a, k] * p_later[k, m] * gain[b, m]
-            spread[a, b] = total
+    """Fills (k, 14) and (k, 10, 10) from particles `then[row]` (7, P) and the same ones `now[vehicle]`, by weight."""
+    for i in range(row.size):
+        w, columns = weight[vehicle[i]], (then[row[i]], now[vehicle[i]])
+        off, by_weight = np.empty((2 * N_STATES, w.size)), np.empty((2 * N_STATES, w.size))
+        for k in range(2):
+            of, first = columns[k], k * N_STATES
+            average = np.dot(of, w)
+            mean[i, k * N_COLUMNS : (k + 1) * N_COLUMNS] = average
+            for a in range(N_STATES):
+                for p in range(w.size):
+                    off[first + a, p] = of[a, p] - average[a]
+                for p in range(w.size):
+                    by_weight[first + a, p] = w[p] * off[first + a, p]
+        covariance[i] = np.dot(by_weight, off.T)
 
 
 @njit(cache=True, nogil=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +9,7 @@ import numpy.typing as npt
 
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.filtering.smoothing import _kernels
+from dirprim_filter.filtering.smoothing._kernels import N_STATES
 
 FIRST_CAPACITY = 64
 REST_NS = 350_000_000
@@ -24,31 +24,21 @@ SLACK_M = 5.0
 """Metres, beyond that."""
 USUAL = 9.21
 """Squared Mahalanobis distance that one place in a hundred exceeds."""
+LINK = np.dtype([
+    ("time_ns", "<i8"), ("mean", "<f8", (N_STATES,)), ("step", "<f4", (N_STATES,)),
+    ("gain", "<f4", (N_STATES, N_STATES)), ("spread", "<f4", (N_STATES, N_STATES)),
+    ("course", "<f4", (2,)), ("ahead", "<i2"), ("is_measured", "?"),
+])  # fmt: skip
+"""How a state of a vehicle followed from a later one, see `_kernels`.
+
+`step` leads from the mean to the later one; `course` is the mean of cosine and sine of the direction; `ahead` counts
+the links to the later state's; `is_measured` says whether the vehicle was measured at that time.
+"""
 
 
 def may_be_off(dt_s: npt.ArrayLike) -> FloatArray:
     """Metres, how far from where it would be at an even velocity a vehicle may be after so many seconds."""
     return np.asarray(SLACK_M + 0.5 * HARDEST * np.square(dt_s))
-
-
-def link_type(n_states: int, *, gain: str) -> np.dtype[np.void]:
-    """How a state of a vehicle followed from a later one, see `_kernels`; at most 200 bytes.
-
-    `step` leads from the mean to the later one; `spread` is a lower triangle; `course` is the mean of cosine and sine
-    of the direction; `ahead` counts the links to the later state's; `is_measured` tells whether the vehicle was
-    measured at that time.
-    """
-    return np.dtype([
-        ("time_ns", "<i8"), ("mean", "<f8", (n_states,)), ("step", "<f4", (n_states,)),
-        ("gain", gain, (n_states, n_states)), ("spread", "<f4", (n_states * (n_states + 1) // 2,)),
-        ("course", "<f4", (2,)), ("ahead", "<i2"), ("is_measured", "?"),
-    ])  # fmt: skip
-
-
-@cache
-def lower(n_states: int) -> tuple[IntArray, IntArray]:
-    """Rows and columns of a lower triangle."""
-    return np.tril_indices(n_states)
 
 
 class Belief(NamedTuple):
@@ -123,7 +113,6 @@ class Chain:
 
     Args:
         first: at birth.
-        kind: of its links, a `link_type`.
 
     Attributes:
         name: of the vehicle; empty until it is reported.
@@ -135,7 +124,7 @@ class Chain:
         until_ns: from this time on another chain has the slot; None while none does.
     """
 
-    def __init__(self, first: Belief, kind: np.dtype[np.void]) -> None:
+    def __init__(self, first: Belief) -> None:
         self.name = ""
         self.is_labelled = False
         self.n_pieces = 1
@@ -143,12 +132,16 @@ class Chain:
         self.last = first
         self.first_ns = first.time_ns
         self.until_ns: int | None = None
-        self._links: AnyArray = np.empty(FIRST_CAPACITY, kind)
+        self._links: AnyArray = np.empty(FIRST_CAPACITY, LINK)
         self._n = 0
         self._rests: list[tuple[int, Belief]] = []  # how many links led to a belief that was then not measured for long
 
     def __len__(self) -> int:
         return self._n
+
+    def is_over(self, now_ns: int, gap_ns: int) -> bool:
+        """Whether its vehicle, of which all is known up to a time, will not be measured again as this one."""
+        return self.until_ns is not None or now_ns - self.last.time_ns > gap_ns
 
     def extend(self, links: AnyArray, last: Belief) -> None:
         """Add the links (m,) of the way to a new last measurement."""
@@ -168,7 +161,7 @@ class Chain:
         of = np.ascontiguousarray(links["mean"])
         _kernels.sweep_back(
             links["ahead"].astype(np.int64), of, of + links["step"], links["gain"].astype(np.float64),
-            _full(links["spread"], d), mean, covariance,
+            links["spread"].astype(np.float64), mean, covariance,
         )  # fmt: skip
         time_ns = np.append(links["time_ns"], self.last.time_ns)
         is_measured = np.append(links["is_measured"], True)
@@ -223,11 +216,3 @@ class Chain:
             self._links = np.concatenate([self._links[kept : self._n], np.empty(FIRST_CAPACITY, self._links.dtype)])
             self._n -= kept
             self._rests = [(n - kept, belief) for n, belief in self._rests if n >= kept]
-
-
-def _full(triangle: AnyArray, d: int) -> FloatArray:
-    """(n, d (d + 1) / 2) lower triangles -> (n, d, d)."""
-    row, column = lower(d)
-    full = np.empty((len(triangle), d, d))
-    full[:, row, column] = full[:, column, row] = triangle
-    return full

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from types import TracebackType
 from typing import Self
 
@@ -17,113 +18,18 @@ from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.filtering.measurements import with_unseen_errors
-from dirprim_filter.filtering.particle_filter import bayes_filter_of
 from dirprim_filter.filtering.protocols import BayesFilter
 from dirprim_filter.filtering.smoothing.chain import Chain, Smoothed
-from dirprim_filter.filtering.smoothing.recorded import recorded
-from dirprim_filter.filtering.smoothing.recorded_filter import RecordedFilter
-from dirprim_filter.filtering.smoothing.stitching import SURE, stitch, trim
+from dirprim_filter.filtering.smoothing.recorder import Recorder
+from dirprim_filter.filtering.smoothing.stitching import stitch
 from dirprim_filter.filtering.tracker import Tracker
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.sensor import Sensor
-from dirprim_filter.track_ids import world_names
 
 WHOLE_S = 30.0
 """Measurements so long after an instant do not change its estimate; the longest gap is added."""
 STANDING_SPEED = 0.1
 """m/s: a slower velocity has no direction, and the filter's direction is used."""
-
-
-class RecordedTracker(Tracker):
-    """A tracker whose filter keeps chains, named as its estimates are.
-
-    Args:
-        group: of the log.
-        model: as of a `Tracker`; of the filters those that have a smoother.
-        config: likewise.
-        tracking: likewise.
-        sensor: likewise.
-        with_innovations: likewise.
-        rng: likewise.
-
-    Attributes:
-        frames_ns: times of the frames that are not smoothed yet, ascending.
-    """
-
-    def __init__(
-        self, group: int, model: PrimitiveMap | BayesFilter, *, config: FilterConfig | None = None,
-        tracking: TrackingConfig | None = None, sensor: Sensor | None = None, with_innovations: bool = False,
-        rng: np.random.Generator,
-    ) -> None:  # fmt: skip
-        config, tracking = config or FilterConfig(), tracking or TrackingConfig()
-        if sensor is not None:
-            config, tracking = sensor.informs(config, tracking)
-        self._group, self._sight = group, None if sensor is None else sensor.sight
-        self._recorded: RecordedFilter = recorded(bayes_filter_of(model, config, sensor))
-        super().__init__(
-            self._recorded, config=config, tracking=tracking, sensor=sensor, with_innovations=with_innovations, rng=rng
-        )
-        self._expected: RecordedFilter | None = None
-        self.frames_ns: list[int] = []
-
-    def frame(self) -> TrackedFrame:
-        """As of a `Tracker`; the chains of its vehicles get their names."""
-        frame = super().frame()
-        self.frames_ns.append(frame.time_ns)
-        names = world_names(frame.estimates.track_id, np.full(len(frame.estimates), self._group))
-        home = self._frame.shown_home.tolist()
-        for slot, name, exists in zip(home, names.tolist(), frame.estimates.existence.tolist(), strict=True):
-            chain = self._recorded.chain[slot]
-            chain.name = str(name) if chain.n_pieces == 1 else chain.name
-            chain.is_labelled = bool(self._roster.is_labelled[slot])
-            chain.existence = max(chain.existence, exists)
-        return frame
-
-    def chains(self) -> list[Chain]:
-        """All chains that may still be smoothed, in the order in which they began."""
-        return self._recorded.chains
-
-    def stitch(self, *, before_ns: int, gap_ns: int, now_ns: int) -> None:
-        """Drop, trim and join the chains of unlabelled vehicles, now that the log is known for long after them.
-
-        Args:
-            before_ns: time up to which a chain may begin that continues another.
-            gap_ns: the longest gap; whoever was not measured for longer will not be again.
-            now_ns: the last time that is known.
-        """
-        frame_ns = np.diff(self.frames_ns)
-        if frame_ns.size == 0:
-            return
-        frame_s = float(np.median(frame_ns)) * 1e-9
-        pieces = []
-        for chain in self.chains():
-            is_over = chain.until_ns is not None or now_ns - chain.last.time_ns > gap_ns
-            if is_over and not chain.is_labelled:
-                chain.name = chain.name if chain.existence >= SURE else ""
-                trim(
-                    chain,
-                    frame_s=frame_s,
-                    log_density=-np.log(4.0 * np.pi * self.config.noise_m**2) - 1.0,
-                    config=self.tracking,
-                )
-            if chain.name and not chain.is_labelled:
-                pieces.append(chain)
-        if self._expected is None:
-            self._expected = self._recorded.sibling()
-        joined = stitch(
-            pieces, self._expected, before_ns=before_ns, gap_ns=gap_ns, frame_s=frame_s, config=self.tracking,
-            sight=self._sight,
-        )  # fmt: skip
-        gone = {id(chain) for chain in joined}
-        self.keep([chain for chain in self.chains() if id(chain) not in gone])
-
-    def reported(self, chains: list[tuple[Chain, Smoothed]]) -> Estimates:
-        """Smoothed beliefs of chains as estimates, with the errors that no filter sees in their covariances."""
-        return with_unseen_errors(_estimates(chains), self._sensor)
-
-    def keep(self, chains: list[Chain]) -> None:
-        """Forget all chains but these."""
-        self._recorded.chains = chains
 
 
 class Smoother:
@@ -156,7 +62,8 @@ class Smoother:
         whole_ns = int((WHOLE_S + max_gap_s) * 1e9)
         self._lag_ns, self._every_ns = (whole_ns, whole_ns) if lag_s is None else (int(lag_s * 1e9), 0)
         self._frames: deque[TrackedFrame] = deque()
-        self._trackers: list[RecordedTracker] = []
+        self._trackers: list[Tracker] = []
+        self._recorders: list[Recorder] = []
 
     @property
     def _gap_ns(self) -> int:
@@ -165,19 +72,19 @@ class Smoother:
     def tracker(self, group: int, model: PrimitiveMap | BayesFilter, *, config: FilterConfig, tracking: TrackingConfig,
                 sensor: Sensor | None = None, with_innovations: bool = False,
                 rng: np.random.Generator) -> Tracker:  # fmt: skip
-        """A tracker of a group, to be followed by this smoother; as `RecordedTracker`."""
-        made = RecordedTracker(
-            group, model, config=config, tracking=tracking, sensor=sensor, with_innovations=with_innovations, rng=rng
-        )
+        """A tracker of a group, to be followed by this smoother; arguments as of a `Tracker`."""
+        recorder = Recorder(group)
+        made = Tracker(
+            model, config=config, tracking=tracking, sensor=sensor, with_innovations=with_innovations,
+            recorder=recorder, rng=rng,
+        )  # fmt: skip
         self._trackers.append(made)
+        self._recorders.append(recorder)
         return made
 
     def write(self, frame: TrackedFrame) -> None:
         """Take a frame of the filter, and pass on what by now can be smoothed."""
-        self._frames.append(TrackedFrame(
-            time_ns=frame.time_ns, detections=frame.detections, estimates=frame.estimates, particles=Particles.none(),
-            begun_anew=frame.begun_anew,
-        ))  # fmt: skip
+        self._frames.append(replace(frame, particles=Particles.none(), innovations=None))
         final_ns = frame.time_ns - self._lag_ns
         if final_ns >= self._frames[0].time_ns + self._every_ns:
             self._pass_on(final_ns, now_ns=frame.time_ns)
@@ -195,15 +102,19 @@ class Smoother:
     def _pass_on(self, final_ns: int, *, now_ns: int) -> None:
         parts: list[Estimates] = []
         open_names = set()
-        for tracker in self._trackers:
-            chains: list[tuple[Chain, Smoothed]] = []
+        gap_ns = self._gap_ns
+        for tracker, recorder in zip(self._trackers, self._recorders, strict=True):
             if self._every_ns:
-                tracker.stitch(before_ns=final_ns + self._gap_ns, gap_ns=self._gap_ns, now_ns=now_ns)
-            frames_ns = np.array(tracker.frames_ns, np.int64)
-            tracker.frames_ns = [t for t in tracker.frames_ns if t > final_ns]
+                stitch(
+                    recorder, before_ns=final_ns + gap_ns, gap_ns=gap_ns, now_ns=now_ns, noise_m=tracker.config.noise_m,
+                    config=tracker.tracking, sight=None if tracker.sensor is None else tracker.sensor.sight,
+                )  # fmt: skip
+            frames_ns = np.array(recorder.frames_ns, np.int64)
+            recorder.frames_ns = [t for t in recorder.frames_ns if t > final_ns]
+            chains: list[tuple[Chain, Smoothed]] = []
             kept = []
-            for chain in tracker.chains():
-                is_over = chain.until_ns is not None or now_ns - chain.last.time_ns > self._gap_ns
+            for chain in recorder.chains:
+                is_over = chain.is_over(now_ns, gap_ns)
                 if chain.name:
                     times = _reached(chain, frames_ns[: np.searchsorted(frames_ns, final_ns, side="right")])
                     if times.size:
@@ -211,10 +122,10 @@ class Smoother:
                     if not is_over:
                         open_names.add(chain.name)
                 chain.forget(before_ns=final_ns)
-                if not (is_over and chain.last.time_ns + self._gap_ns <= final_ns):
+                if not (is_over and chain.last.time_ns + gap_ns <= final_ns):
                     kept.append(chain)
-            tracker.keep(kept)
-            parts.append(tracker.reported(chains))
+            recorder.chains = kept
+            parts.append(with_unseen_errors(_estimates(chains), tracker.sensor))
         smoothed = Estimates.concatenate(parts)
         smoothed = smoothed[np.argsort(smoothed.time_ns, kind="stable")]
         for frame in self._final(final_ns):
@@ -223,10 +134,7 @@ class Smoother:
             late = _not_final(frame, rows.track_id, open_names)
             estimates = Estimates.concatenate([rows, frame.estimates[late]]) if late.size else rows
             for sink in self.sinks:
-                sink(TrackedFrame(
-                    time_ns=frame.time_ns, detections=frame.detections, estimates=estimates,
-                    particles=frame.particles, begun_anew=frame.begun_anew,
-                ))  # fmt: skip
+                sink(replace(frame, estimates=estimates, group=np.empty(0, np.int64)))
 
     def _final(self, final_ns: int) -> Iterator[TrackedFrame]:
         while self._frames and self._frames[0].time_ns <= final_ns:

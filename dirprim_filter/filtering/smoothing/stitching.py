@@ -21,7 +21,7 @@ from dirprim_filter.filtering.association import Pairs, best_assignment
 from dirprim_filter.filtering.belief import birth_key
 from dirprim_filter.filtering.measurements import FASTEST
 from dirprim_filter.filtering.smoothing.chain import Belief, Chain, may_be_off
-from dirprim_filter.filtering.smoothing.recorded_filter import Bridge, RecordedFilter
+from dirprim_filter.filtering.smoothing.recorder import Bridge, Recorder
 from dirprim_filter.sight import Sight
 
 SURE = 0.99
@@ -32,40 +32,50 @@ AT_ONCE = 64
 
 
 def stitch(
-    chains: Sequence[Chain], expected: RecordedFilter, *, before_ns: int, gap_ns: int, frame_s: float,
-    config: TrackingConfig, sight: Sight | None = None,
-) -> list[Chain]:  # fmt: skip
-    """Join chains that are pieces of one vehicle's way; the later takes up the earlier.
+    recorder: Recorder, *, before_ns: int, gap_ns: int, now_ns: int, noise_m: float, config: TrackingConfig,
+    sight: Sight | None,
+) -> None:  # fmt: skip
+    """Drop, trim and join the chains of vehicles that no sensor named, now that the log is known for long after them.
+
+    Of two pieces of one vehicle's way the later takes up the earlier.
 
     Args:
-        chains: of vehicles that no sensor named, with names of their own.
-        expected: a filter without beliefs, which says how vehicles go on.
-        before_ns: time up to which a piece may begin that continues another.
-        gap_ns: the longest gap.
-        frame_s: seconds between two frames.
+        recorder: of the chains, and of the filter, which says how vehicles go on.
+        before_ns: time up to which a chain may begin that continues another.
+        gap_ns: the longest gap; whoever was not measured for longer will not be again.
+        now_ns: the last time that is known.
+        noise_m: standard deviation of detections.
         config: how likely vehicles appear, are occluded, come back and leave.
         sight: where the sensor sees; a vehicle that was out of it need not have been occluded. None for everywhere.
-
-    Returns:
-        Those that were taken up.
     """
+    frame_ns = np.diff(recorder.frames_ns)
+    if frame_ns.size == 0:
+        return
+    frame_s = float(np.median(frame_ns)) * 1e-9
+    chains = []
+    for chain in recorder.chains:
+        if not chain.is_labelled and chain.is_over(now_ns, gap_ns):
+            chain.name = chain.name if chain.existence >= SURE else ""
+            trim(chain, frame_s=frame_s, log_density=-np.log(4.0 * np.pi * noise_m**2) - 1.0, config=config)
+        if not chain.is_labelled and chain.name:
+            chains.append(chain)
     starts = [chain.smoothed().first() for chain in chains]
     pairs = _candidates(chains, starts, before_ns=before_ns, gap_ns=gap_ns)
-    bridges: list[Bridge] = []
+    bridges, expected = [], recorder.sibling()
     for first in range(0, pairs.one.size, AT_ONCE):
-        some = Pairs(*(column[first : first + AT_ONCE] for column in pairs))
-        bridges += _bridges(chains, starts, some, expected)
+        bridges += _bridges(chains, starts, Pairs(*(column[first : first + AT_ONCE] for column in pairs)), expected)
     out_s = np.array([starts[j].time_ns - chains[i].last.time_ns for i, j in _each(pairs)]) * 1e-9
     unseen = np.array([_share_out_of_sight(bridge, sight) for bridge in bridges])
     gain = np.array([bridge.log_density for bridge in bridges]) + _log_odds(out_s, unseen, frame_s, config)
-    way = {pair: bridge.links for pair, bridge in zip(_each(pairs), bridges, strict=True)}
+    path = {pair: bridge.links for pair, bridge in zip(_each(pairs), bridges, strict=True)}
     best = sorted(_each(best_assignment(pairs, gain)), key=lambda pair: starts[pair[1]].time_ns)
     for i, j in best:
-        chains[j].take_up(chains[i], way[i, j])
-    return [chains[i] for i, _ in best]
+        chains[j].take_up(chains[i], path[i, j])
+    gone = {id(chains[i]) for i, _ in best}
+    recorder.chains = [chain for chain in recorder.chains if id(chain) not in gone]
 
 
-def _bridges(chains: Sequence[Chain], starts: Sequence[Belief], pairs: Pairs, expected: RecordedFilter) -> list[Bridge]:
+def _bridges(chains: Sequence[Chain], starts: Sequence[Belief], pairs: Pairs, expected: Recorder) -> list[Bridge]:
     """The way from the end of one chain to the beginning of another, of each pair."""
     keys = [birth_key(0, f"{chains[i].name}/{chains[j].name}", starts[j].time_ns) for i, j in _each(pairs)]
     ends = [chains[i].last for i in pairs.one.tolist()]
