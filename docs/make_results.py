@@ -26,7 +26,7 @@ from threading import Lock
 from typing import Any
 
 from result_figures import shown
-from result_tables import LOGS, TABLES, Run, Table
+from result_tables import LOGS, SUMMARY, TABLES, Run, Table
 
 DOCS = Path(__file__).parent
 ROOT = DOCS.parent
@@ -137,15 +137,28 @@ def store(name: str, records: dict[str, Record]) -> None:
 
 def page() -> str:
     """The page: the text, and each table in its place."""
-    return PLACE.sub(lambda found: "\n".join(_logs() if found[1] == "logs" else _table(found[1])), TEXT.read_text())
+    own = {"summary": _summary, "logs": _logs}
+    return PLACE.sub(
+        lambda found: "\n".join(own[found[1]]() if found[1] in own else _table(found[1])), TEXT.read_text()
+    )
+
+
+def _summary() -> Iterator[str]:
+    """What the map gains on one question after the other; those that are not measured are left out."""
+    yield from ("| question | where | against | the map gains |", "|---|---|---|---|")
+    for what, unit, table, run, row, column in SUMMARY:
+        figures = stored(table).get(run, {}).get("figures", {}).get(row)
+        if figures:
+            heads = [of.head for of in TABLES[table].columns]
+            found = shown(figures[heads.index(column)], TABLES[table].columns[heads.index(column)].digits)
+            name = row.rpartition(": ")[2]
+            yield f"| {what} | {run} | {name} | {found}{unit if '**' in found else ' (not distinguishable)'} |"
 
 
 def _logs() -> Iterator[str]:
-    yield from ("| log | what it is | made by |", "|---|---|---|")
     for name, log in LOGS.items():
         if log.about:
-            made = log.command.format(data="DATA", log=name)
-            yield f"| `{name}` | {log.about} | `{made}` |"
+            yield f"- `{log.command.format(data='DATA', log=name)}`: {log.about}"
 
 
 def _table(name: str) -> Iterator[str]:
@@ -153,21 +166,54 @@ def _table(name: str) -> Iterator[str]:
     if not records:
         yield "Not yet measured."
         return
-    heads = ("", table.of, *(column.head for column in table.columns))
+    yield from (_by_run(table, records) if table.blocks else _by_figure(table, records))
+    yield f"\n`{table.command.format(logs='LOG', options='OPTIONS').strip()}`"
+    same = len({(record["date"], record["commit"]) for record in records.values()}) == 1
+    when = {run: f"commit {record['commit']}, {record['date']}" for run, record in records.items()}
+    options = {run.name: run.options.strip() for run in table.runs}
+    for run, record in records.items():
+        own = f" `{options[run]}`," if options[run] else ""
+        yield (
+            f"- {run}:{own} {record['seconds']:,} s, {when[run]}"
+            if not same
+            else f"- {run}:{own} {record['seconds']:,} s"
+        )
+    if same:
+        yield f"- {next(iter(when.values()))}"
+
+
+def _by_figure(table: Table, records: dict[str, Record]) -> Iterator[str]:
+    """A column for each figure, run after run."""
+    names = [(run, row) for run, record in records.items() for row in record["figures"]]
+    runs = [""] * (len(records) > 1 and not all(row.startswith(run) for run, row in names))
+    heads = (*runs, table.of, *(column.head for column in table.columns))
     yield f"| {' | '.join(heads)} |"
     yield "|" + "---|" * len(heads)
     for run, record in records.items():
-        for i, (row, figures) in enumerate(record["figures"].items()):
-            cells = [shown(figure, column.digits) for figure, column in zip(figures, table.columns, strict=True)]
-            yield f"| {run if i == 0 else ''} | {row} | {' | '.join(cells)} |"
-    yield ""
-    same = {(record["date"], record["commit"]) for record in records.values()}
-    when = " ".join(f"{date}, commit {commit}" for date, commit in same) if len(same) == 1 else ""
-    for run, record in records.items():
-        own = "" if when else f", {record['date']}, commit {record['commit']}"
-        yield f"- {run}: `{record['command']}`{own}, {record['seconds']:,} s"
-    if when:
-        yield f"- all on {when}"
+        first = True
+        for row, figures in record["figures"].items():
+            if not row.endswith(table.left_out):
+                cells = [shown(figure, column.digits) for figure, column in zip(figures, table.columns, strict=True)]
+                yield f"| {' | '.join([*(run if first else '' for _ in runs), row, *cells])} |"
+                first = False
+
+
+def _by_run(table: Table, records: dict[str, Record]) -> Iterator[str]:
+    """A block for some figures, with a column for each run."""
+    names = dict.fromkeys(row for record in records.values() for row in record["figures"])
+    for caption, columns in table.blocks:
+        yield f"| {caption} | {' | '.join(records)} |"
+        yield "|" + "---|" * (1 + len(records))
+        for row in names:
+            cells = [_joined(record["figures"].get(row), table, columns) for record in records.values()]
+            if any(cells) and not row.endswith(table.left_out):
+                yield f"| {row} | {' | '.join(cells)} |"
+        yield ""
+
+
+def _joined(figures: list[Any] | None, table: Table, columns: tuple[int, ...]) -> str:
+    cells = [shown(figures[i], table.columns[i].digits) for i in columns] if figures else []
+    return "/".join(cells) if any(cells) else ""
 
 
 def chosen(asked: list[str]) -> Iterator[tuple[str, Run]]:

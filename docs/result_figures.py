@@ -66,7 +66,7 @@ def worth(scene: str, **figures: tuple[float, int]) -> Callable[[Any], Figure]:
             if found is not None:
                 text = _signed(times * found["value"], digits)
                 texts.append(f"**{text}**" if found["low"] > 0 or found["high"] < 0 else text)
-        return " / ".join(texts)
+        return "/".join(texts)
 
     return read
 
@@ -147,18 +147,18 @@ def group(number: int) -> Callable[[Any], Figure]:
 def shown(figure: Figure, digits: int) -> str:
     """A figure as the page shows it: a difference is bold where its interval does not hold 0."""
     if figure is None or isinstance(figure, str):
-        return figure or ""
+        return (figure or "").replace(" / ", "/").replace(" to ", "-")
     if not isinstance(figure, Mapping):
         return f"{figure:,.{digits}f}"
     value, low, high = (figure.get(name) for name in ("value", "low", "high"))
     if value is None or value == low == high:  # of a method beside itself nothing is to be said
         return ""
     if "deviation" in figure:
-        return f"{value:,.{digits}f} ± {figure['deviation']:,.{digits}f}"
+        return f"{value:,.{digits}f}"
     text = _signed(value, digits)
     if low is not None and high is not None:
         bold = f"**{text}**" if low > 0 or high < 0 else text
-        text = f"{bold} ({_signed(low, digits)} to {_signed(high, digits)})"
+        text = f"{bold}±{0.5 * (high - low):,.{digits}f}"
     return text
 
 

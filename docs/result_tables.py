@@ -80,6 +80,8 @@ class Table:
         command: `{logs}` and `{options}` stand for the run's.
         entries: how output is read.
         of: the head over the names of the rows.
+        blocks: captions, and which columns stand under each, all runs side by side; empty: a column for each figure.
+        left_out: ends of the names of rows that are measured and not shown.
         minutes: a run that takes longer is stopped, and its former figures stay.
     """
 
@@ -88,6 +90,8 @@ class Table:
     entries: Entries
     columns: tuple[Column, ...]
     of: str = "method"
+    blocks: tuple[tuple[str, tuple[int, ...]], ...] = ()
+    left_out: tuple[str, ...] = ()
     minutes: float = 60
 
 
@@ -145,6 +149,11 @@ TABLES: dict[str, Table] = {
             Column(head="the map is nearer in sight, %", read=of_key("against", "in_sight", times=100.0), digits=0),
             Column(head="in gaps, %", read=of_key("against", "in_gaps", times=100.0), digits=0),
         ),
+        blocks=(
+            ("RMSE in sight / in gaps, m", (0, 1)), ("NEES in sight / in gaps", (2, 3)),
+            ("the map is nearer, in sight / in gaps, %", (4, 5)),
+        ),
+        left_out=("place-free smoothed",),
     ),
     "no_ids": Table(
         command="dirprim evaluate tracking {logs} --no-ids --set miss_rate=0.2 --set false_per_frame=10 "
@@ -167,6 +176,7 @@ TABLES: dict[str, Table] = {
             Column(head="switches", read=mean_of("switches"), digits=1),
             Column(head="the map's HOTA less this", read=of_key("against", "hota"), digits=3),
         ),
+        blocks=(("HOTA / switches", (0, 2)), ("the map's HOTA less the row's", (3,))),
     ),
     "forecasts": Table(
         command="dirprim evaluate forecast {logs} --folds 4 --horizon 1 --horizon 3 --horizon 5 --horizon 8 --json",
@@ -179,6 +189,8 @@ TABLES: dict[str, Table] = {
               for s in (1, 3, 5, 8)),
             Column(head="in the 90 % region", read=of_key("coverage")),
         ),
+        blocks=(("energy at 1 s / 5 s, m", (0, 1)), ("the map is nearer at 1 s / 5 s / 8 s, %", (2, 4, 5)),
+                ("truth in the 90 % regions", (6,))),
     ),
     "densities": Table(
         command="dirprim evaluate density {logs} --folds 4 --every 0.5{options} --json",
@@ -192,6 +204,8 @@ TABLES: dict[str, Table] = {
             Column(head="the map is ahead in direction, nat", read=of_key("direction", "behind")),
             Column(head="in both, nat", read=of_key("joint", "behind")),
         ),
+        blocks=(("log density of direction / of both, nat", (0, 3)), ("mean density of direction", (1,)),
+                ("the map is ahead in direction / in both, nat", (4, 5))),
     ),
     "cues": Table(
         command="dirprim evaluate cues {logs} --tessellation grid --json",
@@ -227,6 +241,7 @@ TABLES: dict[str, Table] = {
             Column(head="cells", read=of_key("cells"), digits=0),
             Column(head="joint, curved is ahead by, nat", read=changes, digits=3),
         ),
+        blocks=(("mean log density / cells", (0, 1)), ("joint, curved is ahead, nat", (2,))),
     ),
     "peers": Table(
         command="python tests/benchmarks/peers.py {options} --json",
@@ -254,6 +269,10 @@ TABLES: dict[str, Table] = {
             Column(head="NEES", read=of_key("nees"), digits=1),
             Column(head="in the 90 % ellipse", read=of_key("in 90 %")),
             Column(head="the map is nearer, %", read=of_key("gain", times=100.0), digits=0),
+        ),
+        left_out=(
+            "coasting: raw", "coasting: raw less bias and latency", "interacting models", "one cell",
+            "true positions + 0.35 m, without the map", "true positions + 0.35 m, with the map", "the rival's noise",
         ),
     ),
     "buses": Table(
@@ -328,3 +347,21 @@ TABLES: dict[str, Table] = {
     ),
 }  # fmt: skip
 """Every table, by the name of its file in `results/`."""
+
+NEARER = ("the map is nearer in sight, %", "in gaps, %", "the map is nearer at 1 s, %", "the map is nearer at 5 s, %")
+SUMMARY = (
+    *(("error while a vehicle is out of sight for 3 s", " %", "tracking", run, "constant velocity", NEARER[1])
+      for run in ("roundabout", "intersection", "Lankershim")),
+    *(("error in sight", " %", "tracking", run, "constant velocity", NEARER[0])
+      for run in ("roundabout", "intersection", "Lankershim")),
+    *(("HOTA without ids, a fifth missed, ten false a frame", "", "no_ids", run, "constant velocity",
+       "the map's HOTA less this") for run in ("Lankershim", "dense intersection", "dense highway")),
+    *(("forecasts 5 s ahead", " %", "forecasts", run, row, NEARER[3])
+      for run in ("roundabout", "Lankershim") for row in ("constant velocity", "trajectory memory")),
+    *(("real detections", " %", "real_sensors", run, row, "the map is nearer, %")
+      for run, row in (("Mcity", "Mcity, in sight: without the map"),
+                       ("autoferry", "autoferry, both: without the map"))),
+    *(("HOTA beside other packages' trackers", "", "peers", run, row, "ours with the map, HOTA more")
+      for run in ("A", "B") for row in ("Stone Soup GNN", "motpy", "norfair")),
+)  # fmt: skip
+"""First of all: a question, its unit, and the table, run, row and column of its answer."""

@@ -32,7 +32,7 @@ def test_the_page_is_what_the_stored_figures_say(maker):
 
 
 def test_the_text_has_a_place_for_every_table(maker):
-    assert sorted(maker.PLACE.findall(maker.TEXT.read_text())) == sorted(["logs", *maker.TABLES])
+    assert sorted(maker.PLACE.findall(maker.TEXT.read_text())) == sorted(["summary", "logs", *maker.TABLES])
 
 
 def test_every_stored_figure_has_the_command_of_its_run_and_a_column(maker):
@@ -81,14 +81,17 @@ def test_a_difference_is_bold_where_its_interval_does_not_hold_nought(elsewhere)
     nothing = {"value": 0.0, "low": 0.0, "high": 0.0}
     figures = {
         "prior": [0.5, 0.25, nothing, nothing, nothing, None, "0.88 to 0.91"],
-        "one cell": [0.75, 1234.5, beyond, within, {"value": 2.0, "low": None, "high": None}, None, ""],
+        "constant velocity": [0.75, 1234.5, beyond, within, {"value": 2.0, "low": None, "high": None}, None, ""],
     }
     elsewhere.store("forecasts", {"roundabout": record(elsewhere, "forecasts", figures=figures), "no such run": {}})
     shown = elsewhere.page()
-    assert "| roundabout | prior | 0.50 | 0.25 |  |  |  |  | 0.88 to 0.91 |" in shown
-    assert "|  | one cell | 0.75 | 1,234.50 | **+12** (+3 to +21) | -1 (-3 to +1) | +2 |  |  |" in shown
-    assert "- roundabout: `dirprim evaluate forecast roundabout.mcap" in shown
-    assert "- all on 2026-01-01, commit abc1234" in shown
+    for line in (
+        "| prior | 0.50/0.25 |", "| prior | 0.88-0.91 |", "| constant velocity | 0.75/1,234.50 |",
+        "| constant velocity | **+12**±9/+2/ |", "- commit abc1234, 2026-01-01",
+        "| forecasts 5 s ahead | roundabout | constant velocity | +2 (not distinguishable) |",
+    ):  # fmt: skip
+        assert line in shown
+    assert "`dirprim evaluate forecast LOG --folds 4" in shown
     assert len(json.loads((elsewhere.STORE / "forecasts.json").read_text())) == 1
 
 
