@@ -64,48 +64,77 @@ def judged_truth(truth: Tracks, results: Sequence[TrackedRows] = ()) -> JudgedTr
         results: what is to be judged, all together; none: whatever has rows at the truth's own instants.
     """
     numbers = instant_numbers(truth, *results)
-    own, number = numbers[0], np.concatenate(numbers)
+    number, own = np.concatenate(numbers), numbers[0]
     n_instants = 1 + int(number.max(initial=-1))
-    time_ns = np.empty(n_instants, np.int64)
+    time_ns, group = np.empty((2, n_instants), np.int64)
     time_ns[number] = np.concatenate([truth.time_ns, *(rows.time_ns for rows in results)])
-    is_own, is_asked = np.zeros((2, n_instants), np.bool_)
-    is_own[own] = True
-    is_asked[number[len(truth) :]] = True
-
-    before, after, longest_gap_s = _steps(truth)
-    start, end = own[before], own[after]
-    begun, ended = (np.bincount(at, minlength=n_instants + 1) for at in (start + 1, end))
-    is_known = is_own | (np.cumsum(begun - ended)[:-1] > 0)
-    at_results = bool((is_asked & is_known & ~is_own).any())
-    judged = is_asked if at_results else is_own
-
-    n_until = np.cumsum(judged)
-    n_between: IntArray = n_until[end - 1] - n_until[start]
-    first: IntArray = n_until[start] - (np.cumsum(n_between) - n_between)
-    between = np.flatnonzero(judged)[np.repeat(first, n_between) + np.arange(n_between.sum())]
-    kept = np.flatnonzero(judged[own])
-    when = np.concatenate([truth.time_ns[kept], time_ns[between]])
-    order = np.argsort(when, kind="stable")
-    before, after = (np.concatenate([kept, np.repeat(rows, n_between)])[order] for rows in (before, after))
-    is_all = between.size == 0 and kept.size == len(truth)
-    tracks = truth if is_all else _interpolated(truth, before, after, when[order])
+    group[number] = np.concatenate([truth.group, *(rows.group for rows in results)])
+    asked = np.unique(number[len(truth) :])
+    longest_gap_s = _longest_gap_s(truth)
+    found = known_at(truth, group[asked], time_ns[asked], longest_gap_s=longest_gap_s)
+    at_results = not np.isin(asked[found.instant], own).all()
+    if not at_results:
+        asked = np.unique(own)
+        found = known_at(truth, group[asked], time_ns[asked], longest_gap_s=longest_gap_s)
+    when = time_ns[asked[found.instant]]
+    order = np.lexsort((found.before, found.before != found.after, when))
+    _, before, after = (column[order] for column in found)
+    is_all = before.size == len(truth) and not (before != after).any()
+    tracks = truth if is_all else interpolated(truth, before, after, when[order])
     return JudgedTruth(tracks, before, after, at_results, longest_gap_s)
 
 
-def _steps(truth: Tracks) -> tuple[IntArray, IntArray, float]:
-    """Rows of a vehicle and the next ones, near enough to interpolate between, and how near that is in seconds."""
+class Known(NamedTuple):
+    """Where vehicles are known. (m,) vehicles at instants.
+
+    Attributes:
+        instant: index of the instant.
+        before: the row of the truth before it,
+        after: and the one after it; the same where it is the row's own.
+    """
+
+    instant: IntArray
+    before: IntArray
+    after: IntArray
+
+
+def known_at(truth: Tracks, group: IntArray, time_ns: IntArray, *, longest_gap_s: float) -> Known:
+    """Each vehicle at each instant of its group that is a row's own, or between two rows near enough.
+
+    Args:
+        truth: where vehicles were.
+        group: (n,) of the instants,
+        time_ns: (n,) and their times.
+        longest_gap_s: seconds between two rows of a vehicle that are near enough.
+    """
+    sorted_rows, sorted_instants = np.lexsort((truth.time_ns, truth.vehicle)), np.argsort(time_ns, kind="stable")
+    nothing = np.empty(0, np.int64)
+    parts = [Known(nothing, nothing, nothing)]
+    for one in np.unique(group):
+        row, asked = sorted_rows[truth.group[sorted_rows] == one], sorted_instants[group[sorted_instants] == one]
+        time, times = truth.time_ns[row], time_ns[asked]
+        begin, end = (np.searchsorted(times, time, side=side) for side in ("left", "right"))
+        near = np.diff(truth.vehicle[row]) == 0
+        near &= np.diff(time) <= longest_gap_s * 1e9
+        step = np.flatnonzero(near)
+        for first, last, before, after in (
+            (begin, end, row, row), (end[:-1][step], begin[1:][step], row[:-1][step], row[1:][step]),
+        ):  # fmt: skip
+            n = np.maximum(last - first, 0)
+            at = np.repeat(first - np.cumsum(n) + n, n) + np.arange(n.sum())
+            parts.append(Known(asked[at], np.repeat(before, n), np.repeat(after, n)))
+    return Known(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+def _longest_gap_s(truth: Tracks) -> float:
     vehicle = truth.vehicle
     order = np.lexsort((truth.time_ns, vehicle))
-    goes_on = vehicle[order[1:]] == vehicle[order[:-1]]
-    before, after = order[:-1][goes_on], order[1:][goes_on]
-    interval_s = (truth.time_ns[after] - truth.time_ns[before]) * 1e-9
-    longest_s = max(LEAST_GAP_S, INTERVALS * float(np.median(interval_s))) if interval_s.size else LEAST_GAP_S
-    is_near = interval_s <= longest_s
-    return before[is_near], after[is_near], longest_s
+    step_ns = np.diff(truth.time_ns[order])[np.diff(vehicle[order]) == 0]
+    return max(LEAST_GAP_S, INTERVALS * float(np.median(step_ns)) * 1e-9) if step_ns.size else LEAST_GAP_S
 
 
-def _interpolated(truth: Tracks, before: IntArray, after: IntArray, time_ns: IntArray) -> Tracks:
-    """Rows at times (m,) between rows of the truth, or at them."""
+def interpolated(truth: Tracks, before: IntArray, after: IntArray, time_ns: IntArray) -> Tracks:
+    """Rows at ascending times (m,) between rows of the truth, or at them; direction turns the shorter way round."""
     step_ns = truth.time_ns[after] - truth.time_ns[before]
     share = (time_ns - truth.time_ns[before]) / np.maximum(step_ns, 1)
     turn = difference(truth.direction[after], truth.direction[before])

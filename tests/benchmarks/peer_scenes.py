@@ -27,6 +27,7 @@ from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.evaluation.calibration.pairing import Scene as Paired
 from dirprim_filter.evaluation.tracking_report import Scales
+from dirprim_filter.evaluation.truth import interpolated, known_at
 from dirprim_filter.recording.reader import stream_detections
 from dirprim_filter.simulation.sensor import detect
 
@@ -229,7 +230,7 @@ def _alone(world: Tracks) -> Tracks:
 
 def mcity(_: int) -> list[Fold]:
     """Roadside detections of a drive, in turn; all else is of the other drives. Truth is taken a latency before."""
-    import mcity as roadside
+    import mcity_drives as roadside
 
     if not roadside.DATA.exists():
         raise UnavailableError(f"{roadside.DATA} is absent")
@@ -238,12 +239,12 @@ def mcity(_: int) -> list[Fold]:
 
 def _mcity_fold(roadside: Any, held: int) -> Fold:
     others = [drive for drive in roadside.WITH_TRUTH if drive != held]
-    sensor = roadside.calibrated(others)
+    sensor = roadside.calibrated(held)
     parts = {drive: _mcity_part(roadside, drive, sensor.latency_s) for drive in roadside.WITH_TRUTH}
     traffic = [roadside.without_bias(roadside.detected(drive), sensor) for drive in roadside.DRIVES if drive != held]
     return Fold(
         judged=(parts[held],), clusters="drives", training=tuple(parts[drive] for drive in others),
-        traffic=roadside.told_apart(traffic),
+        traffic=roadside.in_one_world(traffic),
         noise_m=float(np.sqrt(0.5 * (sensor.along.spread_m**2 + sensor.across.spread_m**2))),
         tracking=sensor.informs(FilterConfig(), TrackingConfig())[1],
     )  # fmt: skip
@@ -259,19 +260,11 @@ def _mcity_part(roadside: Any, drive: int, latency_s: float) -> Part:
 
 def at_instants(truth: Tracks, instants: IntArray, *, latency_s: float = 0.0, longest_s: float = 1.0) -> Tracks:
     """Truth between its rows, linearly, a latency before each instant and named by it; no gap is bridged for longer."""
-    names, times, places = [], [], []
-    for name in np.unique(truth.track_id):
-        of = truth[truth.track_id == name]
-        at = instants - round(latency_s * 1e9)
-        after = np.searchsorted(of.time_ns, at)
-        inside = (after > 0) & (after < len(of))
-        inside[inside] &= np.diff(of.time_ns)[after[inside] - 1] <= longest_s * 1e9
-        names.append(np.full(inside.sum(), name))
-        times.append(instants[inside])
-        places.append(np.column_stack([np.interp(at[inside], of.time_ns, column) for column in of.position.T]))
-    return Tracks.from_positions(
-        track_id=np.concatenate(names), time_ns=np.concatenate(times), position=np.concatenate(places)
-    )
+    at = instants - round(latency_s * 1e9)
+    found = known_at(truth, np.full(at.size, truth.group[0]), at, longest_gap_s=longest_s)
+    order = np.argsort(at[found.instant], kind="stable")
+    instant, before, after = (column[order] for column in found)
+    return replace(interpolated(truth, before, after, at[instant]), time_ns=instants[instant])
 
 
 BOATS_GATE_M = 15.0

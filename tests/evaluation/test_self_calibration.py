@@ -1,18 +1,19 @@
 """A sensor's model without a truth: its likelihood against the dense normal density; what was put in comes out."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.linalg import null_space
 from scipy.stats import multivariate_normal
 
+from dirprim_filter import read_tracks
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import EstimateList
-from dirprim_filter.evaluation.calibration import evidence, self_calibrate, self_calibration
-from dirprim_filter.evaluation.calibration.evidence import SHARE
-from dirprim_filter.evaluation.calibration.pieces import Pieces, pieces_of
+from dirprim_filter.evaluation.calibration import self_calibrate, self_calibration
+from dirprim_filter.evaluation.calibration.self_calibration import SHARE, Pieces, pieces_of
 from dirprim_filter.filtering import ConstantVelocityKalman
 from dirprim_filter.filtering.smoothing import Smoother
 from dirprim_filter.replay import replay
@@ -20,6 +21,7 @@ from dirprim_filter.sensor import WIDE, AxisError, Sensor
 from dirprim_filter.simulation.sensor import sense
 from evaluation.test_calibration import circling
 
+RECORDINGS = Path(__file__).parents[2] / "recordings"
 SENSOR = Sensor(
     along=AxisError(spread_m=0.5), across=AxisError(spread_m=0.25), detection_probability=0.85, clutter_density=1e-4
 )
@@ -44,11 +46,11 @@ def log_density(step_s, z, parameters):
     part = 1.0 / (1.0 + np.exp(-logit))
     error = np.exp(2 * spread) * (part * np.exp(-lag / np.exp(lasts)) + (1 - part) * np.eye(n))
     each = []
-    for node in evidence.NODES:
+    for node in self_calibration.NODES:
         motion = np.exp(2 * (size + differ * node)) * np.exp(-lag / np.exp(holds))
         covariance = error + integral @ motion @ integral.T
         each.append(multivariate_normal(cov=left.T @ covariance @ left).logpdf(left.T @ z))
-    return np.log(np.exp(each) @ evidence.WEIGHTS / evidence.WEIGHTS.sum())
+    return np.log(np.exp(each) @ self_calibration.WEIGHTS / self_calibration.WEIGHTS.sum())
 
 
 def test_the_evidence_is_that_of_the_whole_covariance():
@@ -59,7 +61,7 @@ def test_the_evidence_is_that_of_the_whole_covariance():
     parameters = rng.normal(0, 0.6, (2, len(self_calibration.START)))
     expected, found = (
         [sum(log_density(step_s[w, :n], z[w, :n], of) for w, n in enumerate(length)) for of in parameters],
-        [evidence.log_evidence(step_s, z, length, of) for of in parameters],
+        [self_calibration.log_evidence(step_s, z, length, of) for of in parameters],
     )
     assert abs(np.diff(expected)) > 1.0
     assert np.diff(found) == pytest.approx(np.diff(expected), abs=1e-2)  # a place and a speed that are not known have
@@ -92,7 +94,7 @@ def test_motion_takes_no_part_of_errors_that_last(axis, put_in, monkeypatch):
     pieces = driven(np.random.default_rng(0), 60)
     position, truth = getattr(pieces, axis), np.array([*error(*put_in), 0.0, np.log(2.0), 0.7])
     found, log_p = self_calibration.likeliest(pieces, position, start=truth)
-    assert 0.0 <= 2.0 * (log_p - evidence.log_evidence(pieces.step_s, position, pieces.length, truth)) < 22.5
+    assert 0.0 <= 2.0 * (log_p - self_calibration.log_evidence(pieces.step_s, position, pieces.length, truth)) < 22.5
     white, log_p_white = self_calibration.likeliest(pieces, position, start=found, white=True)
     assert log_p - log_p_white > 10.0 * self_calibration.LEAST_GAIN  # the control: these errors do last
     assert white[SHARE] == -5.0
@@ -109,6 +111,17 @@ def test_white_errors_are_found_and_larger_ones_are_larger():
     assert (found.sensor.detection_probability, found.sensor.clutter_density, found.sensor.outlier_share) == (None,) * 3
     assert (found.sensor.latency_s, found.sensor.along.bias_m) == (0.0, 0.0)
     assert found.unknown[0].startswith("latency_s, along.bias_m, across.bias_m: ")
+
+
+@pytest.mark.parametrize("noise_m", [0.1, 0.5, 1.0])
+def test_white_noise_of_any_level_is_found_on_shipped_traffic(noise_m):
+    """To 10 %: over seeds the spread deviates by some 2 %."""
+    traffic = read_tracks(RECORDINGS / "intersection_track.mcap")
+    seen = sense(traffic, Sensor.white(noise_m), rng=np.random.default_rng(1))
+    found = self_calibrate(seen, rng=np.random.default_rng(0)).sensor
+    for axis in (found.along, found.across):
+        assert axis.spread_m == pytest.approx(noise_m, rel=0.1)
+        assert axis.correlated_share < 0.3
 
 
 def test_errors_that_last_are_not_taken_for_white():

@@ -10,6 +10,7 @@ from scipy.spatial import KDTree
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.detections import NO_ID, Detections
+from dirprim_filter.evaluation.truth import interpolated, known_at
 from dirprim_filter.filtering.association import Pairs, best_assignment
 from dirprim_filter.track_ids import as_texts
 from dirprim_filter.tracks import Tracks
@@ -69,7 +70,7 @@ class Scene:
         frame_s: (f,) seconds of the frames, from the first; frames of different groups are different.
         frame_group: (f,) of them.
         frame_of: (n,) index of the frame of each detection.
-        truth_s: (m,) seconds of the truth's rows, vehicle after vehicle.
+        truth_s: (m,) seconds of the truth's rows.
         names: (v,) of the true vehicles.
 
     Raises:
@@ -82,45 +83,28 @@ class Scene:
         self.detections = detections
         epoch_ns = int(detections.time_ns.min())
         frames = frames_of(detections)
-        self.frame_group = frames[:, 0]
-        self.frame_s: FloatArray = np.asarray((frames[:, 1] - epoch_ns) * 1e-9, np.float64)
+        self.frame_group, self._frame_ns = frames.T
+        self.frame_s: FloatArray = np.asarray((self._frame_ns - epoch_ns) * 1e-9, np.float64)
         number = {(group, time_ns): i for i, (group, time_ns) in enumerate(frames.tolist())}
         keys = zip(detections.group.tolist(), detections.time_ns.tolist(), strict=True)
         self.frame_of = np.array([number[key] for key in keys], np.int64)
         self._tree = KDTree(self._keyed(detections.position, self.frame_of))
-        order = np.lexsort((truth.time_ns, truth.vehicle))
-        self.truth_s: FloatArray = np.asarray((truth.time_ns[order] - epoch_ns) * 1e-9, np.float64)
-        self._group = truth.group[order]
-        self._motion = np.column_stack(
-            [truth.position, np.cos(truth.direction), np.sin(truth.direction), truth.speed]
-        )[order]  # fmt: skip
-        first = np.flatnonzero(np.diff(truth.vehicle[order], prepend=-1))
-        self._spans = list(zip(first.tolist(), [*first[1:].tolist(), len(truth)], strict=True))
-        self._leaps = [_leaps(self.truth_s[i:j], self._motion[i:j, :2]) for i, j in self._spans]
-        self.names = as_texts(truth.track_id[order[first]])
+        self.truth_s: FloatArray = np.asarray((truth.time_ns - epoch_ns) * 1e-9, np.float64)
+        self.names = as_texts(truth.track_id[truth.first_rows])
+        self._truth, self._vehicle = truth, truth.vehicle
+        self._is_sure = ~_leaps(truth)
 
     def truth_at(self, lag_s: float, frames: BoolArray | None = None) -> TruthRows:
         """Where vehicles were `lag_s` before each frame; of the chosen frames (f,)."""
-        parts = []
-        for vehicle, (start, end) in enumerate(self._spans):
-            times, of_group = self.truth_s[start:end], self.frame_group == self._group[start]
-            wanted = of_group if frames is None else of_group & frames
-            frame = np.flatnonzero(wanted & (self.frame_s - lag_s >= times[0]) & (self.frame_s - lag_s <= times[-1]))
-            if frame.size == 0:
-                continue
-            at = self.frame_s[frame] - lag_s
-            after = np.clip(np.searchsorted(times, at), 1, max(times.size - 1, 1))
-            known = times[after] - times[after - 1] <= LONGEST_GAP_S if times.size > 1 else np.ones(at.size, np.bool_)
-            for leap in self._leaps[vehicle]:
-                known &= np.abs(at - leap) > LEAP_S
-            frame, at = frame[known], at[known]
-            found = np.column_stack([np.interp(at, times, column) for column in self._motion[start:end].T])
-            length = np.maximum(np.hypot(*found[:, 2:4].T), 1e-9)
-            course = found[:, 2:4] / length[:, None]
-            parts.append(TruthRows(frame, np.full(frame.size, vehicle), found[:, :2], course, found[:, 4]))
-        nothing = np.empty(0, np.int64)
-        none = TruthRows(nothing, nothing, np.empty((0, 2)), np.empty((0, 2)), np.empty(0))
-        return TruthRows(*(np.concatenate(column) for column in zip(none, *parts, strict=True)))
+        frame = np.arange(self.frame_s.size) if frames is None else np.flatnonzero(frames)
+        time_ns = self._frame_ns[frame] - round(lag_s * 1e9)
+        found = known_at(self._truth, self.frame_group[frame], time_ns, longest_gap_s=LONGEST_GAP_S)
+        kept = np.flatnonzero(self._is_sure[found.before] & self._is_sure[found.after])
+        kept = kept[np.argsort(time_ns[found.instant[kept]], kind="stable")]  # as tracks are
+        instant, before, after = (column[kept] for column in found)
+        at = interpolated(self._truth, before, after, time_ns[instant])
+        course = np.column_stack([np.cos(at.direction), np.sin(at.direction)])
+        return TruthRows(frame[instant], self._vehicle[before], at.position, course, at.speed)
 
     def agreement(self, lag_s: float, frames: BoolArray, *, gate_m: float) -> float:
         """How many of the true rows have a detection near, the nearer the more."""
@@ -184,12 +168,18 @@ def frames_of(detections: Detections) -> IntArray:
     return np.concatenate(parts)
 
 
-def _leaps(time_s: FloatArray, position: FloatArray) -> FloatArray:
-    """Times (k,) of steps of one vehicle's truth that no vehicle makes."""
-    if time_s.size < 3:
-        return np.empty(0)
-    pace = np.hypot(*np.diff(position, axis=0).T) / np.maximum(np.diff(time_s), 1e-3)
-    return np.asarray(time_s[1:][np.abs(pace - median_filter(pace, ABOUT, mode="nearest")) > LEAP], np.float64)
+def _leaps(truth: Tracks) -> BoolArray:
+    """(n,) rows of the truth near a step that no vehicle makes."""
+    is_near = np.zeros(len(truth), np.bool_)
+    order = np.lexsort((truth.time_ns, truth.vehicle))
+    for rows in np.split(order, np.flatnonzero(np.diff(truth.vehicle[order])) + 1):
+        if rows.size < 3:
+            continue
+        time_s = (truth.time_ns[rows] - truth.time_ns[rows[0]]) * 1e-9
+        pace = np.hypot(*np.diff(truth.position[rows], axis=0).T) / np.maximum(np.diff(time_s), 1e-3)
+        leap_s = time_s[1:][np.abs(pace - median_filter(pace, ABOUT, mode="nearest")) > LEAP]
+        is_near[rows] = (np.abs(time_s[:, None] - leap_s) <= LEAP_S).any(axis=1)
+    return is_near
 
 
 def find_lag(scene: Scene) -> float:

@@ -1,23 +1,50 @@
 """A sensor's errors from its own detections, without a truth: maximum likelihood over all ways that vehicles may go.
 
 What differs from detection to detection is seen; what moves all detections of a vehicle alike is not: a bias, a
-latency, an error that outlasts the pieces of track that are looked at.
+latency, an error that outlasts the pieces of track that are looked at. Pieces of the tracks of moving vehicles are
+unrolled along smooth ways. Along the way, and across it, the error is a first-order Gauss-Markov process and white
+noise, as in `Sensor`; the vehicle's acceleration is another such process. How hard a driver accelerates differs from
+piece to piece: the likelihood is the mean over that, for if each piece took the size that suits it best, motion would
+explain a part of the errors. A Kalman filter of place, speed, acceleration and lasting error computes it.
+
+Source: Singer, Estimating Optimal Tracking Filter Performance for Manned Maneuvering Targets, 1970, for the
+acceleration; Schweppe, Evaluation of likelihood functions for Gaussian signals, 1965.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize
+from scipy.special import logsumexp
 
-from dirprim_filter.arrays import FloatArray
+from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.detections import NO_ID, Detections
-from dirprim_filter.evaluation.calibration.evidence import LASTS, SHARE, SPREAD, log_evidence
-from dirprim_filter.evaluation.calibration.pieces import Pieces, pieces_of
 from dirprim_filter.sensor import WIDE, AxisError, Sensor
+from dirprim_filter.track_ids import vehicle_numbers
 
+SPREAD, SHARE, LASTS, SIZE, HOLDS, DIFFER = range(6)
+"""Parameters: of the error log standard deviation, logit of the share that lasts, log seconds that it lasts; of the
+acceleration log standard deviation, log seconds, and standard deviation of the log between pieces."""
+ANYWHERE, ANY_SPEED = 1e4, 1e3
+"""Variances, m^2 and (m/s)^2, of a place and a speed that are not known."""
+NODES, WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
+LONGEST, FEWEST = 50, 12
+"""Detections of a piece."""
+LEAST_STEP_S = 0.09
+"""Detections nearer in time are passed over: pieces would be too short to tell errors that last from white ones."""
+LONGEST_PAUSE_S = 1.0
+MOVING_FROM = 0.5
+"""m/s: of slower vehicles the way has no direction that is worth to be known."""
+BEND_S, MOST_BENDS = 1.6, 3
+"""Seconds of a piece for each degree of the polynomial in time whose course it is unrolled by, and the highest degree:
+of short pieces a course that bends would follow the errors that last."""
+STRAYS = 6.0
+"""Robust standard deviations from the middle of its neighbours, from which on a detection is left out."""
+MAD = 1.4826
 MOST_PIECES, FEWEST_PIECES = 400, 8
 LONGEST_LASTING_S = 2.0
 """Errors that last longer cannot be told from a vehicle's own way within a piece."""
@@ -140,3 +167,118 @@ def _axis(at: FloatArray) -> AxisError:
 
 def _lasts_too_long(at: FloatArray) -> bool:
     return bool(np.exp(at[LASTS]) > 0.98 * LONGEST_LASTING_S and at[SHARE] > np.log(LEAST_SHARE / (1.0 - LEAST_SHARE)))
+
+
+class Pieces(NamedTuple):
+    """Detections of vehicles in motion. (w, n) pieces, the longest first, padded where they are shorter.
+
+    Attributes:
+        step_s: (w, n) seconds since the row before.
+        along: (w, n) metres along the way from the first row.
+        across: (w, n) metres across it, to the left.
+        length: (w,) rows.
+    """
+
+    step_s: FloatArray
+    along: FloatArray
+    across: FloatArray
+    length: IntArray
+
+
+def pieces_of(named: Detections, *, n_most: int, rng: np.random.Generator) -> Pieces:
+    """At most so many pieces, drawn from all that there are.
+
+    Args:
+        named: detections with ids.
+        n_most: how many.
+        rng: which.
+    """
+    vehicle = vehicle_numbers(named.track_id, named.group)
+    order = np.lexsort((named.time_ns, vehicle))
+    vehicle, time_s, place = vehicle[order], (named.time_ns[order] - named.time_ns.min()) * 1e-9, named.position[order]
+    slot = np.floor(time_s / LEAST_STEP_S)
+    kept = (np.diff(slot, prepend=-1.0) != 0) | (np.diff(vehicle, prepend=-1) != 0)
+    vehicle, time_s, place = vehicle[kept], time_s[kept], place[kept]
+    kept = ~_strays(vehicle, time_s, place)
+    vehicle, time_s, place = vehicle[kept], time_s[kept], place[kept]
+    begins = np.flatnonzero((np.diff(vehicle, prepend=-1) != 0) | (np.diff(time_s, prepend=-np.inf) > LONGEST_PAUSE_S))
+    cuts = [np.arange(start, end, LONGEST) for start, end in zip(begins, [*begins[1:], time_s.size], strict=True)]
+    rows = np.split(np.arange(time_s.size), np.concatenate(cuts)[1:])
+    unrolled = [_unrolled(time_s[of], place[of]) for of in rows if of.size >= FEWEST]
+    found = [of for of in unrolled if of is not None]
+    chosen = sorted((found[i] for i in rng.permutation(len(found))[:n_most]), key=len, reverse=True)
+    columns = np.zeros((3, len(chosen), LONGEST))
+    for i, of in enumerate(chosen):
+        columns[:, i, : len(of)] = of.T
+    return Pieces(columns[0], columns[1], columns[2], np.array([len(of) for of in chosen], np.int64))
+
+
+def _strays(vehicle: IntArray, time_s: FloatArray, place: FloatArray) -> BoolArray:
+    """(n,) detections far from where their neighbours in time put them; the worst of three, as one moves the others."""
+    before, after = time_s[1:-1] - time_s[:-2], time_s[2:] - time_s[1:-1]
+    inner = (vehicle[2:] == vehicle[:-2]) & (before + after <= 2.0 * LONGEST_PAUSE_S)
+    share = (after / np.where(inner, before + after, np.inf))[:, None]
+    off = np.zeros(time_s.size)
+    off[1:-1] = np.where(inner, np.hypot(*(place[1:-1] - share * place[:-2] - (1.0 - share) * place[2:]).T), 0.0)
+    usual = MAD * float(np.median(off[1:-1][inner])) if inner.any() else 0.0
+    around = np.maximum(np.append(off[1:], 0.0), np.append(0.0, off[:-1]))
+    return np.asarray((off > STRAYS * max(usual, 1e-3)) & (off >= around))
+
+
+def _unrolled(time_s: FloatArray, place: FloatArray) -> FloatArray | None:
+    """(n, 3) steps in seconds, metres along and across: steps turned by the smooth way's course; None if it stands."""
+    middle = 0.5 * (time_s[0] + time_s[-1])
+    degree = int(np.clip(round((time_s[-1] - time_s[0]) / BEND_S), 1, MOST_BENDS))
+    way = np.polynomial.polynomial.polyfit(time_s - middle, place, degree)
+    slope = np.polynomial.polynomial.polyder(way)
+    between = 0.5 * (time_s[1:] + time_s[:-1]) - middle
+    velocity = np.polynomial.polynomial.polyval(between, slope).T
+    speed = np.hypot(*velocity.T)
+    if speed.min() < MOVING_FROM:
+        return None
+    unit, moved = velocity / speed[:, None], np.diff(place, axis=0)
+    along, across = (moved * unit).sum(axis=1), unit[:, 0] * moved[:, 1] - unit[:, 1] * moved[:, 0]
+    steps = np.column_stack([np.diff(time_s), np.cumsum(along), np.cumsum(across)])
+    return np.concatenate([np.zeros((1, 3)), steps])
+
+
+def log_evidence(step_s: FloatArray, position: FloatArray, length: IntArray, parameters: FloatArray) -> float:
+    """Natural log of the density of all pieces, along one axis.
+
+    Args:
+        step_s: (w, n) seconds since the row before.
+        position: (w, n) metres.
+        length: (w,) rows of each piece, descending.
+        parameters: (6,) as named above.
+    """
+    variance, share = np.exp(2.0 * parameters[SPREAD]), 1.0 / (1.0 + np.exp(-parameters[SHARE]))
+    lasting, white = variance * share, variance * (1.0 - share)
+    moving = np.exp(2.0 * (parameters[SIZE] + parameters[DIFFER] * NODES))[:, None]
+    held, kept = (np.exp(-step_s / np.exp(parameters[of]))[:, None] for of in (HOLDS, LASTS))
+    mean, p = np.zeros((4, NODES.size, length.size)), np.zeros((4, 4, NODES.size, length.size))
+    p[0, 0], p[1, 1], p[2, 2], p[3, 3] = ANYWHERE, ANY_SPEED, moving, lasting
+    log_p = np.zeros((NODES.size, length.size))
+    for i in range(position.shape[1]):
+        n = int(np.count_nonzero(length > i))
+        x, c = mean[..., :n], p[..., :n]
+        if i:
+            decay = held[:n, :, i].T, kept[:n, :, i].T
+            for of in (x, c, c.swapaxes(0, 1)):
+                _advance(of, step_s[:n, i], *decay)
+            c[2, 2] += moving * (1.0 - decay[0] ** 2)
+            c[3, 3] += lasting * (1.0 - decay[1] ** 2)
+        shared = c[0] + c[3]  # with the measurement: the place and the lasting error
+        spread, off = shared[0] + shared[3] + white, position[:n, i] - x[0] - x[3]
+        gain = shared / spread
+        x += gain * off
+        c -= gain[:, None] * shared
+        log_p[:, :n] -= 0.5 * (off**2 / spread + np.log(2.0 * np.pi * spread))
+    return float(logsumexp(log_p, axis=0, b=(WEIGHTS / WEIGHTS.sum())[:, None]).sum())
+
+
+def _advance(state: FloatArray, step_s: FloatArray, held: FloatArray, kept: FloatArray) -> None:
+    """Move place, speed, acceleration and lasting error, in rows, on; the acceleration is held during a step."""
+    state[0] += step_s * state[1] + 0.5 * step_s**2 * state[2]
+    state[1] += step_s * state[2]
+    state[2] *= held
+    state[3] *= kept
