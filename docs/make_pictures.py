@@ -1,6 +1,6 @@
 """Makes the pictures of README and the site from the recordings that ship: `python docs/make_pictures.py`, in the root.
 
-`recordings/roundabout.png` is what `dirprim demo` draws, `recordings/blind.png` what its blind scene does.
+`recordings/roundabout.png` is what `dirprim demo` draws; `make_animation.py` makes that of its blind scene.
 `recordings/viewer.png` is the rerun viewer, without a screen, in the middle of a tracked intersection; it needs a
 Vulkan driver (Debian: mesa-vulkan-drivers). `recordings/gap.png` compares filter and smoother on vehicles that are out
 of sight for three seconds.
@@ -57,13 +57,6 @@ def demo(folder: Path) -> None:
     succeed("demo", "-o", folder / "demo")
     shutil.copy(folder / "demo" / "demo.png", RECORDINGS / "roundabout.png")
     foxglove(folder / "demo" / "tracks.mcap", folder / "demo" / "layout.json")
-
-
-def blind(folder: Path) -> None:
-    """The picture of the demo's blind scene."""
-    succeed("demo", "--scene", "blind", "-o", folder / "blind")
-    drawn = Image.open(folder / "blind" / "demo.png").convert("RGB")
-    drawn.quantize(colors=256).save(RECORDINGS / "blind.png", optimize=True)
 
 
 def foxglove(log: Path, layout: Path) -> None:
@@ -168,6 +161,5 @@ def succeed(*arguments: object) -> None:
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as made:
         demo(Path(made))
-        blind(Path(made))
         viewer(Path(made))
         gap(Path(made))
