@@ -12,7 +12,7 @@ class LearningConfig:
 
     Attributes:
         max_modes: most modes a cell may have of its own. A four-arm junction has up to six manoeuvres in one place.
-        max_place_free_modes: most modes of the place-free primitive.
+        max_background_modes: most modes of the background model.
         standing_speed: m/s; slower rows have no meaningful direction and make the mode for standing vehicles.
         row_interval_s: seconds; rows of a vehicle nearer than this to its last kept row are left out.
         dbscan_eps: radians, the reach of a neighbourhood (the paper's method for the number of modes).
@@ -34,7 +34,7 @@ class LearningConfig:
     """
 
     max_modes: int = 6
-    max_place_free_modes: int = 4
+    max_background_modes: int = 4
     standing_speed: float = 0.3
     row_interval_s: float = 0.2
     dbscan_eps: float = 0.2

@@ -8,7 +8,7 @@ import numpy as np
 from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.distributions import _random as random
 from dirprim_filter.primitives import PrimitiveMap, _motion
-from dirprim_filter.primitives.motion import FLOATS, Motion, joined, place_free_manoeuvres
+from dirprim_filter.primitives.motion import FLOATS, Motion, background_manoeuvres, joined
 from dirprim_filter.primitives.motion_table import motion_table
 from tessellation import GridTessellation
 
@@ -38,7 +38,7 @@ def seeded(key):
 def motion_by_hand(cell, *, transitions=(), strength=NOTHING, course_rate=2.0, turning=0.2, **columns):
     """Manoeuvres of cells, all alike but for the columns given; (before, after, count) of each transition.
 
-    Vehicles keep 10 m/s, without noise; `strength` is next to nothing, so that no place-free manoeuvre is taken up.
+    Vehicles keep 10 m/s, without noise; `strength` is next to nothing, so that no background manoeuvre is taken up.
     """
     n = len(cell)
     wide = {"bend": 2, "gain": 2, "path": 3, "acceleration": 4}
@@ -48,7 +48,7 @@ def motion_by_hand(cell, *, transitions=(), strength=NOTHING, course_rate=2.0, t
     for name, column in columns.items():
         placed[name][:] = column
     placed |= {"cell": np.array(cell), "mode": np.zeros(n, np.int64)}
-    free = place_free_manoeuvres(
+    free = background_manoeuvres(
         share=[1.0],
         log_pace=[0.0],
         log_pace_spread=[1.0],
@@ -75,7 +75,7 @@ def squares(n_x, n_y, motion, *, side=SIDE):
         tessellation=GridTessellation(origin=np.zeros(2), cell_size=side, n_x=n_x, n_y=n_y, square=np.arange(n)),
         direction=VonMisesMixture(weight=column, mean_direction=0 * column, concentration=100.0 * column),
         speed=Gamma(shape=100.0 * column, rate=10.0 * column),
-        n_rows=np.ones(n + 1, np.int64), n_place_free_modes=0, motion=motion,
+        n_rows=np.ones(n + 1, np.int64), n_background_modes=0, motion=motion,
     )  # fmt: skip
 
 
@@ -105,7 +105,7 @@ def ring_road(radius, *, pace, swing, back, shape, side=4.0):
 
 
 def only_places(primitive_map):
-    """The same map, whose place-free manoeuvres no vehicle takes up where a cell has its own."""
+    """The same map, whose background manoeuvres no vehicle takes up where a cell has its own."""
     return replace(primitive_map, motion=replace(primitive_map.motion, strength=NOTHING))
 
 

@@ -54,12 +54,12 @@ def one_cell_map(*, mean=0.0, concentration=1e6, speed=10.0, shape=1e8, side=1e4
         direction=VonMisesMixture(weight=column, mean_direction=mean * column, concentration=concentration * column),
         speed=Gamma(shape=shape * column, rate=shape / speed * column),
         n_rows=np.array([1, 1]),
-        n_place_free_modes=0,
+        n_background_modes=0,
     )
 
 
 def with_ways(primitives, cell, ways):
-    """The map with manoeuvres of these cells, the place-free ones last, and transitions (from, to, how often)."""
+    """The map with manoeuvres of these cells, the background ones last, and transitions (from, to, how often)."""
     free = primitives.motion.without_places()
     n = len(cell) + len(free)
     ways = sorted(ways)

@@ -43,4 +43,4 @@ def tell_if_outside(learned: PrimitiveMap, at: tuple[float, float]) -> None:
     if cells.n_cells:
         nearest = float(np.hypot(*(cells.centers - at).T).min())
         warning += f", {nearest:.0f} m from the centre of the nearest"
-    typer.echo(f"{warning}: the place-free primitive answers", err=True)
+    typer.echo(f"{warning}: the background model answers", err=True)

@@ -26,7 +26,7 @@ def warm_up() -> None:
         direction=VonMisesMixture(weight=two_rows, mean_direction=0.0 * two_rows, concentration=two_rows),
         speed=Gamma(shape=two_rows, rate=two_rows),
         n_rows=np.ones(2, np.int64),
-        n_place_free_modes=0,
+        n_background_modes=0,
     )
     tracker = Tracker(anywhere, config=FilterConfig(n_particles=10), rng=np.random.default_rng(0))
     reported = Detections(

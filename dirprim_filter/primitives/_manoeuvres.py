@@ -1,7 +1,7 @@
 """Compiled: which manoeuvre a particle takes up, and which follows another.
 
 By how often each is driven from a cell, or after the one before, and by how well it fits; where nothing fits, by the
-place-free ones.
+background ones.
 """
 
 import math
@@ -49,11 +49,11 @@ class Candidates(NamedTuple):
     begin: IntArray  # (2 n_cells + 1,) the first eight of each
     field: SingleArray  # (k, N_FIELDS * LANES)
     number: IntArray  # (k, LANES) of the manoeuvre; the eight are filled up with any, of weight 0
-    free: SingleArray  # (4, m, LANES) of place-free ones: log pace, 1 / its spread, rate if in motion, rate if standing
+    free: SingleArray  # (4, m, LANES) of background ones: log pace, 1 / its spread, rate if in motion, rate if standing
 
 
 class MotionTable(NamedTuple):
-    """A map's motion as the kernels take it; the last rows are the place-free manoeuvres'."""
+    """A map's motion as the kernels take it; the last rows are the background manoeuvres'."""
 
     locator: Locator
     candidates: Candidates
@@ -63,7 +63,7 @@ class MotionTable(NamedTuple):
     first: IntArray  # (z + 1,)
     following: IntArray  # (t,)
     count: FloatArray  # type: ignore[assignment]  # (t,), not the method of tuples
-    most: int  # eights of a cell, or of place-free ones
+    most: int  # eights of a cell, or of background ones
     course_rate: float
     push_rate: float
     strength: float
@@ -98,7 +98,7 @@ def weigh_candidates(
     """How often each manoeuvre of a cell is driven, times how well course, pace and path fit it; -> their sum.
 
     Fills the cumulative sums of these weights, (m, LANES). How well is the density of the manoeuvre divided by the
-    place-free one: Student's t of three variables with `DEGREES` of freedom, for a vehicle that fits none well still
+    background one: Student's t of three variables with `DEGREES` of freedom, for a vehicle that fits none well still
     follows the road.
     """
     extent = may.center[cell, 2]
@@ -129,7 +129,7 @@ def take_up(
     table: MotionTable, before: int, cell: int, x: float, y: float, direction: float, speed: float, rate: int,
     weight: SingleArray, state: UIntArray,
 ) -> int:  # fmt: skip
-    """A manoeuvre of the cell by how often it is driven and how well it fits, or a place-free one.
+    """A manoeuvre of the cell by how often it is driven and how well it fits, or a background one.
 
     Args:
         table: the map.
@@ -174,7 +174,7 @@ def chosen(cumulative: SingleArray, left: float) -> int:
 def weigh_free_eight(
     mean: SingleArray, by_pace: SingleArray, often: SingleArray, log_pace: float, out: SingleArray
 ) -> None:
-    """How often place-free manoeuvres are driven, times how well the pace fits them."""
+    """How often background manoeuvres are driven, times how well the pace fits them."""
     for k in range(out.size):
         off = (log_pace - mean[k]) * by_pace[k]
         out[k] = often[k] * exp_single(max(-_HALF * off * off, _LEAST))
@@ -182,7 +182,7 @@ def weigh_free_eight(
 
 @njit(**EXACT | INLINED)
 def leave_places(table: MotionTable, before: int, speed: float, weight: SingleArray, state: UIntArray) -> int:
-    """A place-free manoeuvre: that which follows another such, or else any of about that speed."""
+    """A background manoeuvre: that which follows another such, or else any of about that speed."""
     row, first, following, count = table.row, table.first, table.following, table.count
     n_placed, stands, total = table.begin[-1], speed < STANDING_BELOW, 0.0
     if before >= n_placed:

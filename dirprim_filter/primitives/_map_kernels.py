@@ -25,7 +25,7 @@ N_COLUMNS = 14
 
 
 class MapTable(NamedTuple):
-    """A map's parameters and what normalises them, as the kernels take them; row -1 is place-free."""
+    """A map's parameters and what normalises them, as the kernels take them; row -1 is background."""
 
     locator: Locator
     center: FloatArray  # (n_cells + 1, 2)
@@ -74,7 +74,7 @@ def log_densities(
 
 @njit(**COMPILED | INLINED)
 def mode_of(table: MapTable, cell: int, u: float) -> int:
-    """The mode of a cell, or of the place-free row -1, whose cumulative weight exceeds an even draw from [0, 1)."""
+    """The mode of a cell, or of the background row -1, whose cumulative weight exceeds an even draw from [0, 1)."""
     j, last = table.first[cell], table.last[cell] - 1
     while j < last and table.mode[j, CUMULATIVE] <= u:
         j += 1

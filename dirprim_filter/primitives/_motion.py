@@ -59,7 +59,7 @@ class Step(NamedTuple):
     push_kept: float
     turned_by: float  # standard deviations, in those of the manoeuvre
     pushed_by: float
-    root: float  # of h: a place-free course is a random walk
+    root: float  # of h: a background course is a random walk
 
 
 class Block(NamedTuple):
@@ -157,7 +157,7 @@ def _gather(table: MotionTable, step: Step, block: Block, room: FloatArray) -> N
         room[OFF, i] = direction[i] - row[z, COURSE] - row[z, BEND_E] * east - row[z, BEND_N] * north
         room[STRETCH, i] = moves * (1.0 + row[z, LONGER])
         room[TURN_E, i], room[TURN_N, i], room[TURN_0, i] = row[z, BEND_E], row[z, BEND_N], row[z, CURVATURE]
-        keeps = row[z, KEEPS]  # 1 for a place-free manoeuvre, which has no course to come back to
+        keeps = row[z, KEEPS]  # 1 for a background manoeuvre, which has no course to come back to
         room[BACK, i] = moves * (1.0 - keeps) * (1.0 - step.course_kept)
         wanders = step.turned_by + keeps * (step.root - step.turned_by)
         room[NOISE, i] = moves * row[z, TURNING] * wanders * min(v, 1.0)

@@ -1,4 +1,4 @@
-"""A map assembled: cells that are laid out, what was fitted in each, and the place-free primitive beside it."""
+"""A map assembled: cells that are laid out, what was fitted in each, and the background model beside it."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.distributions import Gamma, VonMisesMixture
+from dirprim_filter.primitives.background import Background
 from dirprim_filter.primitives.cell_model import PrimitiveCells, fitted
-from dirprim_filter.primitives.place_free import PlaceFree
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.recipe import Recipe
 from dirprim_filter.primitives.rows import CellRows, TrackRows
@@ -42,33 +42,33 @@ def fit_cells(rows: TrackRows, layout: Layout, recipe: Recipe) -> PrimitiveCells
     return fitted(gather(rows, layout, recipe), recipe)
 
 
-def place_free_share(n_vehicles: FloatArray, strength: FloatArray | float) -> FloatArray:
-    """The weight of the place-free primitive in a cell that `n_vehicles` passed, entering as `strength` vehicles."""
+def background_share(n_vehicles: FloatArray, strength: FloatArray | float) -> FloatArray:
+    """The weight of the background model in a cell that `n_vehicles` passed, entering as `strength` vehicles."""
     return np.asarray(strength / (n_vehicles + strength))
 
 
-def assemble(cells: Tessellation, fits: PrimitiveCells, free: PlaceFree, strength: float) -> PrimitiveMap:
-    """A map before its motion is learned: of each cell its own modes, heaviest first, then the place-free ones.
+def assemble(cells: Tessellation, fits: PrimitiveCells, background: Background, strength: float) -> PrimitiveMap:
+    """A map before its motion is learned: of each cell its own modes, heaviest first, then the background ones.
 
     Args:
         cells: (n,) of the map.
         fits: what each holds.
-        free: the place-free primitive.
+        background: the background model.
         strength: pseudo-vehicles with which it enters each cell.
     """
     n = len(fits.center)
     used = max(int((fits.weight > 0).sum(axis=1).max(initial=0)), 1)
     order = np.argsort(-fits.weight, axis=1, kind="stable")[:, :used]
-    free_column = dict(zip(free._fields, free, strict=True))
+    of_name = dict(zip(background._fields, background, strict=True))
 
     def column(name: str, filler: float) -> FloatArray:
-        """The cells' modes in motion, the one for standing, and place-free modes; last the place-free row."""
+        """The cells' modes in motion, the one for standing, and background modes; last the background row."""
         own = np.take_along_axis(getattr(fits, name), order, axis=1)
-        of_free = np.asarray(free_column.get(name, np.zeros_like(free.weight)))
-        placed = np.hstack([own, np.full((n, 1), of_free[-1])])
-        return np.hstack([np.vstack([placed, np.full(placed.shape[1], filler)]), np.tile(of_free, (n + 1, 1))])
+        of_background = np.asarray(of_name.get(name, np.zeros_like(background.weight)))
+        placed = np.hstack([own, np.full((n, 1), of_background[-1])])
+        return np.hstack([np.vstack([placed, np.full(placed.shape[1], filler)]), np.tile(of_background, (n + 1, 1))])
 
-    share = place_free_share(fits.n_vehicles, strength)[:, None]
+    share = background_share(fits.n_vehicles, strength)[:, None]
     weight = column("weight", 0.0)
     weight[:n, :used] *= (1 - fits.standing)[:, None]
     weight[:n, used] = fits.standing
@@ -83,7 +83,7 @@ def assemble(cells: Tessellation, fits: PrimitiveCells, free: PlaceFree, strengt
         ),
         speed=Gamma(shape=column("shape", 1.0), rate=column("rate", 1.0)),
         n_rows=np.append(n_rows, n_rows.sum()),
-        n_place_free_modes=free.weight.size,
+        n_background_modes=background.weight.size,
         bend=np.stack([column("bend_east", 0.0), column("bend_north", 0.0)], axis=-1),
         gain=np.stack([column("gain_east", 0.0), column("gain_north", 0.0)], axis=-1),
     )

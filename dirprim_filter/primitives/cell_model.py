@@ -9,15 +9,15 @@ import numpy as np
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions import von_mises
 from dirprim_filter.primitives._modes import Modes
+from dirprim_filter.primitives.background import Background
 from dirprim_filter.primitives.fitting import fit_all
 from dirprim_filter.primitives.mode_table import ModeTable
-from dirprim_filter.primitives.place_free import PlaceFree
 from dirprim_filter.primitives.recipe import Recipe, Usual
 from dirprim_filter.primitives.rows import CellRows, TrackRows
 from tessellation.protocols import Members
 
-PLACE_FREE_VEHICLES = 1.0
-"""Pseudo-vehicles with which the place-free primitive enters a cell while the cells are looked for."""
+BACKGROUND_VEHICLES = 1.0
+"""Pseudo-vehicles with which the background model enters a cell while the cells are looked for."""
 LEAST_SPEED = 1e-3
 """m/s; slower rows are taken for so fast, for at 0 a gamma's density is 0 or without bound."""
 MIN_MODE_VEHICLES = 3.0
@@ -25,7 +25,7 @@ MIN_MODE_VEHICLES = 3.0
 
 
 class PrimitiveCells(NamedTuple):
-    """What the fit found in each cell, before the place-free primitive enters."""
+    """What the fit found in each cell, before the background model enters."""
 
     weight: FloatArray  # (n_cells, K) of modes in motion, as in `_modes.Modes`; 0 where a cell has fewer
     mean: FloatArray
@@ -63,16 +63,16 @@ class PrimitiveCells(NamedTuple):
 
 
 class PrimitiveModel(NamedTuple):
-    """Directional primitives of cells, leaning on the place-free one."""
+    """Directional primitives of cells, leaning on the background one."""
 
     recipe: Recipe
-    free: PlaceFree
-    free_log_density: FloatArray  # (n,) log density of each row by the place-free primitive
+    background: Background
+    background_log_density: FloatArray  # (n,) log density of each row by the background model
 
     @classmethod
-    def of(cls, rows: TrackRows, recipe: Recipe, free: PlaceFree) -> PrimitiveModel:
+    def of(cls, rows: TrackRows, recipe: Recipe, background: Background) -> PrimitiveModel:
         """The model of these rows' cells."""
-        return cls(recipe, free, free.log_density(rows, np.maximum(rows.speed, LEAST_SPEED)))
+        return cls(recipe, background, background.log_density(rows, np.maximum(rows.speed, LEAST_SPEED)))
 
     def fit(self, position: FloatArray, data: TrackRows, members: Members) -> PrimitiveCells:
         """Every cell's modes; see `tessellation.CellModel`. `position` may be from another origin than the rows'."""
@@ -94,12 +94,12 @@ class PrimitiveModel(NamedTuple):
     def log_density(
         self, cells: PrimitiveCells, position: FloatArray, data: TrackRows, row: IntArray, cell: IntArray
     ) -> FloatArray:
-        """Of direction and speed of each row in a cell, with the place-free primitive's part."""
+        """Of direction and speed of each row in a cell, with the background model's part."""
         speed = np.maximum(data.speed[row], LEAST_SPEED)
-        own = cells.log_density(cell, position[row], data.direction[row], speed, float(self.free.rate[-1]))
-        share = PLACE_FREE_VEHICLES / (cells.n_vehicles + PLACE_FREE_VEHICLES)
+        own = cells.log_density(cell, position[row], data.direction[row], speed, float(self.background.rate[-1]))
+        share = BACKGROUND_VEHICLES / (cells.n_vehicles + BACKGROUND_VEHICLES)
         with np.errstate(divide="ignore"):
-            return np.logaddexp(np.log1p(-share)[cell] + own, np.log(share)[cell] + self.free_log_density[row])
+            return np.logaddexp(np.log1p(-share)[cell] + own, np.log(share)[cell] + self.background_log_density[row])
 
 
 def fitted(cells: CellRows, recipe: Recipe, near: Modes | None = None) -> PrimitiveCells:

@@ -12,9 +12,9 @@ import numpy as np
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.primitives.assembly import Layout
+from dirprim_filter.primitives.background import Background
 from dirprim_filter.primitives.cell_model import PrimitiveModel
 from dirprim_filter.primitives.choice import with_usual
-from dirprim_filter.primitives.place_free import PlaceFree
 from dirprim_filter.primitives.recipe import Recipe
 from dirprim_filter.primitives.rows import TrackRows
 from tessellation import GridTessellation, Tessellation, VoronoiTessellation, fit_jointly
@@ -29,7 +29,7 @@ Progress = Callable[[int, float], None]
 
 
 def layouts_of(
-    rows: TrackRows, tessellation: str | Tessellation, recipe: Recipe, free: PlaceFree, *,
+    rows: TrackRows, tessellation: str | Tessellation, recipe: Recipe, background: Background, *,
     cell_size: float | None, n_cells: int | None, progress: Progress | None, rng: np.random.Generator,
 ) -> list[Layout]:  # fmt: skip
     """The cells to choose from; joint ones are chosen as they are laid out."""
@@ -45,7 +45,7 @@ def layouts_of(
         n_cells = GridTessellation.covering(position, cell_size=cell_size).n_cells
     if tessellation == "voronoi":
         return _lay_out_evenly(rows, n_cells, config, rng=rng)
-    return [_lay_out_jointly(rows, n_cells, recipe, free, progress=progress, rng=rng)]
+    return [_lay_out_jointly(rows, n_cells, recipe, background, progress=progress, rng=rng)]
 
 
 def _lay_out_evenly(
@@ -63,7 +63,7 @@ def _even_cells(rows: TrackRows, rows_per_cell: float) -> int:
 
 
 def _lay_out_jointly(
-    rows: TrackRows, n_cells: int | None, recipe: Recipe, free: PlaceFree, *, progress: Progress | None,
+    rows: TrackRows, n_cells: int | None, recipe: Recipe, background: Background, *, progress: Progress | None,
     rng: np.random.Generator,
 ) -> Layout:  # fmt: skip
     """Cells learned together with the primitives."""
@@ -71,8 +71,8 @@ def _lay_out_jointly(
     few = rows.some(TRIAL_ROWS, rng=rng)
     n_even = _even_cells(few, config.rows_per_cell[0])
     even = VoronoiTessellation.lloyd(few.position, n_cells=n_even, rng=rng, reach=few.scale.reach_m)
-    recipe = with_usual(few, Layout(even, SOFTNESS), recipe, free)
-    model = PrimitiveModel.of(rows, recipe._replace(thorough=False), free)
+    recipe = with_usual(few, Layout(even, SOFTNESS), recipe, background)
+    model = PrimitiveModel.of(rows, recipe._replace(thorough=False), background)
     found = fit_jointly(
         model, rows.position, rows, group=rows.group, reach=rows.scale.reach_m, n_cells=n_cells, softness=SOFTNESS,
         progress=progress, rng=rng,

@@ -18,8 +18,8 @@ from dirprim_filter.primitives import _leader
 from dirprim_filter.primitives._leader import FAR_M, SLOW, STARTS_BEHIND_M
 from dirprim_filter.primitives._manoeuvres import STANDING_BELOW
 from dirprim_filter.primitives.leader import N_FEATURES, N_PACES, LeaderResponse
+from dirprim_filter.primitives.motion import PUSHED_SHARE
 from dirprim_filter.primitives.motion_sums import Regression
-from dirprim_filter.primitives.place_free_motion import PUSHED_SHARE
 from dirprim_filter.track_ids import world_names
 from dirprim_filter.tracks import Tracks
 
@@ -91,9 +91,6 @@ class LeaderSums(NamedTuple):
 
     def __add__(self, other: LeaderSums) -> LeaderSums:  # type: ignore[override]
         return LeaderSums(*(a + b for a, b in zip(self, other, strict=True)))  # type: ignore[operator]
-
-    def __sub__(self, other: LeaderSums) -> LeaderSums:
-        return LeaderSums(*(a - b for a, b in zip(self, other, strict=True)))  # type: ignore[operator]
 
     def response(self) -> LeaderResponse:
         """The response that follows from the sums; none where it does not improve predictions of held-out drivers."""

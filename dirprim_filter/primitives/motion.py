@@ -22,11 +22,13 @@ CREEP = 0.3
 PUSH_RATE = 0.5
 """1/s: rate at which a vehicle's own acceleration decays."""
 JUMP_S = 1.0
-"""Seconds after which a place-free vehicle may change its manoeuvre."""
+"""Seconds after which a background vehicle may change its manoeuvre."""
+PUSHED_SHARE = 0.85
+"""Of the variance of a vehicle's own acceleration, what its mean over a second has at `PUSH_RATE`."""
 REVERSION = 0.2
 """1/s, reversion of the speed to its mode's where there are no visits."""
 ANYWHERE_PUSH, ANYWHERE_TURNING = 1.0, 0.2
-"""m/s^2, and radians in the square root of a second: place-free motion without a log."""
+"""m/s^2, and radians in the square root of a second: background motion without a log."""
 START_RATE = 0.1
 """1/s: rate at which standing vehicles start, without a log."""
 WIDE_M = 3.0
@@ -37,18 +39,18 @@ ASSUMED_VISITS = 100.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Motion:
-    """Manoeuvres in order of their cells; the place-free ones are last.
+    """Manoeuvres in order of their cells; the background ones are last.
 
     Linear fields are of the offset from the cell's centre, metres east and north.
 
     Attributes:
-        cell: (z,) ascending; -1 for the place-free manoeuvres, which come last.
+        cell: (z,) ascending; -1 for the background manoeuvres, which come last.
         mode: (z,) which column of the map's modes.
         visits: (z,) how many were seen.
         seconds: (z,) how long they lasted together.
         course: (z,) radians, at the centre; of no meaning where `start_rate` is positive or the cell is -1.
         bend: (z, 2) rad/m, its field.
-        course_spread: (z,) radians between vehicles; of place-free manoeuvres radians in the square root of a second.
+        course_spread: (z,) radians between vehicles; of background manoeuvres radians in the square root of a second.
         log_pace: (z,) log of speed + 0.3 m/s, at the centre.
         gain: (z, 2) 1/m, its field.
         log_pace_spread: (z,).
@@ -60,13 +62,12 @@ class Motion:
         stretch: (z,) distance driven over the integral of speed; speedometers and curbs differ from place to place.
         start_rate: (z,) 1/s, rate at which standing vehicles start; 0 for manoeuvres in motion.
         turn_ahead: (z,) radians by which vehicles have turned `AHEAD_S` later.
-        curvature: (z,) 1/m, of place-free manoeuvres; the others turn by their bend.
+        curvature: (z,) 1/m, of background manoeuvres; the others turn by their bend.
         first: (z + 1,) transitions of manoeuvre z are those from first[z] to first[z + 1].
-        following: (t,) the manoeuvre that followed: in the next cell, or of place-free ones `JUMP_S` later.
+        following: (t,) the manoeuvre that followed: in the next cell, or of background ones `JUMP_S` later.
         count: (t,) how often.
         course_rate: 1/s, rate at which a vehicle's deviation from the course of its manoeuvre decays.
-        strength: weight of a place-free manoeuvre against those of a cell, in visits.
-        spread: by how much `course_spread` and `push` are wider than those of the visits.
+        strength: weight of a background manoeuvre against those of a cell, in visits.
         leader: the response to leaders; None where it was not learned.
 
     Raises:
@@ -98,7 +99,6 @@ class Motion:
     count: FloatArray
     course_rate: float = 2.0
     strength: float = 1.0
-    spread: float = 1.0
     leader: LeaderResponse | None = None
 
     def __post_init__(self) -> None:
@@ -116,7 +116,7 @@ class Motion:
         for name in AMOUNTS:
             if (getattr(self, name) < 0).any():
                 raise ValueError(f"{name}: expected no negative numbers, got {getattr(self, name).min()}")
-        for name in ("course_rate", "strength", "spread"):
+        for name in ("course_rate", "strength"):
             if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0):
                 raise ValueError(f"{name}: expected a positive number, got {getattr(self, name)}")
 
@@ -129,7 +129,7 @@ class Motion:
         return int(np.count_nonzero(self.cell >= 0))
 
     def without_places(self) -> Motion:
-        """The place-free manoeuvres alone."""
+        """The background manoeuvres alone."""
         n = self.n_placed
         columns = {name: getattr(self, name)[n:] for name in (*FLOATS, "cell", "mode")}
         first = self.first[n:] - self.first[n]
@@ -149,7 +149,7 @@ class Motion:
         anywhere = np.nonzero(direction.weight[-1])[0]
         fast = anywhere[mean[-1, anywhere] >= CREEP]
         moving = float(direction.weight[-1, fast].sum())
-        free = unlearned_place_free(
+        free = unlearned_background(
             share=moving, standing=float(direction.weight[-1].sum()) - moving, start_rate=START_RATE
         )
         weight, heading = direction.weight[of_cell, of_mode], direction.mean_direction[of_cell, of_mode]
@@ -183,7 +183,7 @@ def require_passages(cell: IntArray, first: IntArray, following: IntArray) -> No
     """
     n, placed = cell.size, cell[cell >= 0]
     if n < placed.size + 2 or (np.diff(placed) < 0).any() or (cell[placed.size :] != -1).any():
-        raise ValueError("cell: expected cells in ascending order, then -1 for two place-free manoeuvres at least")
+        raise ValueError("cell: expected cells in ascending order, then -1 for two background manoeuvres at least")
     grows = (first[1:] >= first[:-1]).all()
     ordered = first[0] == 0 and first[-1] == following.size and grows
     if not ordered or ((following < 0) | (following >= n)).any():
@@ -203,20 +203,20 @@ def joined(one: dict[str, FloatArray], other: dict[str, FloatArray]) -> dict[str
     return {name: np.concatenate([one[name], other[name]]) for name in (*FLOATS, "cell", "mode")}
 
 
-def unlearned_place_free(*, share: float, standing: float, start_rate: float) -> dict[str, FloatArray]:
-    """Place-free manoeuvres where no log says how vehicles move: straight on, or standing."""
-    return place_free_manoeuvres(
+def unlearned_background(*, share: float, standing: float, start_rate: float) -> dict[str, FloatArray]:
+    """Background manoeuvres where no log says how vehicles move: straight on, or standing."""
+    return background_manoeuvres(
         share=[share], log_pace=[0.0], log_pace_spread=[1.0], acceleration=[[0.0, 0.0]], push=[ANYWHERE_PUSH],
         turning=[ANYWHERE_TURNING], curvature=[0.0], standing=standing, start_rate=start_rate,
     )  # fmt: skip
 
 
-def place_free_manoeuvres(
+def background_manoeuvres(
     *, share: npt.ArrayLike = (), log_pace: npt.ArrayLike = (), log_pace_spread: npt.ArrayLike = (),
     acceleration: npt.ArrayLike = (), push: npt.ArrayLike = (), turning: npt.ArrayLike = (),
     curvature: npt.ArrayLike = (), standing: float, start_rate: float,
 ) -> dict[str, FloatArray]:  # fmt: skip
-    """Manoeuvres of no place: k in motion, of which the last goes straight on, and then that of vehicles that stand.
+    """Manoeuvres of no place: k in motion, and then that of vehicles that stand.
 
     Args:
         share: (k,) how often vehicles move like each.

@@ -11,10 +11,10 @@ from scipy.sparse import block_diag, csr_array
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.primitives import _clustering
 from dirprim_filter.primitives._modes import Modes
+from dirprim_filter.primitives.background import MOST_ROWS, Background
 from dirprim_filter.primitives.mode_table import ModeTable
-from dirprim_filter.primitives.motion import CREEP, Motion, joined
+from dirprim_filter.primitives.motion import CREEP, PUSHED_SHARE, Motion, joined
 from dirprim_filter.primitives.motion_sums import MotionSums, pace_field
-from dirprim_filter.primitives.place_free_motion import PUSHED_SHARE, learn_place_free
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.rows import TrackRows
 from dirprim_filter.primitives.visits import Visits
@@ -50,8 +50,6 @@ SPREAD = 1.8
 """By how much vehicles stray further than those that a manoeuvre was fitted to. On five logs the 90 % region of
 forecasts holds 84 to 90 % by 1.4, 87 to 91 % by 1.7 and 88 to 92 % by 2, but for few vehicles and noisy starts; the
 energy score differs by 1 %. Chosen for each log it would be too small: its cells have seen who is held out."""
-MOST_ROWS = 300_000
-"""Of vehicles drawn at random: of so many rows every manoeuvre has been seen often."""
 
 
 class Labels(NamedTuple):
@@ -62,12 +60,15 @@ class Labels(NamedTuple):
     mode: IntArray  # (z,)
 
 
-def learn_motion(primitives: PrimitiveMap, rows: TrackRows, *, rng: np.random.Generator) -> Motion:
+def learn_motion(
+    primitives: PrimitiveMap, rows: TrackRows, background: Background, *, rng: np.random.Generator
+) -> Motion:
     """The motion of a map's vehicles.
 
     Args:
         primitives: the map; its own motion is not looked at.
         rows: observations sorted by vehicle and time.
+        background: of the rows.
         rng: draws rows where there are many, and the order of grouping.
     """
     visits = Visits.of(rows.some(MOST_ROWS, rng=rng), primitives.tessellation)
@@ -75,7 +76,7 @@ def learn_motion(primitives: PrimitiveMap, rows: TrackRows, *, rng: np.random.Ge
         return primitives.motion
     labels = label_visits(primitives, visits, rng=rng)
     sums = MotionSums.of(visits, *labels, primitives)
-    return motion_of(sums, labels, primitives, learn_place_free(visits, rng=rng))
+    return motion_of(sums, labels, primitives, background)
 
 
 def label_visits(
@@ -131,16 +132,14 @@ def modes_of(primitives: PrimitiveMap, visits: Visits) -> IntArray:
     return np.asarray(np.where(visits.stands, n_own - 1, np.argmax(total, axis=0)), np.int64)
 
 
-def motion_of(
-    sums: MotionSums, labels: Labels, primitives: PrimitiveMap, place_free: tuple[dict[str, FloatArray], csr_array]
-) -> Motion:
+def motion_of(sums: MotionSums, labels: Labels, primitives: PrimitiveMap, background: Background) -> Motion:
     """Motion from sums over visits.
 
     Args:
         sums: of z manoeuvres.
         labels: of which cells and modes they are.
         primitives: what the sums deviate from.
-        place_free: columns of the place-free manoeuvres, and how often one followed the other.
+        background: of the same vehicles.
     """
     cell, mode = labels.cell, labels.mode
     field = _fields(sums, labels, primitives)
@@ -160,14 +159,13 @@ def motion_of(
         "turn_ahead": sums.turned / np.maximum(sums.turns, 1e-9), "curvature": np.zeros(cell.size),
         **_spreads(_mean_squares(sums, field), sums.visits, stands),
     }  # fmt: skip
-    free, jumps = place_free
-    transition = csr_array(block_diag([sums.transition, jumps], format="csr"))
+    transition = csr_array(block_diag([sums.transition, background.following], format="csr"))
     transition.sum_duplicates()
     transition.eliminate_zeros()
     return Motion(
-        **joined(placed, free), first=transition.indptr.astype(np.int64),
+        **joined(placed, background.manoeuvres), first=transition.indptr.astype(np.int64),
         following=transition.indices.astype(np.int64), count=transition.data.astype(np.float64),
-        strength=STRENGTH, spread=SPREAD,
+        strength=STRENGTH,
     )  # fmt: skip
 
 

@@ -1,11 +1,13 @@
 """What motion is learned from: sums over visits, in which every visit counts once.
 
-Sums of two logs, given the same cells, modes and labels, are the sums of both: they can be added and taken away.
+Sums of two logs, given the same cells, modes and labels, add to the sums of both.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple, Self
+from functools import reduce
+from operator import add
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -100,114 +102,81 @@ class MotionSums(NamedTuple):
         """
         n, of_instant, known = cell.size, visits.of_instant, label >= 0
         rows = np.flatnonzero(known[of_instant])
-        changes, share = _Changes.of(visits), visits.weight / (visits.end - visits.begin)
-        sums = _InstantSums.none(n)
-        for a in range(0, rows.size, AT_ONCE):
-            at = rows[a : a + AT_ONCE]
-            sums += _InstantSums.of(
-                visits, changes, at, share=share[of_instant[at]], z=label[of_instant[at]], manoeuvres=(cell, mode),
-                primitives=primitives,
-            )  # fmt: skip
+        changes, share = _changes(visits), visits.weight / (visits.end - visits.begin)
+        parts = [
+            _of_instants(
+                visits, at, changes=changes[:, at], share=share[of_instant[at]], z=label[of_instant[at]], cell=cell,
+                mode=mode, primitives=primitives,
+            )
+            for at in (rows[a : a + AT_ONCE] for a in range(0, max(rows.size, 1), AT_ONCE))
+        ]  # fmt: skip
+        sums = [reduce(add, of) for of in zip(*parts, strict=True)]
         follows = visits.follows() & known & np.append(known[1:], np.zeros(min(len(visits), 1), np.bool_))
         pair = label[:-1][follows[:-1]], label[1:][follows[:-1]]
 
         def total(column: FloatArray) -> FloatArray:
             return _totals(label[known], (visits.weight * column)[known], n)
 
-        return cls(
-            total(np.ones(len(visits))), total(visits.seconds), total(visits.follows().astype(np.float64)), *sums,
-            transition=csr_array((visits.weight[:-1][follows[:-1]], pair), shape=(n, n)),
-        )  # fmt: skip
+        transition = csr_array((visits.weight[:-1][follows[:-1]], pair), shape=(n, n))
+        once, left = np.ones(len(visits)), visits.follows().astype(np.float64)
+        columns: list[Any] = [total(once), total(visits.seconds), total(left), *sums, transition]
+        return cls(*columns)
 
     def __add__(self, other: MotionSums) -> MotionSums:  # type: ignore[override]
         return MotionSums(*(a + b for a, b in zip(self, other, strict=True)))  # type: ignore[operator]
 
-    def __sub__(self, other: MotionSums) -> MotionSums:
-        return MotionSums(*(a - b for a, b in zip(self, other, strict=True)))  # type: ignore[operator]
+
+def _changes(visits: Visits) -> FloatArray:
+    """(4, n) what changes from each instant on; NaN where that is not seen.
+
+    How far vehicles turn in `AHEAD_S`, what the speed gains next, and over `PUSHED_OVER_S`, m/s^2, and the stretch.
+    """
+    return np.stack([
+        _change(visits, visits.course, AHEAD_S, is_angle=True),
+        _change(visits, visits.speed, NEXT_S) / visits.lag_s(NEXT_S),
+        _change(visits, visits.speed, PUSHED_OVER_S) / visits.lag_s(PUSHED_OVER_S), _stretch(visits),
+    ])  # fmt: skip
 
 
-class _Changes(NamedTuple):
-    """What changes from an instant on, (n,) each; NaN where that is not seen."""
+def _of_instants(
+    visits: Visits, at: IntArray, *, changes: FloatArray, share: FloatArray, z: IntArray, cell: IntArray,
+    mode: IntArray, primitives: PrimitiveMap,
+) -> tuple[Any, ...]:  # fmt: skip
+    """Sums of some instants, `MotionSums` from `turned` to `stretch`.
 
-    turn: FloatArray  # radians, in `AHEAD_S`
-    acceleration: FloatArray  # m/s^2, what the speed gains next
-    pushed: FloatArray  # m/s^2, over `PUSHED_OVER_S`
-    stretch: FloatArray
-
-    @classmethod
-    def of(cls, visits: Visits) -> Self:
-        """Of all instants."""
-        return cls(
-            _change(visits, visits.course, AHEAD_S, is_angle=True),
-            _change(visits, visits.speed, NEXT_S) / visits.lag_s(NEXT_S),
-            _change(visits, visits.speed, PUSHED_OVER_S) / visits.lag_s(PUSHED_OVER_S), _stretch(visits),
-        )  # fmt: skip
-
-
-class _InstantSums(NamedTuple):
-    """Sums over instants; see `MotionSums`, whose middle they are."""
-
-    turned: FloatArray
-    turns: FloatArray
-    course: Regression
-    log_pace: Regression
-    path: Regression
-    acceleration: Regression
-    pushed: Regression
-    stretch: Regression
-
-    @classmethod
-    def none(cls, n: int) -> Self:
-        """Of n manoeuvres."""
-        empty = np.empty(0)
-        return cls(
-            np.zeros(n), np.zeros(n),
-            *(Regression.of(np.empty((0, p)), empty, empty, empty.astype(np.int64), n) for p in (3, 3, 3, 4, 4, 1)),
-        )  # fmt: skip
-
-    @classmethod
-    def of(
-        cls, visits: Visits, changes: _Changes, at: IntArray, *, share: FloatArray, z: IntArray,
-        manoeuvres: tuple[IntArray, IntArray], primitives: PrimitiveMap,
-    ) -> Self:  # fmt: skip
-        """Of some instants.
-
-        Args:
-            visits: to cells.
-            changes: from all instants on.
-            at: (i,) which instants.
-            share: (i,) of a visit.
-            z: (i,) their manoeuvres.
-            manoeuvres: cell and mode of each, (n,).
-            primitives: as for `MotionSums.of`.
-        """
-        cell, mode = manoeuvres
-        n, speed, there = cell.size, visits.speed[at], (cell[z], mode[z])
-        driven = share * np.clip(speed, SLOWEST_COURSE, 1.0)
-        mean_direction = primitives.direction.mean_direction[there]
-        mean_speed = primitives.speed.shape[there] / primitives.speed.rate[there]
-        offset = visits.position[at] - primitives.centers[there[0]]
-        one = np.ones(z.size)
-        place = np.column_stack([one, offset])
-        of_mode = np.column_stack([mean_direction, primitives.bend[there]])
-        off_course = difference(visits.course[at], (place * of_mode).sum(axis=1))
-        gained = np.column_stack([np.log(mean_speed + CREEP), pace_field(primitives, *there)])
-        off_pace = np.log(speed + CREEP) - (place * gained).sum(axis=1)
-        cosine, sine = np.cos(mean_direction), np.sin(mean_direction)
-        along = cosine * offset[:, 0] + sine * offset[:, 1]
-        across = cosine * offset[:, 1] - sine * offset[:, 0]
-        state = np.column_stack([place, speed - mean_speed])
-        turn, acceleration, pushed, stretch = (column[at] for column in changes)
-        return cls(
-            _totals(z, np.nan_to_num(driven * turn), n), _totals(z, np.where(np.isfinite(turn), driven, 0.0), n),
-            Regression.of(place, off_course, driven, z, n), Regression.of(place, off_pace, share, z, n),
-            Regression.of(np.column_stack([one, along, along**2]), across, driven, z, n),
-            Regression.of(state, acceleration, share, z, n), Regression.of(state, pushed, share, z, n),
-            Regression.of(one[:, None], stretch, share, z, n),
-        )  # fmt: skip
-
-    def __add__(self, other: _InstantSums) -> _InstantSums:  # type: ignore[override]
-        return _InstantSums(*(a + b for a, b in zip(self, other, strict=True)))  # type: ignore[operator]
+    Args:
+        visits: to cells.
+        at: (i,) which instants.
+        changes: (4, i) from them on, see `_changes`.
+        share: (i,) of a visit.
+        z: (i,) their manoeuvres.
+        cell: (n,) of each manoeuvre.
+        mode: (n,) of each manoeuvre.
+        primitives: as for `MotionSums.of`.
+    """
+    n, speed, there = cell.size, visits.speed[at], (cell[z], mode[z])
+    driven = share * np.clip(speed, SLOWEST_COURSE, 1.0)
+    mean_direction = primitives.direction.mean_direction[there]
+    mean_speed = primitives.speed.shape[there] / primitives.speed.rate[there]
+    offset = visits.position[at] - primitives.centers[there[0]]
+    one = np.ones(z.size)
+    place = np.column_stack([one, offset])
+    of_mode = np.column_stack([mean_direction, primitives.bend[there]])
+    off_course = difference(visits.course[at], (place * of_mode).sum(axis=1))
+    gained = np.column_stack([np.log(mean_speed + CREEP), pace_field(primitives, *there)])
+    off_pace = np.log(speed + CREEP) - (place * gained).sum(axis=1)
+    cosine, sine = np.cos(mean_direction), np.sin(mean_direction)
+    along = cosine * offset[:, 0] + sine * offset[:, 1]
+    across = cosine * offset[:, 1] - sine * offset[:, 0]
+    state = np.column_stack([place, speed - mean_speed])
+    turn, acceleration, pushed, stretch = changes
+    return (
+        _totals(z, np.nan_to_num(driven * turn), n), _totals(z, np.where(np.isfinite(turn), driven, 0.0), n),
+        Regression.of(place, off_course, driven, z, n), Regression.of(place, off_pace, share, z, n),
+        Regression.of(np.column_stack([one, along, along**2]), across, driven, z, n),
+        Regression.of(state, acceleration, share, z, n), Regression.of(state, pushed, share, z, n),
+        Regression.of(one[:, None], stretch, share, z, n),
+    )  # fmt: skip
 
 
 def _totals(label: IntArray, column: FloatArray, n: int) -> FloatArray:

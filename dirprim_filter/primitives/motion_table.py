@@ -18,7 +18,7 @@ COURSE_FLOOR, PACE_FLOOR, PATH_FLOOR = 0.02, 0.03, 0.1
 """Radians, log speed, metres, added to a manoeuvre's spreads where its fit to a vehicle is computed."""
 
 
-PLACE_FREE_DENSITY = np.exp(-2.0)
+BACKGROUND_DENSITY = np.exp(-2.0)
 """Density of course, log pace and path outside of cells, in those units: any direction or pace, on three lanes."""
 
 
@@ -63,7 +63,7 @@ def _candidates(primitives: PrimitiveMap) -> Candidates:
     by_course = 1.0 / (motion.course_spread + COURSE_FLOOR)
     by_pace = 1.0 / (motion.log_pace_spread + PACE_FLOOR)
     by_path = 1.0 / (motion.path_spread + PATH_FLOOR)
-    scale = by_course * by_pace * by_path / PLACE_FREE_DENSITY
+    scale = by_course * by_pace * by_path / BACKGROUND_DENSITY
     column = np.column_stack([
         motion.course, motion.bend, motion.log_pace, motion.gain, motion.path, np.cos(motion.path_direction),
         np.sin(motion.path_direction), by_course, by_pace, by_path, motion.visits * scale, motion.seconds * scale,

@@ -59,7 +59,7 @@ def _places(position: FloatArray) -> FloatArray:
 class PrimitiveMap:
     """A primitive for every place: those of the cells, and one that holds wherever no cell does.
 
-    Parameters have one row for each cell and, last, the row of the place-free primitive: so that index `OUTSIDE`,
+    Parameters have one row for each cell and, last, the row of the background model: so that index `OUTSIDE`,
     which is -1, gathers it.
 
     Attributes:
@@ -67,7 +67,7 @@ class PrimitiveMap:
         direction: (n_cells + 1, M) mixture of directions.
         speed: (n_cells + 1, M) speeds of each mode.
         n_rows: (n_cells + 1,) how many observations each row was learned from.
-        n_place_free_modes: how many of the last modes are the place-free primitive's, in every row: what a cell leans
+        n_background_modes: how many of the last modes are the background model's, in every row: what a cell leans
             on where it knows little. They say where vehicles go at large, not here, so motion is not drawn to them.
         bend: (n_cells + 1, M, 2) rad/m, how a mode's mean direction turns towards the east and the north of its cell;
             left out: none, the primitives are flat.
@@ -82,7 +82,7 @@ class PrimitiveMap:
     direction: VonMisesMixture
     speed: Gamma
     n_rows: IntArray
-    n_place_free_modes: int
+    n_background_modes: int
     bend: FloatArray = field(default_factory=lambda: np.empty(0))
     gain: FloatArray = field(default_factory=lambda: np.empty(0))
     motion: Motion = None  # type: ignore[assignment]  # made of the primitives where it is left out
@@ -96,8 +96,8 @@ class PrimitiveMap:
                 f"direction, speed, n_rows: expected ({n}, M), ({n}, M) and ({n},), "
                 f"got {shapes[0]}, {shapes[1]} and {self.n_rows.shape}"
             )
-        if not 0 <= self.n_place_free_modes <= shapes[0][1]:
-            raise ValueError(f"n_place_free_modes: expected 0 to {shapes[0][1]}, got {self.n_place_free_modes}")
+        if not 0 <= self.n_background_modes <= shapes[0][1]:
+            raise ValueError(f"n_background_modes: expected 0 to {shapes[0][1]}, got {self.n_background_modes}")
         for name in ("bend", "gain"):
             slope = getattr(self, name)
             slope = as_floats(name, slope, f"{n} {shapes[0][1]} 2") if slope.size else np.zeros((*shapes[0], 2))
@@ -112,7 +112,7 @@ class PrimitiveMap:
     @property
     def n_own_modes(self) -> int:
         """How many of the first modes are a cell's own; where they were learned, the last is for standing."""
-        return int(self.direction.weight.shape[1]) - self.n_place_free_modes
+        return int(self.direction.weight.shape[1]) - self.n_background_modes
 
     @property
     def own_weight(self) -> FloatArray:
@@ -121,7 +121,7 @@ class PrimitiveMap:
 
     @property
     def centers(self) -> FloatArray:
-        """(n_cells + 1, 2) where each row's parameters hold, metres; of the place-free row anywhere, so the origin."""
+        """(n_cells + 1, 2) where each row's parameters hold, metres; of the background row anywhere, so the origin."""
         return np.vstack([self.tessellation.centers.reshape(-1, 2), np.zeros(2)])
 
     def primitive_at(self, position: FloatArray) -> Primitive:
@@ -221,7 +221,7 @@ class PrimitiveMap:
             direction=self.direction[last],
             speed=self.speed[last],
             n_rows=self.n_rows[last],
-            n_place_free_modes=self.n_place_free_modes,
+            n_background_modes=self.n_background_modes,
             bend=self.bend[last],
             gain=self.gain[last],
             motion=self.motion.without_places(),

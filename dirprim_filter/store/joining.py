@@ -54,7 +54,7 @@ def joined(parts: dict[Block, PrimitiveMap]) -> PrimitiveMap:
     n_rows = columns.n_rows[rows]
     n_rows[-1] = n_rows[:-1].sum()
     return PrimitiveMap(
-        tessellation=cells, n_rows=n_rows, n_place_free_modes=columns.n_free,
+        tessellation=cells, n_rows=n_rows, n_background_modes=columns.n_free,
         direction=VonMisesMixture(
             weight=c["weight"], mean_direction=c["mean_direction"], concentration=c["concentration"]
         ),
@@ -87,15 +87,15 @@ class _Columns(NamedTuple):
 
     @classmethod
     def of(cls, maps: list[PrimitiveMap], own: list[IntArray], of_most: PrimitiveMap) -> _Columns:
-        n_own, n_free = (max(getattr(m, name) for m in maps) for name in ("n_own_modes", "n_place_free_modes"))
+        n_own, n_free = (max(getattr(m, name) for m in maps) for name in ("n_own_modes", "n_background_modes"))
         parts: dict[str, list[FloatArray]] = {name: [] for name in FILLERS}
         n_rows = []
         for m, cells in [*zip(maps, own, strict=True), (of_most, np.array([-1]))]:
             d, s = m.direction, m.speed
             values = (d.weight, d.mean_direction, d.concentration, s.shape, s.rate, m.bend, m.gain)
             moves = m.n_own_modes - 1
-            free = n_own + np.arange(n_free - m.n_place_free_modes, n_free)
-            at = np.concatenate([np.arange(moves), [n_own - 1], free])  # in motion, standing, place-free
+            free = n_own + np.arange(n_free - m.n_background_modes, n_free)
+            at = np.concatenate([np.arange(moves), [n_own - 1], free])  # in motion, standing, background
             for (name, filler), value in zip(FILLERS.items(), values, strict=True):
                 column = np.full((cells.size, n_own + n_free, *value.shape[2:]), filler)
                 column[:, at] = value[cells]
@@ -147,7 +147,7 @@ def _motion(
     joint: dict[str, Any] = {name: np.concatenate([column, getattr(free, name)]) for name, column in placed.items()}
     return Motion(
         **joint, first=total.indptr.astype(np.int64), following=total.indices.astype(np.int64),
-        count=total.data.astype(np.float64), strength=free.strength, spread=free.spread, leader=free.leader,
+        count=total.data.astype(np.float64), strength=free.strength, leader=free.leader,
         course_rate=free.course_rate,
     )  # fmt: skip
 

@@ -26,7 +26,7 @@ def street(n_cells, mixtures):
         ),
         direction=VonMisesMixture(weight=weight, mean_direction=mean, concentration=concentration),
         speed=Gamma(shape=np.full((n_cells + 1, n_modes), 9.0), rate=np.ones((n_cells + 1, n_modes))),
-        n_rows=np.ones(n_cells + 1, np.int64), n_place_free_modes=0,
+        n_rows=np.ones(n_cells + 1, np.int64), n_background_modes=0,
     )  # fmt: skip
 
 

@@ -110,7 +110,7 @@ def test_the_density_of_speed_is_the_joint_one_with_direction_integrated_out():
             concentration=np.tile([4.0, 9.0], (2, 1)),
         ),
         speed=Gamma(shape=np.tile([9.0, 30.0], (2, 1)), rate=np.tile([3.0, 2.5], (2, 1))),
-        n_rows=flat.n_rows, n_place_free_modes=0,
+        n_rows=flat.n_rows, n_background_modes=0,
     )  # fmt: skip
     assert isinstance(two, MotionModel)
     speed = np.array([0.7, 3.0, 12.0])

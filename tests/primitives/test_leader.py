@@ -103,9 +103,8 @@ def test_sums_of_two_groups_are_the_sums_of_both():
     one, other = pairs(rng, 12, heed=True), pairs(rng, 9, heed=False, group=1)
     both = LeaderSums.of(Tracks.concatenate([one, other]))
     added = LeaderSums.of(one) + LeaderSums.of(other)
-    for sums, total in ((added, both), (both - LeaderSums.of(other), LeaderSums.of(one))):
-        for ours, theirs in zip((*sums.acceleration, *sums[1:]), (*total.acceleration, *total[1:]), strict=True):
-            np.testing.assert_allclose(ours, theirs, atol=1e-6)
+    for ours, theirs in zip((*added.acceleration, *added[1:]), (*both.acceleration, *both[1:]), strict=True):
+        np.testing.assert_allclose(ours, theirs, atol=1e-6)
 
 
 def test_who_knows_nothing_of_leaders_heeds_none():

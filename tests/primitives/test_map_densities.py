@@ -32,7 +32,7 @@ def random_map(*, curved, least=1e-9, concentration=1e6, seed=0):
         ),
         speed=Gamma(shape=alpha, rate=alpha / rng.uniform(0.5, 20.0, shape)),
         n_rows=np.ones(shape[0], np.int64),
-        n_place_free_modes=0,
+        n_background_modes=0,
         bend=slope[0],
         gain=slope[1],
     )
@@ -133,7 +133,7 @@ def test_direction_and_speed_of_a_sample_are_of_one_mode():
         ),
         speed=Gamma(shape=np.full((2, 2), 1e4), rate=1e4 / np.array([[3.0, 12.0]] * 2)),
         n_rows=learned.n_rows,
-        n_place_free_modes=0,
+        n_background_modes=0,
     )
     direction, speed = two.sample(np.zeros((1000, 2)), rng=np.random.default_rng(0))
     np.testing.assert_array_equal(direction > 1.0, speed > 7.0)

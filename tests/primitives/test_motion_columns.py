@@ -15,7 +15,7 @@ def two_cells():
     return motion_by_hand([0, 0, 1], course=[0.1, 0.2, 0.3], transitions=[(0, 2, 3.0), (3, 3, 7.0), (3, 4, 1.0)])
 
 
-def test_without_places_only_the_place_free_manoeuvres_are_left():
+def test_without_places_only_the_background_manoeuvres_are_left():
     motion = two_cells()
     free = motion.without_places()
     assert (len(motion), motion.n_placed, len(free), free.n_placed) == (5, 3, 2, 0)
@@ -64,7 +64,7 @@ def test_a_map_refuses_the_motion_of_other_cells():
         squares(1, 1, two_cells())
 
 
-def test_primitives_alone_say_a_manoeuvre_of_each_mode_of_a_cell_and_none_of_the_place_free():
+def test_primitives_alone_say_a_manoeuvre_of_each_mode_of_a_cell_and_none_of_the_background():
     weight = np.array([[0.7, 0.2, 0.1], [0.0, 0.9, 0.1], [0.0, 0.0, 1.0]])
     mean = np.array([[0.5, -1.0, 0.0]] * 3)
     direction = VonMisesMixture(weight=weight, mean_direction=mean, concentration=np.full((3, 3), 25.0))

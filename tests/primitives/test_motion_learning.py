@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from dirprim_filter import learn_primitives
+from dirprim_filter.config import LearningConfig
 from dirprim_filter.filtering.rollouts import forecast_states
 from dirprim_filter.primitives import motion_learning
+from dirprim_filter.primitives.background import learn_background
 from dirprim_filter.primitives.motion_learning import label_visits, learn_motion
 from dirprim_filter.primitives.rows import TrackRows
 from dirprim_filter.primitives.visits import Visits
@@ -58,9 +60,16 @@ def columns(motion):
     return {name: np.asarray(getattr(motion, name)) for name in motion.__dataclass_fields__}
 
 
+def background_of(rows):
+    return learn_background(rows, LearningConfig(), rng=np.random.default_rng(0))
+
+
 def test_motion_is_the_same_for_the_same_seed(junction):
     learned, rows = junction
-    first, again, other = (columns(learn_motion(learned, rows, rng=np.random.default_rng(s))) for s in (4, 4, 5))
+    background = background_of(rows)
+    first, again, other = (
+        columns(learn_motion(learned, rows, background, rng=np.random.default_rng(s))) for s in (4, 4, 5)
+    )
     for name, column in first.items():
         np.testing.assert_array_equal(column, again[name])
     assert any(not np.array_equal(column, other[name]) for name, column in first.items())
@@ -83,7 +92,7 @@ def test_twice_the_vehicles_are_less_than_half_as_many_manoeuvres_more(junction)
 def test_where_nobody_was_in_a_cell_motion_is_of_no_place(junction):
     learned, rows = junction
     elsewhere = replace(rows, position=rows.position + 1e4)
-    motion = learn_motion(learned, elsewhere, rng=np.random.default_rng(0))
+    motion = learn_motion(learned, elsewhere, background_of(rows), rng=np.random.default_rng(0))
     assert motion.n_placed == 0
     assert len(motion) > 1
     assert (motion.push > 0).any()
@@ -105,7 +114,7 @@ def test_labels_are_of_one_cell_and_mode_each(junction):
 def test_the_manoeuvres_of_a_junction_tell_who_turns(junction):
     """Before the junction nobody has turned; by their manoeuvre's count vehicles go on left, right and straight."""
     learned, rows = junction
-    motion = learn_motion(learned, rows, rng=np.random.default_rng(0))
+    motion = learn_motion(learned, rows, background_of(rows), rng=np.random.default_rng(0))
     entry = learned.tessellation.cell_of(np.array([[35.0, 0.5], [35.0, -0.5]]))
     here = np.isin(motion.cell, entry)
     for turn in (-np.pi / 2, 0.0, np.pi / 2):
@@ -160,7 +169,7 @@ def test_who_is_faster_brakes_harder_for_the_same_place(monkeypatch):
 
     def error_by_speed():
         """Metres that a forecast of 4 s is too far, for each m/s that the vehicle is faster now."""
-        motion = learn_motion(learned, rows, rng=np.random.default_rng(0))
+        motion = learn_motion(learned, rows, background_of(rows), rng=np.random.default_rng(0))
         paths = forecast_states(
             replace(learned, motion=motion), position=now.position, direction=now.direction, speed=now.speed,
             time_s=[4.0], n_samples=64, rng=np.random.default_rng(2),

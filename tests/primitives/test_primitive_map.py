@@ -130,7 +130,7 @@ def test_the_density_is_finite_everywhere_even_of_standing_vehicles(learned):
     assert np.isfinite(learned.log_density([1e12, -1e12], np.pi, 0.0))
 
 
-def test_outside_of_every_cell_the_place_free_density_answers(learned):
+def test_outside_of_every_cell_the_background_density_answers(learned):
     rng = np.random.default_rng(4)
     free = learned.without_places()
     direction, speed = rng.uniform(-np.pi, np.pi, 50), rng.gamma(2.0, 4.0, 50)
@@ -142,7 +142,7 @@ def test_outside_of_every_cell_the_place_free_density_answers(learned):
     assert not np.allclose(learned.log_density(inside, direction, speed), free.log_density(inside, direction, speed))
 
 
-def test_a_cell_without_data_has_the_place_free_density(ring):
+def test_a_cell_without_data_has_the_background_density(ring):
     everywhere = np.stack(np.meshgrid(np.arange(-30.0, 30, 6), np.arange(-30.0, 30, 6)), axis=-1).reshape(-1, 2)
     cells = GridTessellation.covering(everywhere, cell_size=6.0)
     learned = learn_primitives(ring, tessellation=cells, rng=np.random.default_rng(0))
@@ -208,5 +208,5 @@ def test_a_map_whose_rows_do_not_fit_its_cells_is_refused(ring_map):
         type(ring_map)(**parts | {"n_rows": ring_map.n_rows[:-1]})
     with pytest.raises(ValueError, match="direction, speed"):
         type(ring_map)(**parts | {"direction": ring_map.direction[:-1], "speed": ring_map.speed[:-1]})
-    with pytest.raises(ValueError, match="n_place_free_modes: expected 0 to"):
-        type(ring_map)(**parts | {"n_place_free_modes": 99})
+    with pytest.raises(ValueError, match="n_background_modes: expected 0 to"):
+        type(ring_map)(**parts | {"n_background_modes": 99})

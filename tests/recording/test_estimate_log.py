@@ -59,7 +59,7 @@ def a_frame(time_ns, *, n=4, n_particles=60, seed=0):
     return TrackedFrame(time_ns=time_ns, detections=detections, estimates=estimates, particles=particles)
 
 
-def a_map(*, n_place_free_modes=1):
+def a_map(*, n_background_modes=1):
     grid = GridTessellation(origin=np.array([-5.0, 3.0]), cell_size=10.0, n_x=3, n_y=2, square=np.array([1, 4]))
     return PrimitiveMap(
         tessellation=grid,
@@ -70,7 +70,7 @@ def a_map(*, n_place_free_modes=1):
         ),
         speed=Gamma(shape=np.full((3, 3), 2.0), rate=np.full((3, 3), 0.3)),
         n_rows=np.array([3, 4, 7]),
-        n_place_free_modes=n_place_free_modes,
+        n_background_modes=n_background_modes,
     )
 
 

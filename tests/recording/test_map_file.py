@@ -44,7 +44,7 @@ def some_map(n_cells, *, n_modes=3, seed=0, voronoi=False):
             mean_direction=rng.uniform(-np.pi, np.pi, rows), concentration=10.0 ** rng.uniform(-3, 6, rows),
         ),
         speed=Gamma(shape=rng.gamma(2.0, 1.0, rows), rate=rng.gamma(2.0, 1.0, rows)),
-        n_rows=rng.integers(0, 2**40, n_cells + 1), n_place_free_modes=1,
+        n_rows=rng.integers(0, 2**40, n_cells + 1), n_background_modes=1,
         bend=rng.normal(size=(*rows, 2)), motion=some_motion(n_cells, n_modes, rng),
     )  # fmt: skip
 
@@ -241,15 +241,15 @@ TILE = [
     (number("n_x", 2**40), "squares, more than"),
     (number("cell_size", 5e-324), "cell_size: expected a positive"),
     (number("origin_x", -1e300), "origin: expected places within"),
-    (number("n_place_free_modes", 9), "n_place_free_modes: expected 0 to 3"),
-    *((number(name, value), f"{name}: expected a positive") for name in ("strength", "course_rate", "spread")
+    (number("n_background_modes", 9), "n_background_modes: expected 0 to 3"),
+    *((number(name, value), f"{name}: expected a positive") for name in ("strength", "course_rate")
       for value in (0.0, -1.0, np.nan)),
-    (without("place_free"), "place_free: expected once"),
+    (without("background"), "background: expected once"),
     (without("cell", "weight"), "cell.weight: expected it"),
     (without("manoeuvre", "push"), "manoeuvre.push: expected it"),
     (column("square", "number", lambda of: of.astype(np.float64)), "square.number: expected int64"),
-    (column("cell", "rate", lambda of: of[:, :2]), "place_free: expected one row, as wide as those of the cells"),
-    (column("cell", "bend", lambda of: of[:, :3]), "place_free: expected one row, as wide"),
+    (column("cell", "rate", lambda of: of[:, :2]), "background: expected one row, as wide as those of the cells"),
+    (column("cell", "bend", lambda of: of[:, :3]), "background: expected one row, as wide"),
     (column("manoeuvre", "path", lambda of: of[:, :2]), "tiles of several|expected|dimension"),
     (cell("cell", "weight", 0, 0.9), "expected to sum to one"),
     (cell("cell", "rate", 0, np.nan), "rate: expected finite"),
@@ -260,9 +260,9 @@ TILE = [
       for name in ("course", "bend", "path", "acceleration") for value in (np.nan, -np.inf)),
     *((cell("manoeuvre", name, 2, -1.0), f"{name}: expected no negative") for name in AMOUNTS if name != "count"),
     (cell("transition", "count", 2, -1.0), "count: expected no negative"),
-    (cell("free_manoeuvre", "cell", -1, 3), "expected cells in ascending order"),
+    (cell("background_manoeuvre", "cell", -1, 3), "expected cells in ascending order"),
     (cell("manoeuvre", "cell", 0, -1), "expected"),
-    (cell("free_manoeuvre", "cell", -1, -2), "expected cells in ascending order"),
+    (cell("background_manoeuvre", "cell", -1, -2), "expected cells in ascending order"),
     *((cell("manoeuvre", "cell", 19, value), "expected manoeuvres of 10 cells and 3 modes") for value in (10, 2**62)),
     *((cell("manoeuvre", "mode", 0, value), "expected manoeuvres of 10 cells and 3 modes") for value in (3, -1)),
     *((cell("manoeuvre", "n_following", 0, value), "n_following: expected numbers that sum to")

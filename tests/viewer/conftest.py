@@ -19,7 +19,7 @@ N_PARTICLES = 50
 
 @pytest.fixture
 def scene_map() -> PrimitiveMap:
-    """Three cells of 10 m; two own modes, then one place-free mode; the third cell holds no data."""
+    """Three cells of 10 m; two own modes, then one background mode; the third cell holds no data."""
     cells = GridTessellation.covering(np.array([[5.0, 5.0], [15.0, 15.0], [25.0, 25.0]]), cell_size=10.0)
     return PrimitiveMap(
         tessellation=cells,
@@ -30,7 +30,7 @@ def scene_map() -> PrimitiveMap:
         ),
         speed=Gamma(shape=np.full((4, 3), 4.0), rate=np.array([[0.5, 1.0, 1.0]] * 4)),
         n_rows=np.array([100, 60, 0, 160]),
-        n_place_free_modes=1,
+        n_background_modes=1,
     )
 
 

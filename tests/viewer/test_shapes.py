@@ -72,7 +72,7 @@ def test_where_most_of_the_traffic_is_leaves_out_who_is_far_away() -> None:
 
 def test_only_a_cells_own_modes_are_drawn_the_heaviest_first(scene_map: PrimitiveMap) -> None:
     petals = shapes.rose_petals(scene_map)
-    assert petals.cell.tolist() == [0, 1, 1]  # cell 2 holds no data; the last mode is place-free
+    assert petals.cell.tolist() == [0, 1, 1]  # cell 2 holds no data; the last mode is the background's
     assert petals.weight.tolist() == [0.9, 0.6, 0.3]
     assert petals.mean_speed.tolist() == [8.0, 8.0, 4.0]
     assert shapes.fastest_speed(petals) == 8.0

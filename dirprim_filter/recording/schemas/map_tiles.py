@@ -30,10 +30,10 @@ MOST_MODES = 4096
 ROW = ("weight", "mean_direction", "concentration", "shape", "rate", "bend", "gain")
 """Columns of the modes of each cell."""
 LEADER = ("gain", "push", "trust", "start_rate")
-MOTION = ("course_rate", "strength", "spread")
+MOTION = ("course_rate", "strength")
 SHARED = (
-    "version", "n_tiles", "n_place_free_modes", "kind", "origin_x", "origin_y", "cell_size", "n_x", "n_y", *MOTION,
-    "place_free", "free_manoeuvre", "free_transition", "leader",
+    "version", "n_tiles", "n_background_modes", "kind", "origin_x", "origin_y", "cell_size", "n_x", "n_y", *MOTION,
+    "background", "background_manoeuvre", "background_transition", "leader",
 )  # fmt: skip
 """What every tile repeats."""
 
@@ -50,7 +50,7 @@ def encoded_tiles(primitive_map: PrimitiveMap) -> Iterator[bytes]:
     grid = cells if isinstance(cells, GridTessellation) else cells.region
     n_tiles = max(-(-cells.n_cells // TILE_CELLS), 1)
     scalars = {
-        "version": VERSION, "n_tiles": n_tiles, "n_place_free_modes": primitive_map.n_place_free_modes,
+        "version": VERSION, "n_tiles": n_tiles, "n_background_modes": primitive_map.n_background_modes,
         "kind": "grid" if grid is cells else "voronoi", "origin_x": float(grid.origin[0]),
         "origin_y": float(grid.origin[1]), "cell_size": float(grid.cell_size), "n_x": grid.n_x, "n_y": grid.n_y,
         **{name: float(getattr(motion, name)) for name in MOTION},
@@ -58,8 +58,8 @@ def encoded_tiles(primitive_map: PrimitiveMap) -> Iterator[bytes]:
     free, after_free = _manoeuvres(motion, motion.n_placed, len(motion))
     leaders = [motion.leader] if motion.leader else []
     shared = {
-        "place_free": _rows(primitive_map, slice(cells.n_cells, None)), "free_manoeuvre": free,
-        "free_transition": after_free,
+        "background": _rows(primitive_map, slice(cells.n_cells, None)), "background_manoeuvre": free,
+        "background_transition": after_free,
         "leader": {name: np.array([getattr(of, name) for of in leaders], np.float64) for name in LEADER},
     }  # fmt: skip
     ends = np.minimum(TILE_CELLS * np.arange(n_tiles + 1), cells.n_cells)
@@ -118,16 +118,16 @@ def map_of(messages: Iterable[bytes]) -> PrimitiveMap:
     if not all(tile is shared or tile.part(SHARED).equals(shared.part(SHARED)) for tile in tiles):
         raise ValueError("expected the tiles of one map, got tiles of several")
     cells = _joined(tiles, "cell", floats=(*ROW, "place"), whole=("n_rows",))
-    last = shared.table("place_free", floats=ROW, whole=("n_rows",))
+    last = shared.table("background", floats=ROW, whole=("n_rows",))
     if any(last[name].shape != (1, *cells[name].shape[1:]) for name in last) or cells["weight"].shape[-1] > MOST_MODES:
-        raise ValueError(f"place_free: expected one row, as wide as those of the cells, at most {MOST_MODES} modes")
+        raise ValueError(f"background: expected one row, as wide as those of the cells, at most {MOST_MODES} modes")
     rows = {name: np.concatenate([cells[name], last[name]]) for name in last}
     return PrimitiveMap(
         tessellation=_tessellation(tiles, cells["place"]),
         direction=VonMisesMixture(**{name: rows[name] for name in ROW[:3]}),
         speed=Gamma(**{name: rows[name] for name in ROW[3:5]}),
         n_rows=rows["n_rows"],
-        n_place_free_modes=shared.whole_number("n_place_free_modes"),
+        n_background_modes=shared.whole_number("n_background_modes"),
         **{name: _folded(name, rows[name], (*rows["weight"].shape, 2)) for name in ROW[5:]},
         motion=_motion(tiles),
     )
@@ -168,8 +168,8 @@ def _motion(tiles: list[ArrowMessage]) -> Motion:
     columns, after = (
         _put_together(placed, [_joined(tiles, placed, **names), shared.table(free, **names)])
         for placed, free, names in (
-            ("manoeuvre", "free_manoeuvre", {"floats": FLOATS, "whole": ("cell", "mode", "n_following")}),
-            ("transition", "free_transition", {"floats": ("count",), "whole": ("following",)}),
+            ("manoeuvre", "background_manoeuvre", {"floats": FLOATS, "whole": ("cell", "mode", "n_following")}),
+            ("transition", "background_transition", {"floats": ("count",), "whole": ("following",)}),
         )
     )  # fmt: skip
     n = columns.pop("n_following")

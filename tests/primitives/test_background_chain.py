@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from dirprim_filter.primitives.motion import joined, place_free_manoeuvres
-from dirprim_filter.primitives.place_free_motion import learn_place_free
+from dirprim_filter.primitives.background import learn_chain
+from dirprim_filter.primitives.motion import background_manoeuvres, joined
 from dirprim_filter.primitives.visits import Visits
 from moving import motion_by_hand, moved, squares
 
@@ -38,15 +38,14 @@ def two_habits(rng, *, n_vehicles=60, seconds=20):
 
 
 def test_groups_tell_who_turns_from_who_does_not():
-    columns, follow = learn_place_free(two_habits(np.random.default_rng(1)), rng=np.random.default_rng(0))
+    columns, follow = learn_chain(two_habits(np.random.default_rng(1)), rng=np.random.default_rng(0))
     moves = columns["start_rate"] == 0
     share, curvature = columns["seconds"][moves], columns["curvature"][moves]
     assert share.sum() == pytest.approx(1.0)
     # Windows of a second are straight, left, or partly; of each habit there is one that is nothing else.
     assert curvature.min() == pytest.approx(0.0, abs=2e-3)
     assert curvature.max() == pytest.approx(0.02, abs=2e-3)
-    assert share[-1] == 0.001  # straight on, whatever vehicles did
-    assert share[:-1] @ curvature[:-1] == pytest.approx(0.01, abs=1e-3)
+    assert share @ curvature == pytest.approx(0.01, abs=1e-3)
     np.testing.assert_allclose(columns["log_pace"][moves], np.log(10.3), rtol=1e-9)
     # Where habits are independent from second to second, seconds that begin anywhere share on average 1/4 of them:
     # the integral of f (1 - f) by that of f^2 + (1 - f)^2.
@@ -63,16 +62,15 @@ def test_who_brakes_and_who_speeds_up_are_of_different_groups():
     gained = rng.choice([-1.0, 1.0], 80)
     speed = 10.0 + gained[:, None] * np.arange(0.0, 4.0, STEP_S)
     vehicle = np.repeat(np.arange(80), speed.shape[1])
-    columns, _ = learn_place_free(
+    columns, _ = learn_chain(
         visits_of(speed.ravel(), np.zeros(vehicle.size), vehicle=vehicle), rng=np.random.default_rng(0)
     )
     moves = columns["start_rate"] == 0
     by_pace = columns["acceleration"][moves, 0] + columns["acceleration"][moves, 3] * (
         np.exp(columns["log_pace"][moves]) - 0.3
     )
-    np.testing.assert_allclose(np.abs(by_pace[:-1]), 1.0, atol=0.05)
-    assert {-1.0, 1.0} == set(np.sign(by_pace[:-1]))
-    assert by_pace[-1] == 0.0  # at an even speed, whatever vehicles did
+    np.testing.assert_allclose(np.abs(by_pace), 1.0, atol=0.05)
+    assert {-1.0, 1.0} == set(np.sign(by_pace))
 
 
 def test_the_share_of_those_that_stand_and_their_start_rate_are_counted():
@@ -83,16 +81,16 @@ def test_the_share_of_those_that_stand_and_their_start_rate_are_counted():
     visits = replace(
         rows, begin=begin, end=np.append(begin[1:], speed.size), cell=np.full(8, -1), stands=speed[begin] < 0.3
     )
-    columns, _ = learn_place_free(visits, rng=np.random.default_rng(0))
+    columns, _ = learn_chain(visits, rng=np.random.default_rng(0))
     assert columns["seconds"][-1] == pytest.approx(0.25)
     assert columns["start_rate"][-1] == pytest.approx(4.1 / 41.0)
     assert (columns["start_rate"][:-1] == 0).all()
 
 
 def chain(count):
-    """Two place-free manoeuvres, straight and left, that follow each other as counted, and no cell to drive in."""
+    """Two background manoeuvres, straight and left, that follow each other as counted, and no cell to drive in."""
     nowhere = motion_by_hand([0], course=0.0)
-    free = place_free_manoeuvres(
+    free = background_manoeuvres(
         share=[0.5, 0.5], log_pace=[2.3, 2.3], log_pace_spread=[1.0, 1.0], acceleration=np.zeros((2, 2)),
         push=[0.0, 0.0], turning=[0.0, 0.0], curvature=[0.0, 1e-6], standing=0.0, start_rate=0.1,
     )  # fmt: skip
