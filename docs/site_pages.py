@@ -20,7 +20,10 @@ OUTSIDE = {
     "CONTRIBUTING.md": "contributing.md",
     "CITATION.cff": "CITATION.cff",
     "recordings/README.md": "recordings.md",
-} | {f"recordings/{picture.name}": f"recordings/{picture.name}" for picture in (ROOT / "recordings").glob("*.png")}
+} | {
+    f"recordings/{picture.name}": f"recordings/{picture.name}"
+    for picture in (ROOT / "recordings").glob("*.[pg][ni][gf]")
+}
 """File of the repository: its name on the site."""
 SOURCES = {name: source for source, name in OUTSIDE.items()}
 LINK = re.compile(r"(?<=\]\()(?!\w+://)([^)#\s]+)")

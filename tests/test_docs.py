@@ -15,7 +15,7 @@ from dirprim_filter.cli.main import run
 from dirprim_filter.config import FilterConfig
 
 ROOT = Path(__file__).parents[1]
-PAGES = sorted((ROOT / "docs").glob("*.md"))
+PAGES = sorted([*(ROOT / "docs").glob("*.md"), *(ROOT / "docs" / "guides").glob("*.md")])
 FENCE = re.compile(r"^```(\w+)(?: ([\w.]+))?\n(.*?)^```$", flags=re.MULTILINE | re.DOTALL)
 SHORTER = {
     "n_seeds = 2 ": "n_seeds = 1 ",

@@ -14,6 +14,7 @@ from dirprim_filter.cli import (
     calibrate,
     convert,
     demo,
+    doctor,
     evaluate,
     export,
     forecast,
@@ -42,7 +43,7 @@ app = typer.Typer(
         "New here? Run `dirprim demo`, then `dirprim info` on a log of your own."
     ),
     epilog=(
-        "\b\nFirst steps with a log of your own (docs/tutorial.md has all of them):\n"
+        "\b\nFirst steps with a log of your own (docs/guides/log.md has all of them):\n"
         "  dirprim info  LOG                                  what is in it?\n"
         "  dirprim learn LOG -o map.mcap                      how do vehicles move there?\n"
         "  dirprim plot  map.mcap -o map.png --log LOG        look at it\n"
@@ -91,7 +92,7 @@ class _Shown(logging.Formatter):
 
 for command in (
     info.info, convert.convert, simulate.simulate, learn.learn, calibrate.calibrate, track.track, forecast.forecast,
-    plot.plot, view.view, recover.recover, score.score, smooth.smooth, export.export, demo.demo,
+    plot.plot, view.view, recover.recover, score.score, smooth.smooth, export.export, demo.demo, doctor.doctor,
 ):  # fmt: skip
     app.command()(checked(command))
 app.add_typer(evaluate.evaluate)
