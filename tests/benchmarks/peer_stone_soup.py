@@ -60,27 +60,14 @@ def _kalman(fold: Fold, acceleration: float) -> tuple[Any, Any, Any, Any]:
     return KalmanPredictor(motion), KalmanUpdater(measured), measured, first
 
 
-def _stone_frames(part: Part, measured: Any) -> list[tuple[datetime, set[Any]]]:
-    from stonesoup.models.measurement.linear import LinearGaussian
+def _stone_frames(part: Part) -> list[tuple[datetime, set[Any]]]:
     from stonesoup.types.detection import Detection
 
-    frames = []
-    for time_ns, seen in part.frames():
-        at = START + timedelta(microseconds=time_ns // NS_PER_US)
-        by_row = [
-            measured if np.isnan(own[0, 0]) else LinearGaussian(ndim_state=4, mapping=(0, 2), noise_covar=own)
-            for own in seen.covariance
-        ]
-        frames.append(
-            (
-                at,
-                {
-                    Detection(place[:, None], timestamp=at, measurement_model=model)
-                    for place, model in zip(seen.position, by_row, strict=True)
-                },
-            )
-        )
-    return frames
+    return [
+        (at, {Detection(place[:, None], timestamp=at) for place in seen.position})
+        for time_ns, seen in part.frames()
+        for at in [START + timedelta(microseconds=time_ns // NS_PER_US)]
+    ]
 
 
 def _by_association(fold: Fold, part: Part, settings: Settings, *, is_joint: bool) -> Tracked:
@@ -112,11 +99,11 @@ def _by_association(fold: Fold, part: Part, settings: Settings, *, is_joint: boo
         )  # fmt: skip
         wide = CovarianceBasedDeleter(2.0 * settings["widest"] ** 2, mapping=[0, 2])
         tracker = MultiTargetMixtureTracker(
-            initiator, CompositeDeleter([deleter, wide], intersect=False), _stone_frames(part, measured),
+            initiator, CompositeDeleter([deleter, wide], intersect=False), _stone_frames(part),
             JPDAwithEHM2(likely), updater,
         )  # fmt: skip
     else:
-        tracker = MultiTargetTracker(initiator, deleter, _stone_frames(part, measured), nearest, updater)
+        tracker = MultiTargetTracker(initiator, deleter, _stone_frames(part), nearest, updater)
     return _listened(part, tracker)
 
 
@@ -129,7 +116,7 @@ def _by_phd(fold: Fold, part: Part, settings: Settings) -> Tracked:
     from stonesoup.types.state import TaggedWeightedGaussianState
     from stonesoup.updater.pointprocess import PHDUpdater
 
-    predictor, updater, measured, _ = _kalman(fold, settings["acceleration"])
+    predictor, updater, _, _ = _kalman(fold, settings["acceleration"])
     told, low = fold.tracking, part.truth.position.min(axis=0)
     extent = np.ptp(part.truth.position, axis=0)
     middle, half = low + 0.5 * extent, 0.5 * extent
@@ -141,7 +128,7 @@ def _by_phd(fold: Fold, part: Part, settings: Settings) -> Tracked:
     )  # fmt: skip
     near = DistanceHypothesiser(predictor, updater, measure=Mahalanobis(), missed_distance=settings["gate"])
     tracker = PointProcessMultiTargetTracker(
-        detector=_stone_frames(part, measured), birth_component=born,
+        detector=_stone_frames(part), birth_component=born,
         hypothesiser=GaussianMixtureHypothesiser(near, order_by_detection=True),
         updater=PHDUpdater(
             updater, clutter_spatial_density=told.clutter_density, prob_detection=told.detection_probability,

@@ -3,8 +3,7 @@
     python tests/benchmarks/peers.py [SCENE...] [--json] [--seeds N] [--trackers NAME...]
 
 A is the intersection that ships. B is the same without detections in a ring of 20 m about the junction, through which a
-track must last. The dense scenes are SUMO's, with a fifth of the vehicles missed and ten false detections a frame;
-Lankershim, Mcity and autoferry are real, and skipped where the data are absent.
+track must last.
 
 Every tracker is given the sensor's true noise, detection rate and density of false detections. Those with settings to
 choose are tuned on other traffic of the same place, with the same sensor and the same blind ring, by HOTA: from a usual
@@ -12,8 +11,8 @@ start each setting goes to its neighbours on a log grid while that gains, in tur
 but those that have a meaning, such as two detections before a track is confirmed. Ours with the map keeps its defaults.
 Without it, and with constant velocity, how often vehicles leave is tuned too: where they leave is what the map knows.
 
-Figures are means over the clusters (seeds, groups, drives) with 95 % intervals; switches are sums. `behind` is how much
-less HOTA a tracker has than ours with the map, paired. Seeds are of the sensor: the vehicles are the same in each.
+Figures are means over seeds of the sensor with 95 % intervals, of the same vehicles; switches are sums. `behind` is how
+much less HOTA a tracker has than ours with the map, paired.
 Errors are of vehicles that are followed: who follows more of those out of sight has more to err about.
 """
 
@@ -63,15 +62,9 @@ def main() -> None:
     logging.disable(logging.WARNING)
     result: dict[str, dict[str, Row]] = {}
     for name in given.scenes or SCENES:
-        try:
-            folds = SCENES[name](given.seeds)
-        except UnavailableError as error:
-            say(f"{name}: left out: {error}")
-            continue
-        result[name] = compared(name, folds, given.trackers)
+        result[name] = compared(name, SCENES[name](given.seeds), given.trackers)
         if not given.json:
-            n = sum(len(fold.judged) for fold in folds)
-            print("\n".join(table(f"{name}: {n} {folds[0].clusters}", result[name])), flush=True)
+            print("\n".join(table(f"{name}: {given.seeds} seeds", result[name])), flush=True)
     if given.json:
         print(
             json.dumps(json.loads(json.dumps(result), parse_constant=lambda _: None), indent=1)
@@ -83,28 +76,24 @@ def say(line: str) -> None:
     print(line, file=sys.stderr, flush=True)
 
 
-def compared(name: str, folds: Sequence[Fold], wanted: Sequence[str]) -> dict[str, Row]:
-    """Tune every tracker in every fold, run it on what is judged, and score it."""
-    ran: dict[str, list[Ran]] = {}
-    for number, fold in enumerate(folds):
-        chosen: dict[str, dict[str, float]] = {}
-        peers = peers_of(fold)
-        asked = {called for called in peers if not wanted or any(word in called for word in wanted)}
-        needed = asked | {FIRST} | {peers[called].after for called in asked}
-        for called, peer in peers.items():
-            if called not in needed:
-                continue
+def compared(name: str, fold: Fold, wanted: Sequence[str]) -> dict[str, Row]:
+    """Tune every tracker, run it on what is judged, and score it."""
+    ran: dict[str, Ran] = {}
+    peers = peers_of(fold)
+    asked = {called for called in peers if not wanted or any(word in called for word in wanted)}
+    needed = asked | {FIRST} | {peers[called].after for called in asked}
+    for called, peer in peers.items():
+        if called in needed:
             since = time.process_time()
-            chosen[called] = tuned(peer, fold, chosen.get(peer.after, {}))
+            settings = tuned(peer, fold, ran[peer.after].settings if peer.after else {})
             now = time.process_time()
-            ran.setdefault(called, []).append(Ran.of(peer, fold, chosen[called]))
-            hota = np.mean([report.hota for report in ran[called][-1].reports])
+            ran[called] = Ran.of(peer, fold, settings)
+            hota = np.mean([report.hota for report in ran[called].reports])
             say(
-                f"{name}, {number + 1} of {len(folds)}: {called}: HOTA {hota:.3f}, tuned in {now - since:.0f} s, "
-                f"judged in {time.process_time() - now:.0f} s: {chosen[called]}"
+                f"{name}: {called}: HOTA {hota:.3f}, tuned in {now - since:.0f} s, judged in "
+                f"{time.process_time() - now:.0f} s: {settings}"
             )
-    first = [report for of in ran[FIRST] for report in of.reports]
-    return {called: figures(of, first) for called, of in ran.items()}
+    return {called: figures(of, ran[FIRST].reports) for called, of in ran.items()}
 
 
 def peers_of(fold: Fold) -> dict[str, Peer]:
@@ -133,15 +122,15 @@ class Ran:
         if not peer.axes:
             peer.track(fold.training[0], settings)  # compiled before it is timed
         tracked = [peer.track(part, settings) for part in fold.judged]
-        reports = [scored(found, part, fold.scales) for found, part in zip(tracked, fold.judged, strict=True)]
+        reports = [scored(found, part) for found, part in zip(tracked, fold.judged, strict=True)]
         n_frames = sum(sum(1 for _ in part.frames()) for part in fold.judged)
         return cls(settings, reports, sum(found.seconds for found in tracked), n_frames)
 
 
-def scored(found: Tracked, part: Part, scales: Scales) -> TrackingReport:
+def scored(found: Tracked, part: Part) -> TrackingReport:
     """What a tracker reported, against the truth."""
     rows = found.rows.at_instants_of(part.truth)
-    return TrackingReport.of(rows, part.truth, is_hidden=part.is_hidden, with_ids=False, scales=scales)
+    return TrackingReport.of(rows, part.truth, is_hidden=part.is_hidden, with_ids=False, scales=Scales())
 
 
 def tuned(peer: Peer, fold: Fold, start: Settings) -> dict[str, float]:
@@ -153,24 +142,22 @@ def tuned(peer: Peer, fold: Fold, start: Settings) -> dict[str, float]:
 
     def hota(values: tuple[float, ...]) -> float:
         of = settings_of(values)
-        return float(np.mean([scored(peer.track(part, of), part, fold.scales).hota for part in fold.training]))
+        return float(np.mean([scored(peer.track(part, of), part).hota for part in fold.training]))
 
     return settings_of([of.chosen for of in choose(axes, hota, least_gain=GAIN)]) if axes else dict(start)
 
 
-def figures(ran: Sequence[Ran], first: Sequence[TrackingReport]) -> Row:
-    """Means over the clusters, the interval of HOTA, and how far it is behind ours."""
-    reports = [report for of in ran for report in of.reports]
-    hota = np.array([report.hota for report in reports])
-    ahead = np.array([report.hota for report in first])
+def figures(ran: Ran, first: Sequence[TrackingReport]) -> Row:
+    """Means over the seeds, the interval of HOTA, and how far it is behind ours."""
+    reports = ran.reports
+    hota, ahead = (np.array([report.hota for report in of]) for of in (reports, first))
     one = np.ones(hota.size)
     own = interval(np.column_stack([hota, one]), mean)
     behind = interval(np.column_stack([ahead, one, hota, one]), difference_of_means)
     return {
         "hota": own.value, "hota_low": own.low, "hota_high": own.high, "behind": behind.value,
         "behind_low": behind.low, "behind_high": behind.high,
-        "ms_per_frame": 1e3 * sum(of.seconds for of in ran) / sum(of.n_frames for of in ran),
-        "settings": [dict(of.settings) for of in ran],
+        "ms_per_frame": 1e3 * ran.seconds / ran.n_frames, "settings": dict(ran.settings),
         "switches": float(np.sum([report.switches for report in reports])),
     } | {
         name: float(np.mean([getattr(report, of) for report in reports]))
@@ -182,22 +169,12 @@ def figures(ran: Sequence[Ran], first: Sequence[TrackingReport]) -> Row:
 
 
 def table(title: str, rows: Mapping[str, Row]) -> list[str]:
-    """Lines of a Markdown table; settings are the first fold's."""
-    heads = (
-        "tracker",
-        "HOTA",
-        "behind ours",
-        "reported %",
-        "RMSE m",
-        "in sight",
-        "NEES in sight",
-        "switches",
-        "ms a frame",
-        "settings",
-    )
+    """Lines of a Markdown table."""
+    figures_of = ("reported %", "RMSE m", "in sight", "NEES in sight", "switches", "ms a frame")
+    heads = ("tracker", "HOTA", "behind ours", *figures_of, "settings")
     lines = ["", title, "", " | ".join(heads), "|".join(["---"] * len(heads))]
     for called, row in rows.items():
-        settings = ", ".join(f"{key} {value:.3g}" for key, value in row["settings"][0].items()) or "defaults"
+        settings = ", ".join(f"{key} {value:.3g}" for key, value in row["settings"].items()) or "defaults"
         numbers = (
             f"{100 * row['reported']:.0f}", f"{row['rmse']:.3f}", f"{row['seen_rmse']:.3f}", f"{row['nees']:.1f}",
             f"{row['switches']:.0f}", f"{row['ms_per_frame']:.1f}",

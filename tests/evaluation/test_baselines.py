@@ -10,7 +10,6 @@ from dirprim_filter.evaluation.baselines.gaussian_process import (
 )
 from dirprim_filter.evaluation.baselines.stef_map import StefMap
 from dirprim_filter.evaluation.baselines.uninformative import Uninformative
-from oracles import von_mises_mixture_density
 
 CIRCLE = np.linspace(-np.pi, np.pi, 2001)[:-1]
 STEP = CIRCLE[1] - CIRCLE[0]
@@ -57,40 +56,6 @@ def test_a_grid_map_finds_both_ways_of_a_street_and_beats_one_mode():
     assert model.direction_log_density(place, direction).mean() > alone + 1.0
 
 
-def test_em_reaches_a_point_where_no_parameter_gains():
-    rng = np.random.default_rng(3)
-    direction = np.concatenate([rng.vonmises(0.0, 40, 500), rng.vonmises(1.8, 25, 500)])
-    fitted = one_cell(direction).direction
-    assert (fitted.weight[0] > 1e-6).tolist() == [True, True, False]
-
-    def log_likelihood(turned=0.0, scaled=1.0):
-        weight, mean, kappa = fitted.weight[0, :2], fitted.mean_direction[0, :2], fitted.concentration[0, :2]
-        mean, kappa = mean + turned, kappa * scaled
-        return np.log(von_mises_mixture_density(direction, weight, mean, kappa)).mean()
-
-    at_best = log_likelihood()
-    for mode in np.eye(2):
-        for turned in (0.03, -0.03):
-            assert log_likelihood(turned=turned * mode) < at_best - 1e-4
-        for scaled in (1.2, 1 / 1.2):
-            assert log_likelihood(scaled=scaled**mode) < at_best - 1e-4
-
-
-def test_cells_do_not_lean_on_each_other_and_off_the_grid_all_directions_are_alike():
-    rng = np.random.default_rng(4)
-    east, other = rng.vonmises(0.0, 50, 100), rng.vonmises(1.0, 50, 3)
-    position = np.vstack([np.full((100, 2), 5.0), np.tile([15.0, 5.0], (other.size, 1))])
-    model = DirectionalGridMap.fit(
-        position, np.append(east, other), cell_size=10.0, max_concentration=1e4, pseudo_count=2.0
-    )
-    here = np.tile([5.0, 5.0], (50, 1))
-    alone = one_cell(east, pseudo_count=2.0)
-    np.testing.assert_allclose(
-        model.direction_log_density(here, east[:50]), alone.direction_log_density(here, east[:50]), atol=1e-9
-    )
-    assert np.exp(model.direction_log_density(np.full((1, 2), 1e4), np.zeros(1))) == pytest.approx(0.5 / np.pi)
-
-
 def test_a_uniform_direction_counts_as_so_many_rows_of_a_square():
     rng = np.random.default_rng(4)
     direction = rng.vonmises(0.0, 80, 6)
@@ -125,12 +90,6 @@ def test_repeated_angles_are_bounded_and_nothing_overflows():
     log_p = model.direction_log_density(np.full((2, 2), 5.0), np.array([np.pi, 0.0]))
     assert np.isfinite(log_p).all()
     assert log_p[0] == pytest.approx(0.5 * np.log(1e4 / (2 * np.pi)), abs=1e-3)
-
-
-@pytest.mark.parametrize("signal", [0.0, 0.3, 4.0, 60.0])
-def test_projected_normal_integrates_to_one(signal):
-    density = np.exp(projected_normal_log_density(CIRCLE, np.full(CIRCLE.size, signal)))
-    assert density.sum() * STEP == pytest.approx(1.0, abs=1e-9)
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.4, 2.0, -3.0])

@@ -121,16 +121,6 @@ def test_mean_shift_finds_the_tops_that_climbing_from_every_row_finds():
     assert mean_shift_modes(row, np.zeros(77, int), 1, 3.0).weight.size == 1
 
 
-def test_squares_do_not_lean_on_each_other(model):
-    position, direction, speed = street(np.random.default_rng(0))
-    beside = position + np.array([30.0, 0.0])
-    both = CliffMap.fit(np.vstack([position, beside]), np.tile(direction, 2), np.tile(speed, 2), **SETTINGS)
-    some = slice(10, 30)
-    expected = model.direction_log_density(position[some], direction[some])
-    np.testing.assert_allclose(both.direction_log_density(position[some], direction[some]), expected, atol=1e-3)
-    np.testing.assert_allclose(both.direction_log_density(beside[some], direction[some]), expected, atol=1e-3)
-
-
 def test_everywhere_and_for_any_speed_the_density_is_finite():
     repeated = CliffMap.fit(np.zeros((50, 2)), np.full(50, -np.pi), np.full(50, 3.0), **SETTINGS)
     for place in ([0.0, 0.0], AWAY):

@@ -69,11 +69,6 @@ def test_the_most_probable_direction_is_where_a_fine_grid_finds_it():
     np.testing.assert_allclose(mixture.log_density(found), density.max(axis=1), atol=2e-4)
 
 
-def test_the_most_probable_direction_of_no_preference_is_some_direction():
-    uniform = VonMisesMixture(weight=np.ones((1, 1)), mean_direction=np.ones((1, 1)), concentration=np.zeros((1, 1)))
-    assert np.isfinite(most_probable_direction(uniform)).all()
-
-
 def test_no_other_concentration_fits_the_observation_better():
     truth = np.random.default_rng(2).vonmises(0.3, 6.0, 500)
     found = observation_concentration(np.zeros(500), truth)

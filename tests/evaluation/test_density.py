@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.evaluation.baselines import gaussian_process
 from dirprim_filter.evaluation.baselines.uninformative import Uninformative
 from dirprim_filter.evaluation.density import (
-    PRIMITIVE_KINDS,
     Method,
     all_methods,
     conclusion,
@@ -18,9 +16,8 @@ from dirprim_filter.evaluation.density import (
 from dirprim_filter.evaluation.density_rivals import MotionModel
 from dirprim_filter.evaluation.intervals import Interval
 from dirprim_filter.evaluation.settings import Axis
-from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.tracks import Tracks
-from situations import one_cell_map, rows_of
+from situations import rows_of
 
 
 class Constant:
@@ -76,20 +73,6 @@ def test_the_first_method_is_compared_with_each_by_pairs():
     assert first.direction.behind == (0.0, 0.0, 0.0, 40)
 
 
-def test_a_method_draws_the_same_whatever_stands_beside_it(few):
-    def drawing(name):
-        return Method(name, lambda _train, _values, rng: Constant(0.1 + rng.random()))
-
-    positive = Tracks(
-        track_id=few.track_id, time_ns=few.time_ns, position=few.position,
-        direction=np.abs(few.direction) + 1e-3, speed=few.speed,
-    )  # fmt: skip
-    alone = evaluate_density(positive, methods=[drawing("a")], rng=np.random.default_rng(2)).methods[0]
-    beside = evaluate_density(positive, methods=[drawing("a"), drawing("b")], rng=np.random.default_rng(2)).methods
-    assert beside[0] == alone
-    assert beside[1].direction != alone.direction
-
-
 def test_slow_rows_count_for_nothing(few):
     speed = np.where(few.track_id == 3, 0.5, few.speed)
     tracks = Tracks(
@@ -99,36 +82,6 @@ def test_slow_rows_count_for_nothing(few):
     assert len(rows_to_judge(few, min_speed=0.0, interval_s=1.0)) == 12 * 10
     with pytest.raises(ValueError, match=r"faster than 99.0 m/s, got none among 1200"):
         rows_to_judge(few, min_speed=99.0, interval_s=1.0)
-
-
-def test_the_density_of_speed_is_the_joint_one_with_direction_integrated_out():
-    flat = one_cell_map()
-    two = PrimitiveMap(
-        tessellation=flat.tessellation,
-        direction=VonMisesMixture(
-            weight=np.tile([0.3, 0.7], (2, 1)), mean_direction=np.tile([0.0, 2.0], (2, 1)),
-            concentration=np.tile([4.0, 9.0], (2, 1)),
-        ),
-        speed=Gamma(shape=np.tile([9.0, 30.0], (2, 1)), rate=np.tile([3.0, 2.5], (2, 1))),
-        n_rows=flat.n_rows, n_background_modes=0,
-    )  # fmt: skip
-    assert isinstance(two, MotionModel)
-    speed = np.array([0.7, 3.0, 12.0])
-    theta = np.linspace(-np.pi, np.pi, 401)[:-1]
-    place = np.zeros((3, 2))
-    expected = 0.3 * stats.gamma.pdf(speed, 9.0, scale=1 / 3.0) + 0.7 * stats.gamma.pdf(speed, 30.0, scale=0.4)
-    np.testing.assert_allclose(np.exp(two.speed_log_density(place, speed)), expected, rtol=1e-9)
-    joint = np.exp(two.log_density(np.zeros((3, 400, 2)), np.tile(theta, (3, 1)), np.repeat(speed[:, None], 400, 1)))
-    np.testing.assert_allclose(joint.sum(axis=1) * (theta[1] - theta[0]), expected, rtol=1e-9)
-
-
-def test_every_kind_of_primitive_is_a_row_of_the_table():
-    names = [method.name for method in all_methods(max_speed=20.0)]
-    assert {"flat"} <= set(PRIMITIVE_KINDS)
-    assert [f"primitive, {kind}" for kind in PRIMITIVE_KINDS] == names[: len(PRIMITIVE_KINDS)]
-    assert names[len(PRIMITIVE_KINDS) :] == [
-        "primitive, the paper's", "one cell", "without the map", "CLiFF-map", "STeF-map", "DGM", "GP", "uninformative"
-    ]  # fmt: skip
 
 
 @pytest.fixture(scope="module")

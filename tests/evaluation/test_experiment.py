@@ -1,18 +1,17 @@
 """Tracking experiments: what is hidden, what is held out, what a report says, and how to have it again."""
 
 import json
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
 
-from dirprim_filter.config import FilterConfig, TrackingConfig
+from dirprim_filter.config import FilterConfig
 from dirprim_filter.estimates import EstimateList
 from dirprim_filter.evaluation.comparisons import comparisons
-from dirprim_filter.evaluation.experiment import MethodResult, evaluate_tracking, held_out
+from dirprim_filter.evaluation.experiment import evaluate_tracking, held_out
 from dirprim_filter.evaluation.scenes import gaps, honest_tracking
 from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
-from dirprim_filter.evaluation.tracking_report import TrackingReport
 from dirprim_filter.sensor import AxisError, Sensor
 from dirprim_filter.simulation.sensor import detect, sense
 from dirprim_filter.tracks import Tracks
@@ -192,16 +191,6 @@ def test_pooled_figures_count_every_row_and_frame_alike(ring_map):
         assert np.sqrt(errors.squared[known & (errors.is_hidden == hidden)].mean()) == pytest.approx(rmse)
 
 
-def test_vehicles_whose_names_a_tracker_would_give_are_scored_by_where_they_are(traffic, ring_map):
-    experiment = TrackingExperiment(n_seeds=1, gap_s=0.0, with_ids=False, methods=("constant velocity",))
-    as_tracker = replace(traffic, track_id=np.char.add("track-", (traffic.track_id + 1).astype(str)))
-    rmse = [
-        evaluate_tracking(tracks, experiment, sensor=detect, primitive_map=ring_map).methods[0].reports[0].seen_rmse
-        for tracks in (traffic, as_tracker)
-    ]
-    assert rmse[1] == pytest.approx(rmse[0])
-
-
 def test_a_gap_longer_than_beliefs_last_is_judged_to_its_end(ring_map):
     """A belief ends 5 s after it was last seen by default."""
     traffic = ring_traffic(np.random.default_rng(8), n_vehicles=4, n_rows=160)
@@ -221,16 +210,6 @@ def test_whole_groups_are_held_out_where_there_are_some(n_groups):
     assert len(set(train.group)) == np.clip(round(0.7 * n_groups), 1, n_groups - 1)
 
 
-def test_without_ids_errors_are_those_of_the_vehicles_that_estimates_are_given_to(traffic, ring_map):
-    experiment = TrackingExperiment(
-        n_seeds=1, gap_s=0.0, with_ids=False, miss_rate=0.1, methods=("prior",), filter=FilterConfig(n_particles=200)
-    )
-    found = evaluate_tracking(traffic, experiment, sensor=detect, primitive_map=ring_map).methods[0].reports[0]
-    assert found.reported > 0.8
-    assert found.seen_rmse < 1.0
-    assert np.isnan(found.hidden_rmse)
-
-
 def test_association_is_given_the_truth_of_the_sensor(traffic):
     experiment = TrackingExperiment(miss_rate=0.2, false_per_frame=10.0)
     area = np.prod(np.ptp(traffic.position, axis=0))
@@ -239,14 +218,6 @@ def test_association_is_given_the_truth_of_the_sensor(traffic):
     assert reported.clutter_density == pytest.approx(10.0 / area)
     of_model = honest_tracking(traffic, TrackingExperiment(sensor=LATE))
     assert (of_model.detection_probability, of_model.clutter_density) == (pytest.approx(0.8), pytest.approx(1e-4))
-
-
-def test_traffic_that_stands_has_densities_too(traffic):
-    standing = traffic[traffic.track_id == 0]
-    standing = replace(standing, position=np.zeros_like(standing.position), speed=np.zeros_like(standing.speed))
-    found = honest_tracking(standing, TrackingExperiment(false_per_frame=2.0))
-    assert found.clutter_density == pytest.approx(2.0)  # in a square metre
-    assert np.isfinite(found.birth_density)
 
 
 def test_by_a_sensors_model_the_prior_takes_off_bias_and_latency(traffic, ring_map):
@@ -284,22 +255,6 @@ def test_by_a_sensors_model_the_prior_takes_off_bias_and_latency(traffic, ring_m
 def test_a_wrong_experiment_is_named(config, message):
     with pytest.raises(ValueError, match=message):
         TrackingExperiment.of(config)
-
-
-def test_a_file_may_set_the_filters_knobs():
-    made = TrackingExperiment.of({"noise_m": 0.7, "filter": {"n_particles": 9}, "tracking": {"gate": 9.0}})
-    assert made.filter == FilterConfig(n_particles=9, noise_m=0.7)
-    assert made.tracking == TrackingConfig(gate=9.0)
-
-
-def test_a_seed_without_gaps_tells_nothing_of_gaps():
-    nan = float("nan")
-    figures = dict.fromkeys((field.name for field in fields(TrackingReport)), 1.0)
-    reports = tuple(TrackingReport(**(figures | {"hidden_rmse": of_gaps})) for of_gaps in (2.0, nan, 4.0))
-    result = MethodResult(name="prior", reports=reports)
-    assert result.mean("hidden_rmse") == 3.0
-    assert result.std("hidden_rmse") == pytest.approx(np.sqrt(2.0))
-    assert np.isnan(MethodResult(name="prior", reports=reports[1:2]).mean("hidden_rmse"))
 
 
 def test_smoothers_stand_beside_their_filters_and_know_more(traffic, ring_map):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dirprim_filter.evaluation.settings import LEAST_GAIN, Axis, choose
+from dirprim_filter.evaluation.settings import Axis, choose
 
 SIZE, SHARE = Axis("size, m", 1.0, 2.0), Axis("share", 1.0, 3.0)
 
@@ -24,18 +24,6 @@ def test_what_is_chosen_is_the_best_of_a_wide_grid_and_lies_inside_what_was_sear
         assert choice.is_inside
         assert choice.low <= choice.chosen / factor * 1.0001
         assert choice.high >= choice.chosen * factor * 0.9999
-
-
-def test_no_setting_is_tried_twice_and_a_plateau_ends_the_search():
-    tried = []
-
-    def plateau(values):
-        tried.append(values)
-        return 0.9 * LEAST_GAIN * np.log(values[0])
-
-    (choice,) = choose([SIZE], plateau)
-    assert choice == ("size, m", 0.5, 1.0, 2.0)
-    assert len(tried) == len(set(tried)) == 3
 
 
 def test_where_the_grid_cannot_widen_the_choice_lies_on_its_bound():  # the negative control

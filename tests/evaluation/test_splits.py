@@ -5,7 +5,7 @@ import pytest
 
 from dirprim_filter.evaluation.cues import steps_between_cells
 from dirprim_filter.evaluation.forecast_cases import Cases
-from dirprim_filter.evaluation.splits import honest_split, split, thinned
+from dirprim_filter.evaluation.splits import split, thinned
 from dirprim_filter.filtering.manoeuvre import acceleration_density
 from dirprim_filter.primitives import learn_primitives
 from dirprim_filter.tracks import Tracks
@@ -41,20 +41,6 @@ def test_random_rows_are_disjoint_tenths_and_leak_vehicles(tracks):
     assert len(held_out) == len(set(held_out)) == len(tracks)
     assert {len(fold.test) for fold in folds} == {len(tracks) // 10}
     assert np.intersect1d(folds[0].train.track_id, folds[0].test.track_id).size  # what the other splits must not have
-
-
-def test_a_split_is_decided_by_its_generator_alone(tracks):
-    a, b, c = (split(tracks, by="vehicle", n_folds=2, rng=np.random.default_rng(seed))[0] for seed in (3, 3, 4))
-    assert rows_of(a.test) == rows_of(b.test) != rows_of(c.test)
-
-
-def test_there_are_no_more_folds_than_groups(tracks):
-    assert len(split(tracks, by="group", n_folds=99, rng=np.random.default_rng(0))) == 4
-
-
-def test_the_default_holds_out_groups_where_there_are_some(tracks):
-    assert honest_split(tracks) == "group"
-    assert honest_split(tracks[tracks.group == 1]) == "vehicle"
 
 
 def test_thinned_rows_are_the_first_of_each_interval_of_each_vehicle(tracks):

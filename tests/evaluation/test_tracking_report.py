@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dirprim_filter.evaluation.tracked_rows import TrackedRows, names_in_group
+from dirprim_filter.evaluation.tracked_rows import TrackedRows
 from dirprim_filter.evaluation.tracking_report import Scales, TrackingReport, errors_by_row
 from dirprim_filter.tracks import Tracks
 
@@ -164,11 +164,6 @@ def test_names_that_a_tracker_makes_up_mean_nothing_without_ids():
     )  # fmt: skip
     assert report(rows(track_id="track-7"), is_hidden=None, with_ids=False, truth=other).rmse < 2.0
     assert report(rows(track_id="track-7"), is_hidden=None, with_ids=True, truth=other).rmse > 70.0
-
-
-def test_ids_of_a_group_are_the_same_with_its_number_and_without():
-    names = names_in_group(np.array(["2/a", "a", "3/a", "2/b/c"]), np.array([2, 2, 2, 2]))
-    assert names.tolist() == ["a", "a", "3/a", "b/c"]
 
 
 def test_lengths_are_positive_and_a_truth_has_rows():

@@ -43,14 +43,6 @@ def test_on_a_ring_it_goes_along_the_ring_and_off_it_straight_on(memory):
     assert (bend < 1.7 * 3.0 * SPEED).all()
 
 
-def test_who_moves_against_all_others_follows_none_of_them(memory):
-    row, weight = memory._alike(on_ring([0.3]), np.array([-1]))
-    assert weight.sum() > 1.0
-    against = on_ring([0.3])._replace(direction=np.array([0.3 - np.pi / 2]))
-    assert memory._alike(against, np.array([-1]))[1].sum() == 0.0
-    assert np.isfinite(row[weight > 0]).all()
-
-
 def test_weights_are_those_of_a_slow_loop_over_all_rows(memory, monkeypatch):
     """Each row's way to its next is cut fine, and the nearest place of it taken."""
     monkeypatch.setattr(trajectory_memory, "NEIGHBOURS", 600)
@@ -79,19 +71,6 @@ def test_a_vehicle_never_follows_itself():
     own = np.linalg.norm(alone.position[0])
     assert np.median(np.abs(radius[-1] - own)) < 1.0
     assert (radius[0] > own + 5.0).all()  # straight on: there is nobody else
-
-
-def test_groups_are_worlds_whose_vehicles_are_not_the_same():
-    one = ring_traffic(np.random.default_rng(0), n_vehicles=1)
-    rows = {
-        name: np.concatenate([getattr(one, name)] * 2)
-        for name in ("track_id", "time_ns", "position", "direction", "speed")
-    }
-    memory = TrajectoryMemory.of(Tracks(**rows, group=np.repeat([0, 1], len(one))))
-    assert np.unique(memory.vehicle).tolist() == [0, 1]
-    start = States(one.position[:1], one.direction[:1], one.speed[:1])
-    path = drawn(memory, start, (3.0,), but=np.array([0]))
-    assert np.median(np.abs(np.linalg.norm(path, axis=-1) - np.linalg.norm(one.position[0]))) < 1.0
 
 
 def test_the_search_ends_between_settings_that_are_no_better_wherever_it_begins():
@@ -124,7 +103,3 @@ def test_of_tracks_of_one_row_there_is_nothing_to_remember_and_all_go_straight_o
     assert not found
     path = drawn(memory, States(np.zeros((1, 2)), np.zeros(1), np.full(1, 10.0)), (2.0,))
     np.testing.assert_allclose(path[0, :, 0], np.tile([20.0, 0.0], (200, 1)), atol=1.0)
-
-
-def test_the_same_seed_draws_the_same_futures(memory):
-    np.testing.assert_array_equal(drawn(memory, on_ring([0.3]), (1.0,)), drawn(memory, on_ring([0.3]), (1.0,)))

@@ -6,16 +6,12 @@ import numpy as np
 import pytest
 
 from dirprim_filter.estimates import EstimateList, Estimates
-from dirprim_filter.evaluation.experiment import evaluate_tracking
 from dirprim_filter.evaluation.scores import score_rows
 from dirprim_filter.evaluation.scoring import TrackedWorld, Truth, report, row_errors
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
-from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
 from dirprim_filter.evaluation.tracking_report import Scales, TrackingReport
 from dirprim_filter.evaluation.truth import judged_truth
-from dirprim_filter.simulation.sensor import detect
 from dirprim_filter.tracks import Tracks
-from situations import ring_traffic
 
 STEP_NS = 100_000_000
 N_VEHICLES, N = 6, 80
@@ -185,19 +181,3 @@ def test_an_interpolated_row_is_hidden_where_both_its_neighbours_are():
     assert set(found.cluster) == {"a", "b"}
     assert found.squared == pytest.approx(np.where(is_hidden, 9.0, 1.0))
     np.testing.assert_array_equal(found.is_hidden, is_hidden)
-
-
-def test_an_experiment_on_asynchronous_traffic_scores_as_one_in_frames(ring_map):
-    """To the spread of runs, of some 2 % each; row by row each instant has one vehicle, and the others were ghosts."""
-    in_frames = ring_traffic(np.random.default_rng(8), n_vehicles=4, n_rows=80)
-    offset = np.random.default_rng(0).integers(0, STEP_NS, 4)
-    asynchronous = replace(in_frames, time_ns=in_frames.time_ns + offset[in_frames.track_id])
-    experiment = TrackingExperiment(n_seeds=1, gap_s=2.0, with_ids=False, methods=("constant velocity",))
-    one, other = (
-        evaluate_tracking(tracks, experiment, sensor=detect, primitive_map=ring_map).methods[0].reports[0]
-        for tracks in (in_frames, asynchronous)
-    )
-    assert (one.interpolated, other.interpolated > 0.7) == (0.0, True)
-    assert other.hota == pytest.approx(one.hota, abs=0.1)
-    assert other.mota == pytest.approx(one.mota, abs=0.1)
-    assert other.seen_rmse == pytest.approx(one.seen_rmse, rel=0.2)

@@ -98,26 +98,8 @@ def test_clutter_check_notices_more_of_it_and_a_smaller_box(truth: Tracks, rng: 
     assert not clutter_holds(truth, 0.7 * clutter(truth, rng, FALSE_PER_FRAME))
 
 
-def test_detections_come_in_order_of_time(truth: Tracks, rng: np.random.Generator) -> None:
-    assert (np.diff(detect(truth, rng=rng).time_ns) >= 0).all()
-
-
 def test_a_perfect_sensor_reports_the_truth(truth: Tracks, rng: np.random.Generator) -> None:
     assert not errors(truth, rng, 0.0).any()
-
-
-def test_a_blind_sensor_reports_nothing(truth: Tracks, rng: np.random.Generator) -> None:
-    assert len(detect(truth, miss_rate=1.0, false_per_frame=0.0, rng=rng)) == 0
-
-
-def test_no_traffic_gives_no_detections(truth: Tracks, rng: np.random.Generator) -> None:
-    assert len(detect(truth[:0], rng=rng)) == 0
-
-
-def test_the_same_generator_gives_the_same_detections(truth: Tracks) -> None:
-    one, two = (detect(truth, rng=np.random.default_rng(9)) for _ in range(2))
-    np.testing.assert_array_equal(one.position, two.position)
-    np.testing.assert_array_equal(one.track_id, two.track_id)
 
 
 @pytest.mark.parametrize(
