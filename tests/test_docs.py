@@ -1,5 +1,6 @@
 """What the pages of `docs/` say works, word for word, in their order; on cut-down logs of the recordings' names."""
 
+import json
 import re
 import shlex
 from contextlib import redirect_stdout
@@ -68,6 +69,18 @@ def follow(line):
     for option, value in pairwise(arguments):
         if option in {"-o", "--save", "--plot", "--chart"}:
             assert Path(value).stat().st_size > 0, line
+
+
+@pytest.mark.parametrize("notebook", sorted((ROOT / "docs" / "notebooks").glob("*.ipynb")), ids=lambda p: p.name)
+def test_every_cell_of_a_notebook_runs(notebook, short_recordings, tmp_path, monkeypatch):
+    (tmp_path / "recordings").symlink_to(short_recordings)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    names: dict[str, object] = {}
+    for cell in json.loads(notebook.read_text())["cells"]:
+        if cell["cell_type"] == "code":
+            exec(compile("".join(cell["source"]), notebook.name, "exec"), names)  # noqa: S102 (our own text)
+    assert names.get("code", 0) == 0
 
 
 def test_pages_without_blocks_have_none():
