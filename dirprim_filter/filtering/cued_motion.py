@@ -45,6 +45,11 @@ class CuedMotion:
             self._roster.cue[slot[now_ns - self._roster.measured_ns[slot] > CUE_LASTS_S * 1e9]] = np.nan
             self._weigh(slot)
 
+    def advance_to(self, slot: IntArray, *, now_ns: int) -> None:
+        """Predict beliefs (v,) to a time."""
+        self.advance(slot, now_ns - self._roster.time_ns[slot], now_ns=now_ns)
+        self._roster.time_ns[slot] = now_ns
+
     def advance_in_whole_steps(self, slot: IntArray, *, now_ns: int) -> None:
         """Steps from each belief's own last measurement: as many as fit before a time."""
         roster = self._roster

@@ -21,7 +21,6 @@ class CurrentFrame:
         detections: with the times when they were true: a latency before they arrived.
         hits: tracks of earlier frames, and the rows of `detections` assigned to them.
         by_chance: (d,) density of clutter and first detections expected at each of `detections`, see `Undetected`.
-        kinds: whether it is about labelled tracks (True), unlabelled ones (False), or both, as an empty one is.
         home: slots of all tracks that may be reported: labelled ones of the frame in its order, labelled ones that it
             does not hold, and unlabelled ones.
         n_aside: how many beliefs were moved aside.
@@ -38,7 +37,6 @@ class CurrentFrame:
     detections: Detections = field(default_factory=Detections.none)
     hits: Hits = field(default_factory=lambda: Hits(NO_ROWS, NO_ROWS))
     by_chance: FloatArray = field(default_factory=lambda: np.empty(0))
-    kinds: tuple[bool, ...] = ()
     home: IntArray = field(default_factory=NO_ROWS.copy)
     n_aside: int = 0
     held: IntArray = field(default_factory=NO_ROWS.copy)

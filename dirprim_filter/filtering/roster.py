@@ -1,30 +1,42 @@
-"""Who is being tracked: each track's slot in the filter, and what is known of it beside the belief."""
+"""Who is being tracked: each track's slot in the filter, what is known beside its belief, and whether it exists."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import compress
+from typing import Any
 
 import numpy as np
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.config import TrackingConfig
 from dirprim_filter.filtering import existence
-from dirprim_filter.filtering.protocols import BayesFilter
+from dirprim_filter.filtering.protocols import BayesFilter, KnowsPlaces
+from dirprim_filter.filtering.scans import is_due
+from dirprim_filter.sight import Sight
 
 FIRST_CAPACITY = 16
 GAP_INTERVALS = 3.0
 """Of the usual intervals between detections of a vehicle so many may pass without one before its belief ends."""
+SLOW_NS = 1e9
+"""A sensor that looks at a vehicle less often is for vehicles that stay longer: existence changes slower."""
 TENTATIVE = "\0"
 """Prefix of the names of tentative unlabelled tracks: no sensor's id begins with it."""
-_COLUMNS = (
-    "time_ns", "existence_ns", "measured_ns", "counted_ns", "is_labelled", "is_confirmed", "existence",
-    "outside", "in_sight", "ends", "n_unexplained", "log_evidence", "cue", "interval",
-)  # fmt: skip
+_EMPTY: dict[str, Any] = {
+    "time_ns": np.int64(0), "existence_ns": np.int64(0), "measured_ns": np.int64(0), "counted_ns": np.int64(0),
+    "is_labelled": np.False_, "is_confirmed": np.False_, "existence": np.zeros(3), "outside": 0.0, "in_sight": 1.0,
+    "ends": 0.0, "n_unexplained": np.int64(0), "log_evidence": 0.0, "cue": np.full(2, np.nan), "interval": np.zeros(2),
+}  # fmt: skip
+"""The columns, and what a track has in each before it begins."""
 
 
 class Roster:
     """Slots are given to tracks as they come and taken back when they go; when all are taken, their number doubles.
+
+    Args:
+        bayes_filter: holds their beliefs.
+        config: rates, and when a track is confirmed.
+        sight: where the sensor sees; None for everywhere.
+        least_gap_ns: as the attribute.
 
     Attributes:
         time_ns: (slots,) the time each belief holds for.
@@ -38,33 +50,37 @@ class Roster:
         in_sight: (slots,) probability that it is where its sensor sees.
         ends: (slots,) 1/s, rate at which journeys end where it was when its existence was last moved on.
         n_unexplained: (slots,) consecutive measurements that its belief did not explain.
-        least_gap_ns: nanoseconds without a measurement after which a track ends, where its intervals are not longer.
         log_evidence: (slots,) of its measurement in this frame; 0 where there is none.
-        interval: (slots, 2) nanoseconds, usual time between two of its detections and jitter of that; 0 while unknown.
         cue: (slots, 2) what it is weighed by, as in `Detections`; NaN for nothing.
+        interval: (slots, 2) nanoseconds, usual time between two of its detections and jitter of that; 0 while unknown.
+        least_gap_ns: nanoseconds without a measurement after which a track ends, where its intervals are not longer.
     """
 
-    def __init__(self, bayes_filter: BayesFilter) -> None:
-        self._filter = bayes_filter
+    time_ns: IntArray
+    existence_ns: IntArray
+    measured_ns: IntArray
+    counted_ns: IntArray
+    is_labelled: BoolArray
+    is_confirmed: BoolArray
+    existence: FloatArray
+    outside: FloatArray
+    in_sight: FloatArray
+    ends: FloatArray
+    n_unexplained: IntArray
+    log_evidence: FloatArray
+    cue: FloatArray
+    interval: FloatArray
+
+    def __init__(
+        self, bayes_filter: BayesFilter, config: TrackingConfig, sight: Sight | None, *, least_gap_ns: float
+    ) -> None:
+        self._filter, self._config, self._sight = bayes_filter, config, sight
+        self._places = bayes_filter if isinstance(bayes_filter, KnowsPlaces) else None
         self._slot: dict[str, int] = {}
+        self._name: dict[int, str] = {}
         self._free: list[int] = []
-        self._members: dict[bool, tuple[list[str], IntArray]] = {}  # until a track begins or ends
         self._n_tentative = self._n_numbered = 0
-        self.time_ns: IntArray = np.empty(0, np.int64)
-        self.existence_ns: IntArray = np.empty(0, np.int64)
-        self.measured_ns: IntArray = np.empty(0, np.int64)
-        self.counted_ns: IntArray = np.empty(0, np.int64)
-        self.is_labelled: BoolArray = np.empty(0, np.bool_)
-        self.is_confirmed: BoolArray = np.empty(0, np.bool_)
-        self.existence: FloatArray = np.empty((0, 3))
-        self.outside: FloatArray = np.empty(0)
-        self.in_sight: FloatArray = np.empty(0)
-        self.ends: FloatArray = np.empty(0)
-        self.n_unexplained: IntArray = np.empty(0, np.int64)
-        self.log_evidence: FloatArray = np.empty(0)
-        self.cue: FloatArray = np.empty((0, 2))
-        self.interval: FloatArray = np.empty((0, 2))
-        self.least_gap_ns = 0.0
+        self.least_gap_ns = least_gap_ns
         self._grow(FIRST_CAPACITY)
 
     def __len__(self) -> int:
@@ -73,36 +89,41 @@ class Roster:
     def __contains__(self, name: str) -> bool:
         return name in self._slot
 
-    def enter(self, names: Sequence[str], *, is_labelled: bool, time_ns: int, exists: FloatArray) -> IntArray:
+    def enter(self, names: Sequence[str], *, is_labelled: BoolArray, time_ns: int, exists: FloatArray) -> IntArray:
         """(v,) slots for tracks that have none yet; they begin with a detection at `time_ns`, and `exists` (v, 3)."""
         if len(names) > len(self._free):
             self._grow(max(self.time_ns.size, len(names)))
-        self._members.clear()
         slot = np.array([self._free.pop() for _ in names], dtype=np.int64)
         self._slot.update(zip(names, slot.tolist(), strict=True))
+        self._name.update(zip(slot.tolist(), names, strict=True))
+        for name, empty in _EMPTY.items():
+            getattr(self, name)[slot] = empty
         for column in (self.time_ns, self.existence_ns, self.measured_ns, self.counted_ns):
             column[slot] = time_ns
-        self.is_labelled[slot] = is_labelled
-        self.is_confirmed[slot] = False
-        self.existence[slot] = exists
-        self.outside[slot] = 0.0
-        self.in_sight[slot] = 1.0
-        self.ends[slot] = 0.0
-        self.n_unexplained[slot] = 0
-        self.log_evidence[slot] = 0.0
-        self.cue[slot] = np.nan
-        self.interval[slot] = 0.0
+        self.is_labelled[slot], self.existence[slot] = is_labelled, exists
         return slot
+
+    @property
+    def slots(self) -> IntArray:
+        """(v,) of all tracks, in the order they came."""
+        return np.fromiter(self._slot.values(), np.int64, len(self._slot))
+
+    @property
+    def labelled(self) -> IntArray:
+        """(v,) slots of those with an id of their sensor's."""
+        slot = self.slots
+        return slot[self.is_labelled[slot]]
+
+    @property
+    def unlabelled(self) -> IntArray:
+        """(v,) slots of the others."""
+        slot = self.slots
+        return slot[~self.is_labelled[slot]]
 
     @property
     def probability(self) -> FloatArray:
         """(slots,) that there is such a vehicle."""
         return existence.probability(self.existence, self.outside, self.in_sight)
-
-    def rename(self, old: str, new: str) -> None:
-        """Call a track by another name."""
-        self._members.clear()
-        self._slot[new] = self._slot.pop(old)
 
     def tentative_names(self, n: int) -> list[str]:
         """Names of unlabelled tracks until they are confirmed; none was given before."""
@@ -114,14 +135,13 @@ class Roster:
         self._n_numbered += 1
         while (new := f"track-{self._n_numbered}") in self:
             self._n_numbered += 1
-        self.rename(name, new)
+        self._slot[new] = slot = self._slot.pop(name)
+        self._name[slot] = new
 
-    def confirm(self, *, above: float) -> None:
-        """Note who exists with at least that probability, and number the unlabelled among them."""
-        self.is_confirmed |= self.probability >= above
-        names, slot = self.members(is_labelled=False)
-        for name in compress(names, self.is_confirmed[slot].tolist()):
-            if name.startswith(TENTATIVE):
+    def give_way(self, names: Sequence[str]) -> None:
+        """Number unlabelled tracks anew that have one of these ids: the sensor's come before ours."""
+        for name in names:
+            if name in self and not self.is_labelled[self._slot[name]]:
                 self.number(name)
 
     def slots_of(self, names: Sequence[str]) -> IntArray:
@@ -130,16 +150,7 @@ class Roster:
 
     def names_of(self, slot: IntArray) -> list[str]:
         """The names of those who have the slots (v,)."""
-        names = {place: name for name, place in self._slot.items()}
-        return [names[place] for place in slot.tolist()]
-
-    def members(self, *, is_labelled: bool) -> tuple[list[str], IntArray]:
-        """Names and slots (v,) of those with, or without, an id of their sensor's; in the order they came."""
-        if is_labelled not in self._members:
-            slot = np.fromiter(self._slot.values(), np.int64, len(self._slot))
-            chosen = self.is_labelled[slot] == is_labelled
-            self._members[is_labelled] = list(compress(self._slot, chosen.tolist())), slot[chosen]
-        return self._members[is_labelled]
+        return [self._name[place] for place in slot.tolist()]
 
     def spare(self, n: int) -> IntArray:
         """(n,) free slots, for temporary beliefs until a track takes them."""
@@ -147,29 +158,51 @@ class Roster:
             self._grow(max(self.time_ns.size, n))
         return np.array(self._free[len(self._free) - n :], dtype=np.int64)
 
-    @property
-    def last_ns(self) -> FloatArray:
-        """(slots,) when each track ends, unless it is measured before."""
-        return np.asarray(self.measured_ns + np.maximum(self.least_gap_ns, GAP_INTERVALS * self.interval[:, 0]))
-
-    def forget(self, *, now_ns: int, config: TrackingConfig) -> None:
+    def forget(self, *, now_ns: int) -> None:
         """End tracks not measured for too long, and those that hardly exist."""
-        hopeless = (
-            config.forget_below * existence.at_birth(np.array([config.birth_density]), config)[0, existence.VISIBLE]
-        )
-        ended = (self.probability < hopeless) | (self.last_ns < now_ns)
-        for is_labelled in (True, False):
-            names, slot = self.members(is_labelled=is_labelled)
-            gone = list(compress(names, ended[slot].tolist()))
-            if gone:
-                self._members.clear()
-                self._free += [self._slot.pop(name) for name in gone]
+        config, slot = self._config, self.slots
+        first = existence.at_birth(np.array([config.birth_density]), config)[0, existence.VISIBLE]
+        last_ns = self.measured_ns + np.maximum(self.least_gap_ns, GAP_INTERVALS * self.interval[:, 0])
+        ended = (self.probability < config.forget_below * first) | (last_ns < now_ns)
+        self._free += [self._slot.pop(self._name.pop(place)) for place in slot[ended[slot]].tolist()]
+
+    def age(self, slot: IntArray, held: IntArray, time_ns: int) -> None:
+        """Let existence (v,) come to a time, by where the beliefs in the slots `held` (v,) are then."""
+        dt_s = np.asarray((time_ns - self.existence_ns[slot]) * 1e-9, np.float64)
+        pace = 1.0 / np.maximum(self.interval[slot, 0] / SLOW_NS, 1.0)
+        ends = np.zeros(slot.size) if self._places is None else self._places.rate_of_ends(held)
+        passed = 0.5 * (self.ends[slot] + ends)  # on the way
+        self.existence[slot] = existence.later(self.existence[slot], dt_s, self._config, ends=passed, pace=pace)
+        self.ends[slot], self.existence_ns[slot] = ends, time_ns
+        if self._places is not None:
+            self.outside[slot] = self._places.probability_outside(held)
+        if self._sight is not None:
+            m = self._filter.moments(held)
+            self.in_sight[slot] = self._sight.probability(m[:, :2], m[:, [2, 3, 3, 4]].reshape(-1, 2, 2))
+
+    def missed(self, hit: IntArray, time_ns: int) -> IntArray:
+        """Slots of the tracks that a frame ought to have shown and did not; those it did are `hit`."""
+        slot = self.slots
+        slot = slot[~np.isin(slot, hit) & (self.measured_ns[slot] < time_ns)]
+        return slot[is_due(time_ns - self.counted_ns[slot], self.interval[slot])]
+
+    def learn(self, hit: IntArray, by_chance: FloatArray, missed: IntArray) -> None:
+        """Update existence by a frame's hits, others expected so densely there, (h,) as `after_hit`, and misses.
+
+        Unlabelled tracks that are confirmed by it are numbered.
+        """
+        config = self._config
+        self.existence[hit] = existence.after_hit(self.existence[hit], self.log_evidence[hit], by_chance, config)
+        self.existence[missed] = existence.after_miss(self.existence[missed], config, self.in_sight[missed])
+        self.is_confirmed |= self.probability >= config.confirm_above
+        for name in [name for name in self._slot if name.startswith(TENTATIVE)]:
+            if self.is_confirmed[self._slot[name]]:
+                self.number(name)
 
     def _grow(self, n_more: int) -> None:
-        old = self.time_ns.size
-        for name in _COLUMNS:
-            column = getattr(self, name)
-            more = np.zeros((n_more, *column.shape[1:]), column.dtype)
-            setattr(self, name, np.concatenate([column, more]))
-        self._free = [*range(old + n_more - 1, old - 1, -1), *self._free]
-        self._filter.reserve(old + n_more)
+        for name, empty in _EMPTY.items():
+            more = np.full((n_more, *np.shape(empty)), empty)
+            setattr(self, name, np.concatenate([getattr(self, name, more[:0]), more]))
+        size = self.time_ns.size
+        self._free = [*range(size - 1, size - n_more - 1, -1), *self._free]
+        self._filter.reserve(size)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -25,61 +24,56 @@ MOST_NAMES = 1000
 """Beyond so many names those are forgotten that were not seen for so long."""
 
 
-class Interval(NamedTuple):
-    """Of a vehicle's detections."""
-
-    seen_ns: int  # its last one
-    gaps_ns: tuple[int, ...] = ()  # the last times between two
-
-    def after(self, time_ns: int) -> Interval:
-        """With one more detection."""
-        gap = time_ns - self.seen_ns
-        return Interval(time_ns, (*self.gaps_ns, gap)[-REMEMBERED:] if gap <= MOST_NS else self.gaps_ns)
-
-    @property
-    def usual_ns(self) -> tuple[float, float]:
-        """Median of the times between two, and median of how far off it they are; 0 while unknown."""
-        if not self.gaps_ns:
-            return 0.0, 0.0
-        usual = _median(self.gaps_ns)
-        return usual, _median([abs(gap - usual) for gap in self.gaps_ns])
-
-
-class IntervalsByName:
-    """The intervals of vehicles that their sensor labels: of each by its own detections alone."""
+class Gaps:
+    """The last times between two of some events."""
 
     def __init__(self) -> None:
-        self._of: dict[str, Interval] = {}
+        self.seen_ns: int | None = None
+        self._gaps: deque[int] = deque(maxlen=REMEMBERED)
+
+    def add(self, gap_ns: int) -> None:
+        """One more, unless it is a pause."""
+        if gap_ns <= MOST_NS:
+            self._gaps.append(gap_ns)
+
+    def see(self, time_ns: int) -> None:
+        """One more event."""
+        if self.seen_ns is not None:
+            self.add(time_ns - self.seen_ns)
+        self.seen_ns = time_ns
+
+    @property
+    def usual_ns(self) -> tuple[int, int]:
+        """Median, the lower one of an even number, and median of how far off it they are; 0 while unknown."""
+        if not self._gaps:
+            return 0, 0
+        usual = _median(list(self._gaps))
+        return usual, _median([abs(gap - usual) for gap in self._gaps])
+
+
+class Intervals:
+    """How often a sensor looks: at each vehicle that it labels, by its own detections alone; at all others; at all.
+
+    Attributes:
+        of_frames: between two frames.
+        of_others: of vehicles without a label, from one detection to the next.
+    """
+
+    def __init__(self) -> None:
+        self.of_frames, self.of_others = Gaps(), Gaps()
+        self._of: dict[str, Gaps] = {}
 
     def see(self, names: Sequence[str], time_ns: int) -> None:
-        """Take the vehicles of a frame."""
+        """Take the labelled vehicles of a frame."""
+        self.of_frames.see(time_ns)
         for name in names:
-            former = self._of.get(name)
-            self._of[name] = Interval(time_ns) if former is None else former.after(time_ns)
+            self._of.setdefault(name, Gaps()).see(time_ns)
         if len(self._of) > 2 * len(names) + MOST_NAMES:
-            self._of = {name: of for name, of in self._of.items() if time_ns - of.seen_ns <= MOST_NS}
+            self._of = {name: of for name, of in self._of.items() if time_ns - (of.seen_ns or 0) <= MOST_NS}
 
     def of(self, names: Sequence[str]) -> FloatArray:
         """(n, 2) usual time and jitter of each, nanoseconds."""
-        return np.array([self._of[name].usual_ns for name in names]).reshape(-1, 2)
-
-
-class RevisitTime:
-    """The same of all others together: the median over the last frames of each frame's median."""
-
-    def __init__(self) -> None:
-        self._medians: deque[float] = deque(maxlen=REMEMBERED)
-
-    def see(self, gap_ns: FloatArray | IntArray) -> None:
-        """Of a frame's vehicles, the times since the detections before these. (v,) nanoseconds."""
-        gap_ns = gap_ns[gap_ns <= MOST_NS]
-        if gap_ns.size:
-            self._medians.append(float(np.median(gap_ns)))
-
-    @property
-    def usual_ns(self) -> float:
-        """Nanoseconds; 0 while unknown."""
-        return float(np.median(self._medians)) if self._medians else 0.0
+        return np.array([self._of[name].usual_ns for name in names], np.float64).reshape(-1, 2)
 
 
 def is_due(since_ns: IntArray, interval: FloatArray) -> BoolArray:
@@ -88,6 +82,5 @@ def is_due(since_ns: IntArray, interval: FloatArray) -> BoolArray:
     return np.asarray((since_ns >= due_ns) & (interval[:, 0] > 0))
 
 
-def _median(times: Sequence[float]) -> float:
-    """The lower one of an even number."""
-    return float(sorted(times)[(len(times) - 1) // 2])
+def _median(times: Sequence[int]) -> int:
+    return sorted(times)[(len(times) - 1) // 2]

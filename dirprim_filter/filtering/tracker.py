@@ -19,14 +19,13 @@ from dirprim_filter.filtering import existence
 from dirprim_filter.filtering.association import Associator, Hits
 from dirprim_filter.filtering.belief import birth_key
 from dirprim_filter.filtering.cued_motion import CuedMotion
-from dirprim_filter.filtering.current_frame import NO_ROWS, CurrentFrame
+from dirprim_filter.filtering.current_frame import CurrentFrame
 from dirprim_filter.filtering.measurements import position_errors, with_unseen_errors
 from dirprim_filter.filtering.particle_filter import bayes_filter_of
 from dirprim_filter.filtering.protocols import BayesFilter, HasSamples, KnowsPlaces
 from dirprim_filter.filtering.roster import GAP_INTERVALS, Roster
-from dirprim_filter.filtering.scans import IntervalsByName, RevisitTime
+from dirprim_filter.filtering.scans import Intervals
 from dirprim_filter.filtering.smoothing.recorder import Recorder
-from dirprim_filter.filtering.track_existence import TrackExistence
 from dirprim_filter.filtering.undetected import Undetected
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.sensor import Sensor
@@ -36,8 +35,6 @@ logger = logging.getLogger(__name__)
 AWAY_S = 1.0
 """Where a belief does not reach a labelled vehicle that is back after longer than this, the belief is wrong: after
 seconds unseen that is likelier than that the first measurement is an outlier."""
-KINDS = (True, False)
-"""Of tracks: labelled, and not."""
 
 
 class Tracker:
@@ -86,24 +83,19 @@ class Tracker:
         self.recoveries = 0
         self._with_innovations = with_innovations
         self._filter = bayes_filter_of(model, self.config, sensor)
-        self._intervals, self._revisits, self._frame_times = IntervalsByName(), RevisitTime(), RevisitTime()
-        self._places = self._filter if isinstance(self._filter, KnowsPlaces) else None
+        self._intervals = Intervals()
         self._samples = self._filter if isinstance(self._filter, HasSamples) else None
         self._recorder = recorder
         if recorder is not None:
             recorder.follow(self._filter)
         self._latency_ns = 0 if sensor is None else round(sensor.latency_s * 1e9)
         sight = None if sensor is None else sensor.sight
-        self._roster = Roster(self._filter)
+        self.longest_gap_ns = int(self.config.max_gap_s * 1e9)
+        self._roster = Roster(self._filter, self.tracking, sight, least_gap_ns=self.longest_gap_ns)
         self._motion = CuedMotion(self._filter, self._roster, recorder, step_s=self.config.step_s)
-        self._roster.least_gap_ns = self.longest_gap_ns = int(self.config.max_gap_s * 1e9)
-        self._existence = TrackExistence(self._roster, self._filter, self._places, self.tracking, sight)
         self._associator = Associator(self._filter, self.config, self.tracking)
-        traffic = None if self._places is None else self._places.traffic
-        self._undetected = {
-            labelled: Undetected(traffic, self.tracking, self.config, sight=sight, learns_level=not labelled)
-            for labelled in KINDS
-        }
+        traffic = self._filter.traffic if isinstance(self._filter, KnowsPlaces) else None
+        self._undetected = Undetected(traffic, self.tracking, self.config, sight=sight)
         self._seed = int(rng.integers(2**63))
         self._time_ns = NO_TIME
         self._frame = CurrentFrame(is_weighed=True)
@@ -143,16 +135,13 @@ class Tracker:
         if not is_frame:
             return
         is_labelled = detections.track_id != NO_ID
-        self._learn_intervals(detections.track_id[is_labelled].tolist(), passed_ns)
-        self._roster.forget(now_ns=time_ns, config=self.tracking)
+        labels, row = detections.track_id[is_labelled].tolist(), np.flatnonzero(is_labelled)
+        self._learn_intervals(labels)
+        self._roster.forget(now_ns=time_ns)
         frame.by_chance = self._by_chance(is_labelled, passed_ns)
-        frame.kinds = tuple(np.unique(is_labelled).tolist()) or KINDS
-        found = self._associate(np.flatnonzero(~is_labelled)) if False in frame.kinds else Hits(NO_ROWS, NO_ROWS)
-        frame.hits = Hits.concatenate([self._match(np.flatnonzero(is_labelled)), found])
-        rest = np.setdiff1d(np.arange(len(detections)), frame.hits.row)
-        for kind in frame.kinds:
-            self._begin_tracks(rest[is_labelled[rest] == kind], is_labelled=kind)
-        self._hold(detections.track_id[is_labelled].tolist())
+        frame.hits = Hits.concatenate([self._match(labels, row), self._associate(np.flatnonzero(~is_labelled))])
+        self._begin_tracks(np.setdiff1d(np.arange(len(detections)), frame.hits.row), is_labelled)
+        self._hold(labels)
 
     def weigh(self) -> None:
         """Weigh the moved beliefs by the frame's measurements; begin anew those that have lost their vehicle.
@@ -173,16 +162,18 @@ class Tracker:
         if self._with_innovations:
             frame.innovation = self._innovation(slot, measured)
         evidence = (self._recorder or self._filter).weigh(slot, measured)
-        self._revisits.see((time_ns - roster.measured_ns[slot])[~roster.is_labelled[slot]])
-        missed = [self._existence.missed(slot, time_ns, is_labelled=kind) for kind in frame.kinds]
+        since_ns = (time_ns - roster.measured_ns[slot])[~roster.is_labelled[slot]]
+        if since_ns.size:
+            self._intervals.of_others.add(int(np.median(since_ns)))
+        missed = roster.missed(slot, time_ns)
         is_back = roster.is_labelled[slot] & (_seconds(time_ns - roster.measured_ns[slot]) > AWAY_S)
         roster.measured_ns[slot] = time_ns
         is_weightless = ~np.isfinite(evidence.log_density)  # no particle has a weight
         roster.log_evidence[slot] = np.where(is_weightless, 0.0, evidence.log_density)
         unexplained = evidence.is_unexplained | is_weightless
         roster.n_unexplained[slot] = np.where(unexplained, roster.n_unexplained[slot] + 1, 0)
-        not_hit = np.concatenate([*missed, slot[unexplained]])
-        self._existence.learn(slot[~unexplained], frame.by_chance[row[~unexplained]], not_hit)
+        not_hit = np.concatenate([missed, slot[unexplained]])
+        roster.learn(slot[~unexplained], frame.by_chance[row[~unexplained]], not_hit)
         roster.counted_ns[slot] = roster.counted_ns[not_hit] = time_ns
         is_lost = is_weightless | (roster.n_unexplained[slot] >= np.where(is_back, 1, self.tracking.lost_after))
         if is_lost.any():
@@ -248,69 +239,60 @@ class Tracker:
         """Renew the samples of measured beliefs that have lost their weight."""
         self._filter.resample(self._frame.hits.slot)
 
-    def _learn_intervals(self, names: list[str], passed_ns: int) -> None:
+    def _learn_intervals(self, labels: list[str]) -> None:
         """How often the sensor looks at vehicles: at each of those it labels, at all others together, at any."""
-        roster = self._roster
-        self._intervals.see(names, self._time_ns)
-        known = [name for name in names if name in roster]
-        roster.interval[roster.slots_of(known)] = self._intervals.of(known)
-        roster.interval[roster.members(is_labelled=False)[1], 0] = self._revisits.usual_ns
-        self._frame_times.see(np.array([passed_ns], np.float64))
-        roster.least_gap_ns = max(self.config.max_gap_s * 1e9, GAP_INTERVALS * self._frame_times.usual_ns)
-        self.longest_gap_ns = int(max(roster.least_gap_ns, GAP_INTERVALS * roster.interval[:, 0].max(initial=0.0)))
+        roster, intervals = self._roster, self._intervals
+        intervals.see(labels, self._time_ns)
+        known = [name for name in labels if name in roster]
+        roster.interval[roster.slots_of(known)] = intervals.of(known)
+        roster.interval[roster.unlabelled, 0] = intervals.of_others.usual_ns[0]
+        least_ns = max(self.config.max_gap_s * 1e9, GAP_INTERVALS * intervals.of_frames.usual_ns[0])
+        roster.least_gap_ns = least_ns
+        self.longest_gap_ns = int(max(least_ns, GAP_INTERVALS * roster.interval[:, 0].max(initial=0.0)))
 
     def _by_chance(self, is_labelled: BoolArray, passed_ns: int) -> FloatArray:
         """(d,) density of clutter and first detections at each of the frame's, so long after the frame before."""
-        expected = np.empty(is_labelled.size)
-        for kind, undetected in self._undetected.items():
-            undetected.advance(passed_ns * 1e-9, self.longest_gap_ns * 1e-9)
-            of_kind = is_labelled == kind
-            expected[of_kind] = undetected.first_detections(self._frame.detections.position[of_kind])
-            expected[of_kind] += undetected.config.clutter_density
-        return expected
+        undetected = self._undetected
+        undetected.advance(passed_ns * 1e-9, self.longest_gap_ns * 1e-9)
+        expected = undetected.first_detections(self._frame.detections.position) + self.tracking.clutter_density
+        return np.asarray(expected * np.where(is_labelled, undetected.of_labels, 1.0))
+
+    def _match(self, labels: list[str], row: IntArray) -> Hits:
+        """Move the tracks of labelled rows (d,) to the frame's time: an id is a gate."""
+        roster = self._roster
+        self._motion.advance_in_whole_steps(roster.labelled, now_ns=self._time_ns)
+        roster.give_way(labels)
+        is_known = np.array([name in roster for name in labels], dtype=np.bool_)
+        slot = roster.slots_of(list(compress(labels, is_known.tolist())))
+        self._motion.advance_to(slot, now_ns=self._time_ns)
+        return Hits(slot, row[is_known])
 
     def _associate(self, row: IntArray) -> Hits:
         """Move the unlabelled tracks to the frame's time; which of its unlabelled rows (d,) are theirs."""
-        roster = self._roster
-        _, slot = roster.members(is_labelled=False)
-        self._motion.advance(slot, self._time_ns - roster.time_ns[slot], now_ns=self._time_ns)
-        roster.time_ns[slot] = self._time_ns
-        self._existence.age(slot, slot, self._time_ns)
+        roster, slot = self._roster, self._roster.unlabelled
+        self._motion.advance_to(slot, now_ns=self._time_ns)
+        roster.age(slot, slot, self._time_ns)
         return self._associator.hits(
             slot, roster.existence[slot], roster.is_confirmed[slot], self._frame.detections, row,
             by_chance=self._frame.by_chance[row],
         )  # fmt: skip
 
-    def _match(self, row: IntArray) -> Hits:
-        """Move the labelled tracks of the frame's labelled rows (d,) to its time."""
-        roster = self._roster
-        ids = self._frame.detections.track_id[row].tolist()
-        self._motion.advance_in_whole_steps(roster.members(is_labelled=True)[1], now_ns=self._time_ns)
-        for name in set(ids).intersection(roster.members(is_labelled=False)[0]):
-            roster.number(name)  # the sensor's ids come before ours
-        is_known = np.array([name in roster for name in ids], dtype=np.bool_)
-        slot = roster.slots_of(list(compress(ids, is_known.tolist())))
-        self._motion.advance(slot, self._time_ns - roster.time_ns[slot], now_ns=self._time_ns)
-        roster.time_ns[slot] = self._time_ns
-        return Hits(slot, row[is_known])
-
-    def _begin_tracks(self, row: IntArray, *, is_labelled: bool) -> None:
+    def _begin_tracks(self, row: IntArray, is_labelled: BoolArray) -> None:
         """Initialise a track for each unassigned detection (d,); an unlabelled track is named when it is confirmed."""
-        names = self._frame.detections.track_id[row].tolist()
-        if not is_labelled:
-            names = self._roster.tentative_names(row.size)
-        undetected = self._undetected[is_labelled]
-        exists = existence.at_birth(undetected.see(self._frame.detections.position[row]), undetected.config)
-        slot = self._roster.enter(names, is_labelled=is_labelled, time_ns=self._time_ns, exists=exists)
-        if is_labelled:
-            self._roster.interval[slot] = self._intervals.of(names)
+        seen, labelled = self._frame.detections[row], is_labelled[row]
+        names = np.array(seen.track_id, dtype=object)
+        names[~labelled] = self._roster.tentative_names(int((~labelled).sum()))
+        exists = existence.at_birth(self._undetected.see(seen.position, labelled), self.tracking)
+        slot = self._roster.enter(names.tolist(), is_labelled=labelled, time_ns=self._time_ns, exists=exists)
+        self._roster.interval[slot[labelled]] = self._intervals.of(names[labelled].tolist())
         self._begin(slot, row)
 
-    def _hold(self, ids: Sequence[str]) -> None:
+    def _hold(self, labels: Sequence[str]) -> None:
         """Have all beliefs at the frame's time: those of labelled tracks that it does not hold are moved aside."""
         roster, frame = self._roster, self._frame
-        seen, (_, labelled) = roster.slots_of(ids), roster.members(is_labelled=True)
-        absent = labelled[~np.isin(labelled, seen)]
+        seen = roster.slots_of(labels)
+        absent = roster.labelled
+        absent = absent[~np.isin(absent, seen)]
         dt_ns = self._time_ns - roster.time_ns[absent]
         aside = absent.copy()
         between = dt_ns > 0
@@ -320,9 +302,8 @@ class Tracker:
             self._motion.copy(absent[between], aside[between])
             self._motion.advance(aside, dt_ns, now_ns=self._time_ns)
         home, held = np.concatenate([seen, absent]), np.concatenate([seen, aside])
-        self._existence.age(home, held, self._time_ns)
-        unlabelled = roster.members(is_labelled=False)[1] if False in frame.kinds else NO_ROWS
-        frame.home, frame.held = np.concatenate([home, unlabelled]), np.concatenate([held, unlabelled])
+        roster.age(home, held, self._time_ns)
+        frame.home, frame.held = (np.concatenate([slot, roster.unlabelled]) for slot in (home, held))
 
     def _now(self, slot: IntArray) -> IntArray:
         """Slots (v,) of the beliefs of others, moved on by the latency: from when detections were true to now."""

@@ -8,11 +8,9 @@ Source: Williams, Marginal Multi-Bernoulli Filters: RFS Derivation of MHT, JIPDA
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
-from dirprim_filter.arrays import FloatArray
+from dirprim_filter.arrays import BoolArray, FloatArray
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.primitives.traffic import Traffic
 from dirprim_filter.sight import Sight
@@ -41,21 +39,19 @@ class Undetected:
         noise: standard deviation of detections.
         sight: where the sensor sees: frames thin there alone, so that vehicles come into sight at its edge; everywhere
             where left out. A cell is in sight if its centre is.
-        learns_level: else it stays what is expected at first: then no vehicle has a part in what is believed of others.
-            So it is where the sensor gives ids.
 
     Attributes:
-        config: its densities, as they hold here.
+        of_labels: share of the densities that holds for detections with an id: of all false ones on a map these are
+            `MOST_FALSE` in a frame, at most.
     """
 
     def __init__(
-        self, traffic: Traffic | None, config: TrackingConfig, noise: FilterConfig, *, sight: Sight | None = None,
-        learns_level: bool = True,
-    ) -> None:  # fmt: skip
+        self, traffic: Traffic | None, config: TrackingConfig, noise: FilterConfig, *, sight: Sight | None = None
+    ) -> None:
         area = 0.0 if traffic is None else float(traffic.tessellation.area.sum())
-        config = config if learns_level else _at_most(config, area)
+        self.of_labels = min(1.0, MOST_FALSE / max(config.clutter_density * area, 1e-300))
         self._traffic, self.config, self._noise = traffic, config, noise
-        self._learns_level = learns_level and traffic is not None
+        self._learns_level = False
         self._first = np.array([1.0, 1.0 / (config.vehicle_density * area) if area > 0 else 1.0])
         self._counts = self._first.copy()  # vehicles found, and those expected at a level of 1
         self._sight = sight
@@ -80,19 +76,22 @@ class Undetected:
         """(n, 2) -> (n,) expected density of first detections there in this frame, per square metre."""
         return self._density(self._per_level(position))
 
-    def see(self, position: FloatArray) -> FloatArray:
-        """Learn the level from the frame's detections (n, 2) that are of no track; thin by what the frame would show.
+    def see(self, position: FloatArray, is_labelled: BoolArray) -> FloatArray:
+        """Take the frame's detections (n, 2) that are of no track; thin by what the frame would show.
+
+        From those without an id the level is learned: no vehicle that has one has a part in what is believed of others.
 
         Returns:
             (n,) the density of first detections that was expected at each, by what is known of the level now.
         """
         per_level = self._per_level(position)
+        self._learns_level |= self._traffic is not None and not is_labelled.all()
         if self._learns_level:
-            found = self._counts[0]
+            found, per_unlabelled = self._counts[0], per_level[~is_labelled]
             self._counts[1] += (self._seen * self._share).sum()
             for _ in range(N_FIXED_POINT):
-                any_cause = self._density(per_level) + self.config.clutter_density
-                self._counts[0] = found + (self.level * per_level / any_cause).sum()
+                any_cause = self._density(per_unlabelled) + self.config.clutter_density
+                self._counts[0] = found + (self.level * per_unlabelled / any_cause).sum()
         expected = self._density(per_level)
         self._share = (1.0 - self._seen) * self._share
         self._anywhere *= 1.0 - self.config.detection_probability
@@ -122,10 +121,3 @@ class Undetected:
             found = self.config.detection_probability * self._anywhere
             return np.full(per_level.size, self.config.birth_density + found)
         return np.asarray(self.config.birth_density + self.level * per_level)
-
-
-def _at_most(config: TrackingConfig, area: float) -> TrackingConfig:
-    """With densities that shrink together where there were more false detections than `MOST_FALSE` on an area, m2."""
-    share = min(1.0, MOST_FALSE / max(config.clutter_density * area, 1e-300))
-    names = ("clutter_density", "birth_density", "vehicle_density")
-    return config if share == 1.0 else replace(config, **{name: share * getattr(config, name) for name in names})

@@ -10,7 +10,7 @@ from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.filtering import ConstantVelocityKalman, Tracker, existence, scans
-from dirprim_filter.filtering.scans import IntervalsByName
+from dirprim_filter.filtering.scans import Intervals
 
 
 def test_time_moves_existence_as_a_simulated_chain_does():
@@ -135,7 +135,7 @@ def log_odds(ring_map, filter_of, *, turned=None, off=0.0, n=3):
             Detections(track_id=[""], time_ns=[i * 10**8], position=[on_the_ring(0.1 * i)], **(known if i else {}))
         )
         tracker.weigh()
-    visible, occluded, gone = tracker._roster.existence[tracker._roster.members(is_labelled=False)[1][0]]
+    visible, occluded, gone = tracker._roster.existence[tracker._roster.unlabelled[0]]
     return np.log((visible + occluded) / gone)
 
 
@@ -250,7 +250,7 @@ def test_nine_tenths_of_the_rows_have_an_estimate_however_slow_the_sensor_is(int
 
 
 def test_the_interval_of_a_vehicle_is_the_median_of_its_own_whatever_the_others_do():
-    rng, intervals, time_ns = np.random.default_rng(0), IntervalsByName(), 0
+    rng, intervals, time_ns = np.random.default_rng(0), Intervals(), 0
     for _ in range(300):
         time_ns += round(rng.uniform(8.0, 13.0) * 1e9)
         intervals.see(["slow"], time_ns)

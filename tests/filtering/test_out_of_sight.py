@@ -102,9 +102,9 @@ def test_first_detections_are_expected_where_vehicles_come_into_sight(ring_map):
     places = RADIUS * np.array([[np.cos(a), np.sin(a)] for a in np.radians([-80.0, 0.0, 80.0])])
     expected = {}
     for sight in (EAST, None):
-        undetected = Undetected(traffic, KNOBS, FilterConfig(), sight=sight, learns_level=False)
+        undetected = Undetected(traffic, KNOBS, FilterConfig(), sight=sight)
         for _ in range(100):
-            undetected.see(np.empty((0, 2)))
+            undetected.see(np.empty((0, 2)), np.empty(0, np.bool_))
             undetected.advance(0.1, 5.0)
         expected[sight] = undetected.first_detections(places)
     enters, within = expected[EAST][0], expected[EAST][1:]

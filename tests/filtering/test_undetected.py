@@ -78,9 +78,13 @@ def test_who_is_not_detected_passes_on_by_the_chains_exact_solution_and_is_thinn
     assert undetected.first_detections(centers + 1e3) == pytest.approx(config.birth_density)
 
 
+def see(undetected, places, *, labelled=False):
+    return undetected.see(places, np.full(len(places), labelled))
+
+
 def thinned(undetected, level):
     """After a frame without detections, its level put back."""
-    undetected.see(np.empty((0, 2)))
+    see(undetected, np.empty((0, 2)))
     undetected._counts[0] = level * undetected._counts[1]
     return undetected
 
@@ -92,13 +96,13 @@ def test_the_level_is_learned_from_vehicles_and_not_from_clutter():
         found = []
         for seed in range(40):
             undetected, rng = Undetected(traffic, config, KNOBS), np.random.default_rng(seed)
-            undetected.see(seen_in(traffic, rng, level=0.9 * truth, clutter=config.clutter_density))
+            see(undetected, seen_in(traffic, rng, level=0.9 * truth, clutter=config.clutter_density))
             found.append(undetected.level)
         levels[truth] = np.mean(found)
     assert levels[40.0] == pytest.approx(40.0, rel=0.1)  # 16 were expected
     assert levels[0.0] < 4.0
-    stays = Undetected(traffic, config, KNOBS, learns_level=False)
-    stays.see(seen_in(traffic, np.random.default_rng(0), level=40.0, clutter=0.0))
+    stays = Undetected(traffic, config, KNOBS)
+    see(stays, seen_in(traffic, np.random.default_rng(0), level=40.0, clutter=0.0), labelled=True)
     assert stays.level == pytest.approx(config.vehicle_density * traffic.tessellation.area.sum())
 
 
@@ -108,28 +112,24 @@ def test_the_level_follows_the_traffic_up_and_down_within_its_time_constant():
     for truth in (40.0, 2.0):
         for _ in range(2 * round(LEVEL_S) // 10):
             undetected.advance(10.0, 5.0)  # after a pause longer than a gap all are first detections
-            undetected.see(seen_in(traffic, rng, level=0.9 * truth, clutter=0.0))
+            see(undetected, seen_in(traffic, rng, level=0.9 * truth, clutter=0.0))
         levels.append(undetected.level)
     assert levels[0] == pytest.approx(40.0, rel=0.1)
     assert 2.0 < levels[1] < 2.0 + np.exp(-2.0) * 38.0 + 3.0  # what it keeps of before, and of its first 16
 
 
 def test_labels_on_a_map_of_many_kilometres_are_not_taken_for_thousands_of_false_ones():
-    sparse = road(side=5e3)
-    for labelled, expected in ((True, 1e-6), (False, 1e-4)):
-        config = Undetected(sparse, TrackingConfig(), KNOBS, learns_level=not labelled).config
-        assert config.clutter_density == pytest.approx(expected)
-        assert config.birth_density / config.clutter_density == pytest.approx(0.01)
-    assert Undetected(road(), TrackingConfig(), KNOBS, learns_level=False).config == TrackingConfig()
+    assert Undetected(road(side=5e3), TrackingConfig(), KNOBS).of_labels == pytest.approx(0.01)
+    assert Undetected(road(), TrackingConfig(), KNOBS).of_labels == 1.0
 
 
 def test_after_a_pause_everybody_is_undetected_again_and_without_a_map_frames_thin_alike():
     place = np.zeros((1, 2))
     for traffic in (None, road()):
-        undetected = Undetected(traffic, TrackingConfig(), KNOBS, learns_level=False)
+        undetected = Undetected(traffic, TrackingConfig(), KNOBS)
         place = np.full((1, 2), 10.0)
         first = undetected.first_detections(place)
-        assert undetected.see(place) == pytest.approx(first)
+        assert see(undetected, place, labelled=True) == pytest.approx(first)
         undetected.advance(0.1, 5.0)
         assert undetected.first_detections(place) < 0.3 * first
         undetected.advance(5.1, 5.0)

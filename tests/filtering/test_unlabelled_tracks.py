@@ -225,7 +225,7 @@ def test_a_tentative_track_waits_for_a_vehicle_missed_once_and_no_longer(ring_ma
 def test_unlabelled_beliefs_that_begin_anew_in_one_frame_draw_numbers_of_their_own(ring_map):
     tracker = made(ring_map, "particles")
     followed(tracker, two_vehicles(40, rng=np.random.default_rng(0)))
-    _, slot = tracker._roster.members(is_labelled=False)
+    slot = tracker._roster.unlabelled
     tracker._recover(slot[:2], np.array([0, 1]))
     first, second = (tracker._filter.particles(slot[:2]).of(row) for row in (0, 1))
     place = tracker._frame.detections.position
