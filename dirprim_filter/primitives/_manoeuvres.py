@@ -229,10 +229,22 @@ def go_over(table: MotionTable, before: int, cell: int, speed: float, state: UIn
 
 
 @njit(**EXACT | INLINED)
+def offset_from(row: FloatArray, z: int, x: float, y: float) -> tuple[float, float]:
+    """Metres east and north of the centre of a manoeuvre's cell, as far as its fields go."""
+    extent = row[z, EXTENT]
+    return min(max(x - row[z, EAST], -extent), extent), min(max(y - row[z, NORTH], -extent), extent)
+
+
+@njit(**EXACT | INLINED)
+def acceleration_of(row: FloatArray, z: int, east: float, north: float, speed: float, push: float) -> float:
+    """m/s^2, of a vehicle in motion by a manoeuvre at such an offset."""
+    return row[z, A_0] + row[z, A_E] * east + row[z, A_N] * north + row[z, A_V] * speed + row[z, PUSH] * push
+
+
+@njit(**EXACT | INLINED)
 def course_at(row: FloatArray, z: int, x: float, y: float) -> float:
     """The course of a manoeuvre at a place."""
-    extent = row[z, EXTENT]
-    east, north = min(max(x - row[z, EAST], -extent), extent), min(max(y - row[z, NORTH], -extent), extent)
+    east, north = offset_from(row, z, x, y)
     return float(row[z, COURSE] + row[z, BEND_E] * east + row[z, BEND_N] * north)
 
 

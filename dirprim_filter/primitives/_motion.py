@@ -16,31 +16,25 @@ from dirprim_filter.distributions import _random as random
 from dirprim_filter.distributions._elementary import EXACT, cos, sin
 from dirprim_filter.distributions._random import UIntArray
 from dirprim_filter.primitives._manoeuvres import (
-    A_0,
-    A_E,
-    A_N,
-    A_V,
     BEND_E,
     BEND_N,
     BY_TIME,
     BY_VISITS,
     COURSE,
     CURVATURE,
-    EAST,
-    EXTENT,
     KEEPS,
     LANES,
     LONGER,
-    NORTH,
-    PUSH,
     STANDING_BELOW,
     STARTS,
     TURNING,
     MotionTable,
     SingleArray,
+    acceleration_of,
     go_over,
     keep_deviation,
     leave_places,
+    offset_from,
     take_up,
 )
 from dirprim_filter.primitives.motion import JUMP_S
@@ -145,11 +139,10 @@ def _gather(table: MotionTable, step: Step, block: Block, room: FloatArray) -> N
     is_led, row, manoeuvre = len(led) > 0, table.row, block.manoeuvre
     for i in range(speed.size):
         z, v = manoeuvre[i], speed[i]
-        extent, starts = row[z, EXTENT], row[z, STARTS]
+        starts = row[z, STARTS]
         moves = 0.0 if starts > 0.0 else 1.0
-        east = min(max(position[i, 0] - row[z, EAST], -extent), extent)
-        north = min(max(position[i, 1] - row[z, NORTH], -extent), extent)
-        gained = row[z, A_0] + row[z, A_E] * east + row[z, A_N] * north + row[z, A_V] * v + row[z, PUSH] * push[i]
+        east, north = offset_from(row, z, position[i, 0], position[i, 1])
+        gained = acceleration_of(row, z, east, north, v, push[i])
         if is_led:
             gained = led[i, 0] + led[i, 1] * gained
             starts = led[i, 2] + led[i, 1] * starts

@@ -62,7 +62,7 @@ def test_where_most_of_the_traffic_is_leaves_out_who_is_far_away() -> None:
         one = np.ones((cells.n_cells + 1, 1))
         of = PrimitiveMap(
             tessellation=cells, direction=VonMisesMixture(weight=one, mean_direction=0.0 * one, concentration=one),
-            speed=Gamma(shape=one, rate=one), n_rows=n_rows, n_place_free_modes=0,
+            speed=Gamma(shape=one, rate=one), n_rows=n_rows, n_background_modes=0,
         )  # fmt: skip
         return float(np.ptp(shapes.map_extent(of, share=0.99), axis=0)[0])
 

@@ -11,7 +11,7 @@ from numba import njit
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions._elementary import squared_sine
 from dirprim_filter.filtering._kernels import Cloud, effective_sample_size
-from dirprim_filter.primitives._manoeuvres import A_0, A_E, A_N, A_V, EAST, EXTENT, NORTH, PUSH, STARTS
+from dirprim_filter.primitives._manoeuvres import STARTS, acceleration_of, offset_from
 
 N_STATES = 5
 """Of a particle: x, y, their rates, and the acceleration along its way, which lasts: without it a sweep takes each
@@ -46,12 +46,10 @@ def columns_of(cloud: Cloud, rows: FloatArray, vehicle: IntArray, out: FloatArra
         for p in range(direction.size):
             column[2, p], column[3, p] = speed[p] * column[5, p], speed[p] * column[6, p]
         for p in range(direction.size):
-            row = rows[manoeuvre[p]]
-            extent, moves = row[EXTENT], 0.0 if row[STARTS] > 0.0 else 1.0
-            east = min(max(place[p, 0] - row[EAST], -extent), extent)
-            north = min(max(place[p, 1] - row[NORTH], -extent), extent)
-            gained = row[A_0] + row[A_E] * east + row[A_N] * north + row[A_V] * speed[p] + row[PUSH] * push[p]
-            column[4, p] = moves * gained
+            z = manoeuvre[p]
+            east, north = offset_from(rows, z, place[p, 0], place[p, 1])
+            moves = 0.0 if rows[z, STARTS] > 0.0 else 1.0
+            column[4, p] = moves * acceleration_of(rows, z, east, north, speed[p], push[p])
 
 
 @njit(cache=True, nogil=True)
