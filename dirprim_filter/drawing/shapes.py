@@ -123,9 +123,10 @@ def _rose_reach(primitives: PrimitiveMap) -> FloatArray:
     the usual: so areas grow with the root of the traffic. Usual is the median over rows.
     """
     n_rows, area = primitives.n_rows[:-1], primitives.tessellation.area
-    if n_rows.sum() == 0:
+    drawn = _has_rose(primitives)
+    if not drawn.any():
         return np.zeros(len(area))
-    usual_rows, usual_area = (_median(of, n_rows) for of in (n_rows, area))
+    usual_rows, usual_area = (_median(of[drawn], n_rows[drawn]) for of in (n_rows, area))
     traffic = np.clip(n_rows / usual_rows, *TRAFFIC)
     usual = min(0.5 * REACH * usual_area**0.5, LARGEST_ROSE * float(area.sum()) ** 0.5)
     return np.asarray(usual * (area / usual_area * traffic) ** 0.25)

@@ -8,7 +8,7 @@ Source: https://arrow.apache.org/docs/format/Columnar.html.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pyarrow as pa
@@ -16,7 +16,9 @@ import pyarrow as pa
 from dirprim_filter.arrays import AnyArray
 
 Columns = dict[str, AnyArray]
-Scalar = int | float | str | bytes
+Scalar = int | float | str
+Number = TypeVar("Number", int, float, str)
+ARROW: Mapping[type, Any] = {int: pa.int64(), float: pa.float64(), str: pa.string()}
 ENCODING = "arrow"
 """Of messages and schemas, as MCAP names it."""
 
@@ -71,46 +73,21 @@ class ArrowMessage:
         """Those scalars and tables, to be compared with `equals`."""
         return self._batch.select([name for name in self._batch.schema.names if name in names])
 
-    def whole_number(self, name: str) -> int:
-        """A scalar.
+    def scalar(self, name: str, kind: type[Number]) -> Number:
+        """A whole number, a float or a text.
 
         Raises:
             ValueError: it is missing, or of another type.
         """
-        return int(self._scalar(name, pa.int64()))
-
-    def number(self, name: str) -> float:
-        """A scalar; raises as `whole_number`."""
-        return float(self._scalar(name, pa.float64()))
-
-    def text(self, name: str) -> str:
-        """A scalar; raises as `whole_number`."""
-        return str(self._scalar(name, pa.string()))
-
-    def data(self, name: str) -> bytes:
-        """A scalar; raises as `whole_number`."""
-        return bytes(self._scalar(name, pa.binary()))
-
-    def _scalar(self, name: str, kind: Any) -> Any:
-        column = self._column(name)
-        if column.type != kind or column.null_count:
-            raise ValueError(f"{name}: expected {kind}, got {column.type if column.type != kind else 'null'}")
-        return column[0].as_py()
+        column, expected = self._column(name), ARROW[kind]
+        if column.type != expected or column.null_count:
+            raise ValueError(f"{name}: expected {expected}, got {column.type if column.type != expected else 'null'}")
+        return kind(column[0].as_py())
 
     def _column(self, name: str) -> Any:
         if self._batch.schema.names.count(name) != 1:
             raise ValueError(f"{name}: expected once, got {', '.join(self._batch.schema.names)}")
         return self._batch.column(name)
-
-    def rows(self, name: str) -> int:
-        """How many a table has; raises as `table`."""
-        return len(self._structs(name))
-
-    def _structs(self, name: str) -> Any:
-        column = self._column(name)
-        if not (pa.types.is_list(column.type) and pa.types.is_struct(column.type.value_type)) or column.null_count:
-            raise ValueError(f"{name}: expected a list of structs, got {column.type}")
-        return column.flatten()
 
     def table(self, name: str, *, floats: Collection[str] = (), whole: Collection[str] = ()) -> Columns:
         """Columns of a table.
@@ -123,7 +100,10 @@ class ArrowMessage:
         Raises:
             ValueError: the table or a column is missing, or of another type, or has nulls.
         """
-        struct = self._structs(name)
+        column = self._column(name)
+        if not (pa.types.is_list(column.type) and pa.types.is_struct(column.type.value_type)) or column.null_count:
+            raise ValueError(f"{name}: expected a list of structs, got {column.type}")
+        struct = column.flatten()
         names = [struct.type.field(i).name for i in range(struct.type.num_fields)]
         fields = dict(zip(names, struct.flatten(), strict=True))
         columns: Columns = {}

@@ -104,14 +104,14 @@ def map_of(messages: Iterable[bytes]) -> PrimitiveMap:
     for data in messages:
         tile = ArrowMessage(data)
         _check_version(tile)
-        number = tile.whole_number("tile")
+        number = tile.scalar("tile", int)
         if number in found:
             raise ValueError(f"tile {number}: expected once, got twice")
         found[number] = tile
     if not found:
         raise ValueError("expected at least one tile of a map, got none")
     tiles = [found[number] for number in sorted(found)]
-    shared, n_tiles = tiles[0], tiles[0].whole_number("n_tiles")
+    shared, n_tiles = tiles[0], tiles[0].scalar("n_tiles", int)
     # Compared by number: the count comes from the file, and a range of it could be of any length.
     if len(found) != n_tiles or min(found) != 0 or max(found) != n_tiles - 1:
         raise ValueError(f"expected tiles 0 to {n_tiles - 1}, got {len(found)} of them")
@@ -127,14 +127,14 @@ def map_of(messages: Iterable[bytes]) -> PrimitiveMap:
         direction=VonMisesMixture(**{name: rows[name] for name in ROW[:3]}),
         speed=Gamma(**{name: rows[name] for name in ROW[3:5]}),
         n_rows=rows["n_rows"],
-        n_background_modes=shared.whole_number("n_background_modes"),
+        n_background_modes=shared.scalar("n_background_modes", int),
         **{name: _folded(name, rows[name], (*rows["weight"].shape, 2)) for name in ROW[5:]},
         motion=_motion(tiles),
     )
 
 
 def _check_version(message: ArrowMessage) -> None:
-    version = message.whole_number("version")
+    version = message.scalar("version", int)
     if version != VERSION:
         age = "an older" if version < VERSION else "a newer"
         raise ValueError(f"it is of {age} version, {version}; this program reads version {VERSION}")
@@ -152,13 +152,14 @@ def _put_together(name: str, parts: list[Columns]) -> Columns:
 
 
 def _tessellation(tiles: list[ArrowMessage], place: AnyArray) -> Tessellation:
-    of, kind = tiles[0], tiles[0].text("kind")
+    of, kind = tiles[0], tiles[0].scalar("kind", str)
     if kind not in ("grid", "voronoi"):
         raise ValueError(f"kind: expected grid or voronoi, got {kind!r}")
     square = _joined(tiles, "square", whole=("number",))
     squares = GridTessellation(
-        origin=np.array([of.number("origin_x"), of.number("origin_y")]), cell_size=of.number("cell_size"),
-        n_x=of.whole_number("n_x"), n_y=of.whole_number("n_y"), square=square["number"],
+        origin=np.array([of.scalar("origin_x", float), of.scalar("origin_y", float)]),
+        cell_size=of.scalar("cell_size", float),
+        n_x=of.scalar("n_x", int), n_y=of.scalar("n_y", int), square=square["number"],
     )  # fmt: skip
     return squares if kind == "grid" else VoronoiTessellation(generators=place, region=squares)
 
@@ -178,9 +179,9 @@ def _motion(tiles: list[ArrowMessage]) -> Motion:
     leaders = shared.table("leader", floats=LEADER)
     of_leader: list[dict[str, Any]] = [
         {name: column[i] if column.ndim > 1 else float(column[i]) for name, column in leaders.items()}
-        for i in range(shared.rows("leader"))
+        for i in range(len(leaders["trust"]))
     ]
-    made: dict[str, Any] = {**columns, **after, **{name: shared.number(name) for name in MOTION}}
+    made: dict[str, Any] = {**columns, **after, **{name: shared.scalar(name, float) for name in MOTION}}
     return Motion(
         **made, first=np.append(0, np.cumsum(n)),
         leader=LeaderResponse(**of_leader[0]) if of_leader else None,
