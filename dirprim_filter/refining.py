@@ -1,13 +1,15 @@
 """Tracking by tracking: what another tracker reported is taken for measurements, and smoothed with the map.
 
 A tracker's estimates differ from a sensor's detections in two ways. Where it lost its vehicle from sight it coasts:
-such rows measure nothing, and are left out. And its errors last, for each estimate follows from the one before.
+such rows measure nothing, and are left out. And its errors last, for each estimate follows from the one before. Tracks
+that it broke are joined first, where the map leads from the end of one to the beginning of another.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -19,6 +21,7 @@ from dirprim_filter.filtering import Tracker, Worlds
 from dirprim_filter.filtering.smoothing import Smoother
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.sensor import AxisError, Sensor
+from dirprim_filter.track_ids import world_names
 
 EVEN = 0.01
 """Change of velocity between rows, as a share of the usual one of all rows, below which a track runs on by itself."""
@@ -66,22 +69,49 @@ def refine(
     Raises:
         ValueError: two rows of a vehicle at one instant.
     """
-    axis = AxisError(spread_m=noise_m, correlated_share=CORRELATED_SHARE, correlation_s=CORRELATION_S)
-    sensor = Sensor(along=axis, across=axis)
     measured = is_measured(rows)
-    bare = replace(rows, covariance=np.empty(0), direction=np.empty(0), speed=np.empty(0))
-    smoother = Smoother(max_gap_s=config.max_gap_s, sinks=list(sinks))
+    bare = replace(rows[measured], covariance=np.empty(0), direction=np.empty(0), speed=np.empty(0))
+    axis = AxisError(spread_m=noise_m, correlated_share=CORRELATED_SHARE, correlation_s=CORRELATION_S)
+    made = partial(
+        _smoothed, instants=_instants(rows), model=primitive_map, config=config, tracking=tracking,
+        sensor=Sensor(along=axis, across=axis), rng=rng,
+    )  # fmt: skip
+    joined = made(bare, Smoother(max_gap_s=config.max_gap_s, joins_labelled=True)).joined
+    made(_renamed(bare, joined), Smoother(max_gap_s=config.max_gap_s, sinks=list(sinks)))
+    return int(measured.sum())
+
+
+def _instants(rows: Detections) -> list[tuple[int, list[int]]]:
+    """All times, and the groups that have rows then."""
+    return [(int(frame.time_ns[0]), np.unique(frame.group).tolist()) for frame in rows.frames()]
+
+
+def _smoothed(
+    rows: Detections, smoother: Smoother, *, instants: list[tuple[int, list[int]]], model: PrimitiveMap,
+    config: FilterConfig, tracking: TrackingConfig, sensor: Sensor, rng: Callable[[], np.random.Generator],
+) -> Smoother:  # fmt: skip
+    """The smoother, once it has passed on all frames."""
 
     def tracker_of(group: int) -> Tracker:
-        return smoother.tracker(group, primitive_map, config=config, tracking=tracking, sensor=sensor, rng=rng())
+        return smoother.tracker(group, model, config=config, tracking=tracking, sensor=sensor, rng=rng())
 
     worlds = Worlds(tracker_of)
-    seen = {int(frame.time_ns[0]): frame for frame in bare[measured].frames()}
+    seen = {int(frame.time_ns[0]): frame for frame in rows.frames()}
     with smoother:
-        for time_ns in np.unique(rows.time_ns).tolist():
-            groups = np.unique(rows.group[rows.time_ns == time_ns]).tolist()
+        for time_ns, groups in instants:
             worlds.predict(seen.get(time_ns, Detections.none()), time_ns=time_ns, groups=groups)
             worlds.weigh()
             smoother.write(worlds.frame())
             worlds.resample()
-    return int(measured.sum())
+    return smoother
+
+
+def _renamed(rows: Detections, joined: Iterable[tuple[str, str]]) -> Detections:
+    """The rows under the ids of the pieces that theirs continue; ids that overlap in time stay apart."""
+    names = world_names(rows.track_id, rows.group).astype(np.str_)
+    ids = rows.track_id.copy()
+    for former, later in joined:
+        one, other = names == former, names == later
+        if former != later and one.any() and other.any() and rows.time_ns[one].max() < rows.time_ns[other].min():
+            ids[other], names[other] = ids[one][0], former
+    return replace(rows, track_id=ids)

@@ -78,3 +78,17 @@ def test_the_map_makes_another_trackers_errors_smaller_and_fills_what_it_did_not
         lost = ~np.isin(rows.time_ns, np.unique(rows.time_ns[measured]))
         assert unseen.any()
         assert np.median(errors(after[unseen], tracks)) < 0.3 * np.median(errors(rows[lost], tracks)), seed
+
+
+def test_a_track_that_was_broken_where_nothing_was_seen_is_one_again(ring_map):
+    tracks = ring_traffic(np.random.default_rng(31), n_vehicles=3, n_rows=60)
+    rows, measured = other_tracker(tracks, seed=0)
+    number = np.concatenate([np.arange((rows.track_id == name).sum()) for name in np.unique(rows.track_id)])
+    pieces = np.where(number >= LOST.stop, np.char.add(rows.track_id, "-anew"), rows.track_id)
+    kept = measured | (number < LOST.start + 5)  # it coasted for some rows, then began anew
+    found = EstimateList()
+    refine(
+        replace(rows, track_id=pieces)[kept], ring_map, [found.write], noise_m=0.4,
+        config=FilterConfig(n_particles=300), tracking=TrackingConfig(), rng=lambda: np.random.default_rng(0),
+    )  # fmt: skip
+    assert set(map(str, found.all().track_id.tolist())) == set(rows.track_id.tolist())

@@ -44,20 +44,25 @@ class Smoother:
         max_gap_s: seconds without a measurement after which a belief ends.
         lag_s: seconds by which frames are late, at least 0. Left out: as long as anything can be learned.
         sinks: take the smoothed frames, in order of time.
+        joins_labelled: tracks whose ids were given are pieces that may be joined too.
 
     Attributes:
         sinks: as given; more may be added before the first frame.
+        joined: the names of each two pieces that were joined, the earlier first.
 
     Raises:
         ValueError: a negative lag.
     """
 
     def __init__(
-        self, *, max_gap_s: float, lag_s: float | None = None, sinks: Sequence[Callable[[TrackedFrame], None]] = ()
-    ) -> None:
+        self, *, max_gap_s: float, lag_s: float | None = None, sinks: Sequence[Callable[[TrackedFrame], None]] = (),
+        joins_labelled: bool = False,
+    ) -> None:  # fmt: skip
         if lag_s is not None and not 0 <= lag_s < np.inf:
             raise ValueError(f"lag_s: expected a finite number of seconds, at least 0, got {lag_s}")
         self.sinks = list(sinks)
+        self.joined: list[tuple[str, str]] = []
+        self._joins_labelled = joins_labelled
         self._least_gap_ns = int(max_gap_s * 1e9)
         whole_ns = int((WHOLE_S + max_gap_s) * 1e9)
         self._lag_ns, self._every_ns = (whole_ns, whole_ns) if lag_s is None else (int(lag_s * 1e9), 0)
@@ -105,9 +110,10 @@ class Smoother:
         gap_ns = self._gap_ns
         for tracker, recorder in zip(self._trackers, self._recorders, strict=True):
             if self._every_ns:
-                stitch(
+                self.joined += stitch(
                     recorder, before_ns=final_ns + gap_ns, gap_ns=gap_ns, now_ns=now_ns, noise_m=tracker.config.noise_m,
                     config=tracker.tracking, sight=None if tracker.sensor is None else tracker.sensor.sight,
+                    joins_labelled=self._joins_labelled,
                 )  # fmt: skip
             frames_ns = np.array(recorder.frames_ns, np.int64)
             recorder.frames_ns = [t for t in recorder.frames_ns if t > final_ns]

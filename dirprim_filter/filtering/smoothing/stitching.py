@@ -33,8 +33,8 @@ AT_ONCE = 64
 
 def stitch(
     recorder: Recorder, *, before_ns: int, gap_ns: int, now_ns: int, noise_m: float, config: TrackingConfig,
-    sight: Sight | None,
-) -> None:  # fmt: skip
+    sight: Sight | None, joins_labelled: bool = False,
+) -> list[tuple[str, str]]:  # fmt: skip
     """Drop, trim and join the chains of vehicles that no sensor named, now that the log is known for long after them.
 
     Of two pieces of one vehicle's way the later takes up the earlier.
@@ -47,17 +47,21 @@ def stitch(
         noise_m: standard deviation of detections.
         config: how likely vehicles appear, are occluded, come back and leave.
         sight: where the sensor sees; a vehicle that was out of it need not have been occluded. None for everywhere.
+        joins_labelled: chains whose ids were given are joined too, and neither dropped nor trimmed.
+
+    Returns:
+        Of each two that were joined the names, the earlier first.
     """
     frame_ns = np.diff(recorder.frames_ns)
     if frame_ns.size == 0:
-        return
+        return []
     frame_s = float(np.median(frame_ns)) * 1e-9
     chains = []
     for chain in recorder.chains:
         if not chain.is_labelled and chain.is_over(now_ns, gap_ns):
             chain.name = chain.name if chain.existence >= SURE else ""
             trim(chain, frame_s=frame_s, log_density=-np.log(4.0 * np.pi * noise_m**2) - 1.0, config=config)
-        if not chain.is_labelled and chain.name:
+        if chain.name and (joins_labelled or not chain.is_labelled):
             chains.append(chain)
     starts = [chain.smoothed().first() for chain in chains]
     pairs = _candidates(chains, starts, before_ns=before_ns, gap_ns=gap_ns)
@@ -69,10 +73,12 @@ def stitch(
     gain = np.array([bridge.log_density for bridge in bridges]) + _log_odds(out_s, unseen, frame_s, config)
     path = {pair: bridge.links for pair, bridge in zip(_each(pairs), bridges, strict=True)}
     best = sorted(_each(best_assignment(pairs, gain)), key=lambda pair: starts[pair[1]].time_ns)
+    names = [(chains[i].name, chains[j].name) for i, j in best]
     for i, j in best:
         chains[j].take_up(chains[i], path[i, j])
     gone = {id(chains[i]) for i, _ in best}
     recorder.chains = [chain for chain in recorder.chains if id(chain) not in gone]
+    return names
 
 
 def _bridges(chains: Sequence[Chain], starts: Sequence[Belief], pairs: Pairs, expected: Recorder) -> list[Bridge]:
