@@ -95,22 +95,23 @@ def find_faults(tracks: Tracks) -> Faults:
     """Look for faults: by sorting and a k-d tree, in time that grows little faster than the rows."""
     vehicle = tracks.vehicle
     order = np.lexsort((tracks.time_ns, vehicle))
-    way = _Way(
+    path = _Path(
         vehicle=vehicle[order], time_ns=tracks.time_ns[order], position=tracks.position[order],
         direction=tracks.body_direction[order], speed=tracks.speed[order], group=tracks.group[order],
     )  # fmt: skip
-    if not way.vehicle.size:
+    if not path.vehicle.size:
         return Faults()
-    names = world_names(tracks.track_id[order], way.group)[np.searchsorted(way.vehicle, np.arange(way.vehicle[-1] + 1))]
+    first = np.searchsorted(path.vehicle, np.arange(path.vehicle[-1] + 1))
+    names = world_names(tracks.track_id[order][first], path.group[first])
     return Faults(
-        backwards=_missteps(way, _lost_way(way), np.full(names.size, BACKWARDS_M), names),
-        jumps=_missteps(way, *_jumps(way), names),
-        copies=_copies(way, names),
-        units=_unlike_units(way, tracks.direction[order]),
+        backwards=_missteps(path, _lost_distance(path), np.full(names.size, BACKWARDS_M), names),
+        jumps=_missteps(path, *_jumps(path), names),
+        copies=_copies(path, names),
+        units=_unlike_units(path, tracks.direction[order]),
     )
 
 
-class _Way(NamedTuple):
+class _Path(NamedTuple):
     """Rows of tracks by vehicle and time: (n, ...) each."""
 
     vehicle: IntArray
@@ -126,21 +127,21 @@ class _Way(NamedTuple):
         return dt_s, (np.diff(self.vehicle) == 0) & (dt_s <= MAX_STEP_S)
 
 
-def _unlike_units(way: _Way, course: FloatArray) -> tuple[str, ...]:
+def _unlike_units(path: _Path, course: FloatArray) -> tuple[str, ...]:
     """What does not fit to where vehicles go; (n,) courses over ground. What was derived from positions always fits."""
-    if way.vehicle[-1] >= 2 and (np.ptp(way.position, axis=0) < SMALL_M).all():
+    if path.vehicle[-1] >= 2 and (np.ptp(path.position, axis=0) < SMALL_M).all():
         return (f"all positions lie within {SMALL_M:g} m: are they degrees? Say latitude and longitude",)
-    dt_s, soon = way.steps()
-    driven = np.append(0.0, np.cumsum(np.where(soon, dt_s * 0.5 * (way.speed[1:] + way.speed[:-1]), 0.0)))
+    dt_s, soon = path.steps()
+    driven = np.append(0.0, np.cumsum(np.where(soon, dt_s * 0.5 * (path.speed[1:] + path.speed[:-1]), 0.0)))
     breaks = np.append(0, np.cumsum(~soon))
-    since_s = (way.time_ns - way.time_ns.min()) * 1e-9
-    key = since_s + way.vehicle * (since_s.max() + 2.0 * LONGEST_S)  # ascending, vehicles apart
+    since_s = (path.time_ns - path.time_ns.min()) * 1e-9
+    key = since_s + path.vehicle * (since_s.max() + 2.0 * LONGEST_S)  # ascending, vehicles apart
     later = np.minimum(np.searchsorted(key, key + COMPARED_S), key.size - 1)
     distance = driven[later] - driven
     moves = (breaks[later] == breaks) & (key[later] - key <= LONGEST_S) & (distance >= MOVING_FROM * COMPARED_S)
     if np.count_nonzero(moves) < LEAST_COMPARED:
         return ()
-    way_m = (way.position[later] - way.position)[moves]
+    way_m = (path.position[later] - path.position)[moves]
     by_position = float(np.linalg.norm(way_m, axis=1).sum())
     ratio = float(distance[moves].sum()) / max(by_position, 1e-9)
     if ratio > 1.0 / DEGREES_PER_M:
@@ -159,43 +160,43 @@ def _unlike_units(way: _Way, course: FloatArray) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _missteps(way: _Way, metres: FloatArray, least: FloatArray, names: AnyArray) -> tuple[Misstep, ...]:
+def _missteps(path: _Path, metres: FloatArray, least: FloatArray, names: AnyArray) -> tuple[Misstep, ...]:
     """The vehicles of which a row has more than is allowed to it, where it is most. (n,), (n_vehicles,)."""
     most = np.zeros(names.size)
-    np.maximum.at(most, way.vehicle, metres)
+    np.maximum.at(most, path.vehicle, metres)
     found = []
     for vehicle in np.flatnonzero(most > least).tolist():
-        rows = slice(*np.searchsorted(way.vehicle, [vehicle, vehicle + 1]).tolist())
-        at = int(way.time_ns[rows][np.argmax(metres[rows])])
+        rows = slice(*np.searchsorted(path.vehicle, [vehicle, vehicle + 1]).tolist())
+        at = int(path.time_ns[rows][np.argmax(metres[rows])])
         found.append(Misstep(str(names[vehicle]), float(most[vehicle]), at))
     return tuple(found)
 
 
-def _lost_way(way: _Way) -> FloatArray:
+def _lost_distance(path: _Path) -> FloatArray:
     """(n,) metres by which a vehicle is behind the furthest that it came, along its own heading."""
-    _, soon = way.steps()
-    heading = np.column_stack([np.cos(way.direction), np.sin(way.direction)])
-    along = np.einsum("ni,ni->n", np.diff(way.position, axis=0), 0.5 * (heading[1:] + heading[:-1]))
+    _, soon = path.steps()
+    heading = np.column_stack([np.cos(path.direction), np.sin(path.direction)])
+    along = np.einsum("ni,ni->n", np.diff(path.position, axis=0), 0.5 * (heading[1:] + heading[:-1]))
     come = np.concatenate([[0.0], np.cumsum(np.where(soon, along, 0.0))])
-    come += way.vehicle * (np.ptp(come) + 1.0)  # so that no vehicle is behind the one before it
+    come += path.vehicle * (np.ptp(come) + 1.0)  # so that no vehicle is behind the one before it
     return np.asarray(np.maximum.accumulate(come) - come)
 
 
-def _jumps(way: _Way) -> tuple[FloatArray, FloatArray]:
+def _jumps(path: _Path) -> tuple[FloatArray, FloatArray]:
     """(n,) metres from where a row was bound by the step before, and (n_vehicles,) how many are a jump.
 
     What an acceleration within reason does in that time is taken off.
     """
-    dt_s, soon = way.steps()
-    velocity = np.diff(way.position, axis=0) / np.maximum(dt_s, 1e-9)[:, None]
+    dt_s, soon = path.steps()
+    velocity = np.diff(path.position, axis=0) / np.maximum(dt_s, 1e-9)[:, None]
     short_s = np.minimum(dt_s[1:], dt_s[:-1])
     both = soon[1:] & soon[:-1]
     off = np.where(both, np.linalg.norm(np.diff(velocity, axis=0), axis=1) * short_s, 0.0)
-    metres = np.zeros(way.vehicle.size)
+    metres = np.zeros(path.vehicle.size)
     driven = JUMP_ACCELERATION * short_s * np.maximum(dt_s[1:], dt_s[:-1])
     metres[1:-1] = np.where(both, np.maximum(off - driven, 0.0), 0.0)
-    n_vehicles = int(way.vehicle[-1]) + 1
-    owner = way.vehicle[1:-1][both]
+    n_vehicles = int(path.vehicle[-1]) + 1
+    owner = path.vehicle[1:-1][both]
     by_size = np.lexsort((off[both], owner))
     ends = np.searchsorted(owner[by_size], np.arange(n_vehicles + 1))
     middle = off[both][by_size][np.minimum((ends[:-1] + ends[1:]) // 2, max(owner.size - 1, 0))] if owner.size else 0.0
@@ -203,35 +204,35 @@ def _jumps(way: _Way) -> tuple[FloatArray, FloatArray]:
     return metres, np.maximum(JUMP_M, MANY_DEVIATIONS * median)
 
 
-def _copies(way: _Way, names: AnyArray) -> tuple[Copy, ...]:
+def _copies(path: _Path, names: AnyArray) -> tuple[Copy, ...]:
     """Vehicles that are within `COPY_M` of another for a second."""
-    _, instant = np.unique(np.column_stack([way.group, way.time_ns]), axis=0, return_inverse=True)
-    one, other = _near(np.column_stack([way.position, instant.ravel().astype(np.float64)]), way)
-    pairs, n = np.unique(np.column_stack([way.vehicle[one], way.vehicle[other]]), axis=0, return_counts=True)
+    _, instant = np.unique(np.column_stack([path.group, path.time_ns]), axis=0, return_inverse=True)
+    one, other = _near(np.column_stack([path.position, instant.ravel().astype(np.float64)]), path)
+    pairs, n = np.unique(np.column_stack([path.vehicle[one], path.vehicle[other]]), axis=0, return_counts=True)
     found = []
     for (a, b), count in zip(pairs.tolist(), n.tolist(), strict=True):
-        seconds = count * _interval_s(way, a)
+        seconds = count * _interval_s(path, a)
         if count >= 3 and seconds >= COPY_S:
             found.append(Copy(str(names[b]), str(names[a]), seconds))
     return tuple(found)
 
 
-def _near(place: FloatArray, way: _Way) -> IntArray:
+def _near(place: FloatArray, path: _Path) -> IntArray:
     """(2, p) rows of two vehicles, that of the lesser number first, within `COPY_M` of each other in each axis."""
     if len(place) < 2:
         return np.empty((2, 0), np.int64)
     from scipy.spatial import cKDTree  # noqa: PLC0415 - `info` of a long log does without
 
     pairs = cKDTree(place).query_pairs(COPY_M, p=np.inf, output_type="ndarray")
-    pairs = pairs[way.vehicle[pairs[:, 0]] != way.vehicle[pairs[:, 1]]]
+    pairs = pairs[path.vehicle[pairs[:, 0]] != path.vehicle[pairs[:, 1]]]
     pairs = np.sort(pairs, axis=1)  # rows are in order of the vehicles
     return np.asarray(pairs.T)
 
 
-def _interval_s(way: _Way, vehicle: int) -> float:
+def _interval_s(path: _Path, vehicle: int) -> float:
     """The median time between a vehicle's rows."""
-    rows = slice(*np.searchsorted(way.vehicle, [vehicle, vehicle + 1]).tolist())
-    times = way.time_ns[rows]
+    rows = slice(*np.searchsorted(path.vehicle, [vehicle, vehicle + 1]).tolist())
+    times = path.time_ns[rows]
     return float(np.median(np.diff(times))) * 1e-9 if times.size > 1 else 0.0
 
 

@@ -181,15 +181,15 @@ class Forecaster:
         path = np.empty((len(clouds), self._steps.n_samples, self._steps.dt_s.size, 2))
         for group in np.unique(frame.group):
             own = np.flatnonzero(frame.group == group)
-            world = side_by_side([clouds[row] for row in own])
-            path[own] = projected(self._table, world, self._steps.dt_s, self._response)
+            scene = side_by_side([clouds[row] for row in own])
+            path[own] = projected(self._table, scene, self._steps.dt_s, self._response)
         return path
 
     def _of_vehicle(self, frame: TrackedFrame, row: int) -> Cloud:
-        believed, particles = frame.estimates, frame.particles
-        key = birth_key(self._seed, str(believed.track_id[row]), frame.time_ns)
+        estimates, particles = frame.estimates, frame.particles
+        key = birth_key(self._seed, str(estimates.track_id[row]), frame.time_ns)
         rng = np.random.default_rng(int(key))
         if len(particles):
             return sampled_belief(self._table, particles.of(row), self._steps, rng=rng)
-        mean = Start(believed.position[[row]], believed.direction[[row]], believed.speed[[row]])
+        mean = Start(estimates.position[[row]], estimates.direction[[row]], estimates.speed[[row]])
         return sampled_state(self._table, mean, self._steps, rng=rng)

@@ -159,7 +159,7 @@ def sampled_state(table: MotionTable, start: Start, steps: Steps, *, rng: np.ran
 
 
 def sampled_belief(table: MotionTable, belief: Particles, steps: Steps, *, rng: np.random.Generator) -> Cloud:
-    """Samples of what is believed of one vehicle.
+    """Samples of one vehicle's belief.
 
     Samples go on by the manoeuvre and the push that the filter found for them; those of no place look at the map anew.
     """

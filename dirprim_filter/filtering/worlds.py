@@ -1,4 +1,4 @@
-"""Groups of a log are worlds: recordings made apart, each tracked by a tracker of its own."""
+"""Groups of a log are scenes of their own: recordings made apart, each tracked by a tracker of its own."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from dirprim_filter.track_ids import world_names
 
 
 class Worlds:
-    """Trackers side by side, one for each group: what one believes depends on no other.
+    """Trackers side by side, one for each group: the estimates of one depend on no other.
 
     Takes the place of a `Tracker` where a stream may hold several groups. A group has a frame at an instant where it
     has detections then.
@@ -32,7 +32,7 @@ class Worlds:
 
     @property
     def recoveries(self) -> int:
-        """How many beliefs, in all groups, no longer explained their vehicle's positions and were begun anew."""
+        """How many beliefs, in all groups, no longer explained their vehicle's positions and were reinitialised."""
         return sum(tracker.recoveries for tracker in self._trackers.values())
 
     @property
@@ -112,13 +112,13 @@ def joined(frames: Mapping[int, TrackedFrame]) -> TrackedFrame:
 def _renamed(frame: TrackedFrame, group: int) -> TrackedFrame:
     if group == 0:
         return frame
-    believed = frame.estimates
+    estimates = frame.estimates
     names, anew = (
-        world_names(of, np.full(of.size, group)) for of in (believed.track_id, np.array(frame.begun_anew, np.str_))
+        world_names(of, np.full(of.size, group)) for of in (estimates.track_id, np.array(frame.begun_anew, np.str_))
     )
     return replace(
-        frame, detections=frame.detections.in_one_world(), estimates=replace(believed, track_id=names),
-        begun_anew=tuple(anew.tolist()), group=np.full(len(believed), group),
+        frame, detections=frame.detections.in_one_world(), estimates=replace(estimates, track_id=names),
+        begun_anew=tuple(anew.tolist()), group=np.full(len(estimates), group),
     )  # fmt: skip
 
 

@@ -146,27 +146,17 @@ def _solved(acceleration: Regression) -> FloatArray:
 
 
 def _now_and_later(tracks: Tracks) -> tuple[Instants, IntArray, IntArray]:
-    """Instants; which of them drivers are looked at, (i,), and which is `AHEAD_S` later, (i,): most are both."""
-    group, time_ns = _grid(tracks)
-    group, time_ns = np.append(group, group), np.append(time_ns, time_ns + int(AHEAD_S * 1e9))
-    order = np.lexsort((time_ns, group))
-    group, time_ns = group[order], time_ns[order]
-    new = np.append(True, (np.diff(group) != 0) | (np.diff(time_ns) != 0))[: order.size]
-    number = np.empty(order.size, np.int64)
-    number[order] = np.cumsum(new) - 1
-    return Instants.of(tracks, group[new], time_ns[new]), number[: number.size // 2], number[number.size // 2 :]
+    """Instants; which of them drivers are looked at, (i,), and which is `AHEAD_S` later, (i,): most are both.
 
-
-def _grid(tracks: Tracks) -> tuple[IntArray, IntArray]:
-    """Groups and times of instants `EVERY_S` apart, from each group's first row on; of a long log fewer."""
-    every_ns = int(EVERY_S * 1e9)
-    groups, times = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
+    They are looked at `EVERY_S` from each group's first row on, where it has rows; in a long log less often.
+    """
+    every_ns, looks = int(EVERY_S * 1e9), [np.empty((0, 2), np.int64)]  # group and time
     for group, rows in rows_of_groups(tracks.group):
         own = tracks.time_ns[rows]
-        number = (own - own[0]) // every_ns  # ascending
-        seen = number[np.append(True, number[1:] != number[:-1])]  # a log may pause for days
-        times.append(own[0] + seen * every_ns)
-        groups.append(np.full(seen.size, group))
-    group_of, time_ns = np.concatenate(groups), np.concatenate(times)
-    stride = max(-(-time_ns.size // MOST_INSTANTS), 1)
-    return group_of[::stride], time_ns[::stride]
+        number = np.unique((own - own[0]) // every_ns)  # a log may pause for days
+        looks.append(np.column_stack([np.full(number.size, group), own[0] + number * every_ns]))
+    look = np.concatenate(looks)
+    look = look[:: max(-(-len(look) // MOST_INSTANTS), 1)]
+    later = look + np.array([0, int(AHEAD_S * 1e9)])
+    both, which = np.unique(np.concatenate([look, later]), axis=0, return_inverse=True)
+    return Instants.of(tracks, both[:, 0], both[:, 1]), which[: len(look)], which[len(look) :]

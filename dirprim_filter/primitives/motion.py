@@ -111,7 +111,12 @@ class Motion:
                 f"mode, first, following, count: expected ({n},), ({n + 1},) and two of one length, got "
                 f"{self.mode.shape}, {self.first.shape}, {self.following.shape} and {self.count.shape}"
             )
-        require_passages(self.cell, self.first, self.following)
+        placed = self.cell[self.cell >= 0]
+        if n < placed.size + 2 or (np.diff(placed) < 0).any() or (self.cell[placed.size :] != -1).any():
+            raise ValueError("cell: expected cells in ascending order, then -1 for two background manoeuvres at least")
+        ordered = self.first[0] == 0 and self.first[-1] == self.following.size and (np.diff(self.first) >= 0).all()
+        if not ordered or ((self.following < 0) | (self.following >= n)).any():
+            raise ValueError(f"first, following: expected transitions to manoeuvres 0 to {n - 1}")
         object.__setattr__(self, "count", as_floats("count", self.count, f"{self.following.size}"))
         for name in AMOUNTS:
             if (getattr(self, name) < 0).any():
@@ -173,21 +178,6 @@ class Motion:
             **joined(placed, free), first=np.zeros(n + len(free["cell"]) + 1, np.int64),
             following=np.empty(0, np.int64), count=np.empty(0),
         )  # fmt: skip
-
-
-def require_passages(cell: IntArray, first: IntArray, following: IntArray) -> None:
-    """Check which cells manoeuvres are of, and what follows them, see `Motion`.
-
-    Raises:
-        ValueError: no such order of cells, or transitions to nowhere.
-    """
-    n, placed = cell.size, cell[cell >= 0]
-    if n < placed.size + 2 or (np.diff(placed) < 0).any() or (cell[placed.size :] != -1).any():
-        raise ValueError("cell: expected cells in ascending order, then -1 for two background manoeuvres at least")
-    grows = (first[1:] >= first[:-1]).all()
-    ordered = first[0] == 0 and first[-1] == following.size and grows
-    if not ordered or ((following < 0) | (following >= n)).any():
-        raise ValueError(f"first, following: expected transitions to manoeuvres 0 to {n - 1}")
 
 
 FLOATS = tuple(f.name for f in fields(Motion) if f.type == "FloatArray" and f.name != "count")

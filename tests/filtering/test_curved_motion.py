@@ -30,12 +30,11 @@ def off_the_ring(primitive_map, *, horizon_s=3.0):
     return np.abs(np.hypot(last[..., 0], last[..., 1]) - RADIUS).mean()
 
 
-@pytest.mark.parametrize("cell_size", [6.0, 9.0])
-def test_on_a_ring_futures_of_a_curved_map_keep_the_lane_better_than_those_of_a_flat_one(ring, cell_size):
+def test_on_a_ring_futures_of_a_curved_map_keep_the_lane_better_than_those_of_a_flat_one(ring):
     curved, flat = (  # by their primitives alone
         replace(
             learn_primitives(
-                ring, tessellation="grid", cell_size=cell_size, primitive=primitive, rng=np.random.default_rng(0)
+                ring, tessellation="grid", cell_size=9.0, primitive=primitive, rng=np.random.default_rng(0)
             ),
             motion=None,
         )

@@ -55,14 +55,14 @@ def test_nobody_drives_through_a_queue_but_who_heeds_nobody():
     assert (alone[1, :, -1] > 105.0).all()
 
 
-def test_samples_of_one_number_are_one_world():
-    """When the leader starts is a matter of luck; who waits behind it moves up as far as it goes, in that sample."""
+def test_samples_of_one_number_are_one_scene():
+    """When the leader starts is drawn; who waits behind it moves up as far as it goes, in that sample."""
     found = futures(road(start_rate=(0.0, 5.0, 5.0)), [100.0, 93.0], [0.0, 0.0], time_s=(10.0,))[..., 0]
     leads, follows = found[0] - 100.0, found[1] - 93.0
     assert leads.std() > 0.5
     assert (follows < leads + 0.8).all()
     assert np.corrcoef(leads, follows)[0, 1] > 0.8
-    assert (np.roll(follows, 1) > leads + 0.8).any()  # of another world
+    assert (np.roll(follows, 1) > leads + 0.8).any()  # of another scene
 
 
 def test_order_does_not_matter():

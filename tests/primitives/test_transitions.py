@@ -53,11 +53,6 @@ def test_they_are_those_of_the_tracks_that_were_learned_from(ring, ring_map):
     np.testing.assert_allclose(shares, 1.0)
 
 
-def test_nothing_learned_no_transitions():
-    for primitives in (one_cell_map(), one_cell_map().without_places()):
-        assert all(column.size == 0 for column in cell_transitions(primitives))
-
-
 def test_a_map_without_places_keeps_none(ring_map):
     assert cell_transitions(ring_map).n.size > 0
     assert cell_transitions(ring_map.without_places()).n.size == 0

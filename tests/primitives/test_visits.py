@@ -111,6 +111,7 @@ def test_who_stops_makes_three_visits():
 
 
 def test_who_hardly_stops_makes_one_visit():
+    assert len(visits_of(eastward([5.0]), eastward([5.0], start_s=90.0))) == 0  # of single rows
     visits = visits_of(eastward(braking(0.2)))
     assert not visits.stands.any()
     assert (np.diff(visits.cell) == 1).all()
@@ -158,11 +159,6 @@ def test_features_say_where_and_how_fast_a_vehicle_is_later():
         known = np.isfinite(feature[:, 13 + i])
         np.testing.assert_allclose((feature[:, 13 + i] * alike)[known], later[known], atol=1e-6)
     np.testing.assert_allclose(feature[np.isfinite(feature[:, 15]), 15] * GAINED_MPS, 0.5 * GAINED_S, atol=1e-6)
-
-
-def test_one_row_is_no_visit():
-    assert len(visits_of(eastward([5.0]))) == 0
-    assert len(visits_of(eastward([5.0]), eastward([5.0], start_s=90.0))) == 0
 
 
 @pytest.mark.parametrize("opens_at", [0.05, 0.5, 2.0, 50.0])
