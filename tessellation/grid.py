@@ -52,7 +52,7 @@ class GridTessellation:
             raise ValueError(f"n_x, n_y: expected at least one column and one row, got {self.n_x} x {self.n_y}")
         _check_extent(self.cell_size, np.array([self.n_x, self.n_y], np.float64))
         n_squares = self.n_x * self.n_y
-        if square.ndim != 1 or (square.size and (np.diff(square) <= 0).any()):
+        if square.ndim != 1 or (square[1:] <= square[:-1]).any():  # a difference of such numbers may wrap
             raise ValueError("square: expected shape (n_cells,) with ascending numbers")
         if square.size and not (square[0] >= 0 and square[-1] < n_squares):
             raise ValueError(f"square: expected numbers from 0 to {n_squares - 1}, got {square[0]} to {square[-1]}")

@@ -52,3 +52,9 @@ def test_far_outliers_do_not_allocate_the_plane_between():
         GridTessellation.covering(np.array([[0.0, 0.0], [1e9, 1e9]]), cell_size=1.0)
     with pytest.raises(ValueError, match="finite"):
         GridTessellation.covering(np.array([[0.0, np.nan]]), cell_size=1.0)
+
+
+def test_squares_whose_differences_wrap_are_refused():
+    square = np.array([0, 2**62, -(2**62) - 1, 3])
+    with pytest.raises(ValueError, match="ascending"):
+        GridTessellation(origin=np.zeros(2), cell_size=1.0, n_x=4, n_y=1, square=square)
