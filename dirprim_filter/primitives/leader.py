@@ -23,7 +23,7 @@ class LeaderResponse:
     Attributes:
         gain: (10,) of the acceleration, m/s^2, by each of the features of `_leader.describe`.
         push: m/s^2, standard deviation of a driver's own acceleration beside that.
-        trust: share of that acceleration; the rest is the primitive's. 0 where leaders do not improve predictions.
+        trust: share of that acceleration; the rest is the primitive's.
         start_rate: (3,) 1/s, how often a vehicle that stands starts behind one that stands, that has just started, and
             that drives.
 
@@ -44,8 +44,3 @@ class LeaderResponse:
                 "push, trust, start_rate: expected no negative numbers, and a share, "
                 f"got {self.push}, {self.trust} and {self.start_rate}"
             )
-
-    @classmethod
-    def none(cls) -> LeaderResponse:
-        """A leader changes nothing."""
-        return cls(gain=np.zeros(N_FEATURES), push=0.0, trust=0.0, start_rate=np.zeros(N_PACES))

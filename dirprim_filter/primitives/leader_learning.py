@@ -45,8 +45,8 @@ MOST_STARTS = 0.95
 """Of those that stand, within `AHEAD_S`."""
 
 
-def learn_leader(tracks: Tracks) -> LeaderResponse:
-    """The response to leaders of the drivers of a log."""
+def learn_leader(tracks: Tracks) -> LeaderResponse | None:
+    """The response to leaders of the drivers of a log, see `LeaderSums.response`."""
     return LeaderSums.of(tracks).response()
 
 
@@ -92,14 +92,14 @@ class LeaderSums(NamedTuple):
     def __add__(self, other: LeaderSums) -> LeaderSums:  # type: ignore[override]
         return LeaderSums(*(a + b for a, b in zip(self, other, strict=True)))  # type: ignore[operator]
 
-    def response(self) -> LeaderResponse:
-        """The response that follows from the sums; none where it does not improve predictions of held-out drivers."""
+    def response(self) -> LeaderResponse | None:
+        """The response that follows from the sums; None where it does not improve predictions of held-out drivers."""
         with_leader, by_speed = _held_out_error(self.acceleration), _held_out_error(_part(self.acceleration, OF_SPEED))
         pairs = float(self.acceleration.weight.sum())
         logger.info("%.0f pairs of a driver and its leader: held-out error %.3g of that by speed alone", pairs,
                     with_leader / max(by_speed, 1e-9))  # fmt: skip
         if not with_leader < (1.0 - WORTH) * by_speed:
-            return LeaderResponse.none()
+            return None
         whole = _total(self.acceleration)
         gain = _solved(whole)
         usual = (self.started.sum() + 0.1) / (self.stood.sum() + 1.0)

@@ -68,7 +68,7 @@ class Motion:
         count: (t,) how often.
         course_rate: 1/s, rate at which a vehicle's deviation from the course of its manoeuvre decays.
         strength: weight of a background manoeuvre against those of a cell, in visits.
-        leader: the response to leaders; None where it was not learned.
+        leader: the response to leaders; None where it was not learned, or improves no prediction.
 
     Raises:
         ValueError: columns of different lengths, numbers that are not finite, amounts below zero, or transitions to

@@ -1,7 +1,5 @@
 """The vehicle ahead: found as a slow twin finds it, and the response is what drivers do who heed it."""
 
-from dataclasses import fields
-
 import numpy as np
 import pytest
 
@@ -72,7 +70,7 @@ def test_a_law_that_drivers_follow_is_learned_and_none_where_they_follow_none():
         expected = (lead - own) * (1.0 - np.exp(-0.4))  # gained in one second
         assert leader_features(own, 25.0, lead) @ response.gain == pytest.approx(expected, abs=0.15)
     assert response.push < 0.2
-    assert learn_leader(pairs(rng, 80, heed=False)).trust == 0.0
+    assert learn_leader(pairs(rng, 80, heed=False)) is None
 
 
 def test_who_stands_starts_as_often_as_it_did_behind_such_a_leader():
@@ -109,9 +107,7 @@ def test_sums_of_two_groups_are_the_sums_of_both():
 
 def test_who_knows_nothing_of_leaders_heeds_none():
     for tracks in (pairs(np.random.default_rng(4), 1, heed=True)[:1], pairs(np.random.default_rng(4), 1, heed=True)):
-        response = learn_leader(tracks)
-        for f in fields(LeaderResponse):
-            np.testing.assert_array_equal(getattr(response, f.name), getattr(LeaderResponse.none(), f.name))
+        assert learn_leader(tracks) is None
 
 
 @pytest.mark.parametrize("wrong", [{"trust": 1.1}, {"push": -1.0}, {"gain": np.zeros(3)}, {"start_rate": -np.ones(3)}])

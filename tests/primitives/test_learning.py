@@ -100,7 +100,7 @@ def parameters(learned):
     return [
         learned.tessellation.centers, learned.direction.weight, learned.direction.mean_direction,
         learned.direction.concentration, learned.speed.shape, learned.speed.rate, learned.n_rows,
-        *columns(learned.motion), *columns(learned.motion.leader),
+        *columns(learned.motion),
     ]  # fmt: skip
 
 
