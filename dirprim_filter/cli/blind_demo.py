@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray
 from dirprim_filter.detections import Detections
+from dirprim_filter.distributions.angles import difference
 from dirprim_filter.estimates import Estimates, TrackedFrame
 from dirprim_filter.tracks import Tracks
 
@@ -18,6 +20,10 @@ NEAR_M, FAR_M = 25.0, 45.0
 """Borders of the ring, a square about the junction's middle: max(|x|, |y|)."""
 MOVING_FROM = 3.0
 """m/s; a picture of tracking shows vehicles that go somewhere."""
+COMPANY = 4
+"""So many vehicles are traffic; more make the picture no better, but where they hide from each other in the ring."""
+TURN_RATE = 0.17
+"""rad/s, of a vehicle on a bend."""
 
 
 def in_ring(position: FloatArray) -> BoolArray:
@@ -43,11 +49,25 @@ def departure_rate(tracks: Tracks) -> float:
     return tracks.n_tracks / watched_s
 
 
-def busiest_instant(truth: Tracks) -> int:
-    """The time at which most moving vehicles are in the ring, ns."""
+def telling_instant(truth: Tracks, *, is_blind: bool) -> tuple[int, str]:
+    """The time, ns, and the vehicle that a picture shows: where most moving vehicles are in the ring, or in the middle.
+
+    Of these instants one is better where a vehicle turns, nearest to the middle: there a map beats a straight line.
+    """
     times, number = np.unique(truth.time_ns, return_inverse=True)
-    there = in_ring(truth.position) & (truth.speed >= MOVING_FROM)
-    return int(times[np.argmax(np.bincount(number, there))])
+    moves = truth.speed >= MOVING_FROM
+    reach = np.abs(truth.position).max(axis=1)
+    there = moves & (in_ring(truth.position) if is_blind else reach <= FAR_M)
+    company = np.minimum(np.bincount(number, there)[number], len(times) if is_blind else COMPANY)
+    order = np.lexsort((truth.time_ns, truth.vehicle))
+    turned = np.zeros(len(truth))
+    turned[order[2:]] = np.abs(difference(truth.direction[order[2:]], truth.direction[order[:-2]]))
+    turned[order[2:]] /= np.maximum(1e-9 * (truth.time_ns[order[2:]] - truth.time_ns[order[:-2]]), 1e-3)
+    same = truth.vehicle[order[2:]] == truth.vehicle[order[:-2]]
+    turns = np.zeros(len(truth), np.bool_)
+    turns[order[2:]] = same & (turned[order[2:]] >= TURN_RATE)
+    row = np.lexsort((reach, ~(turns & moves), -company))[0]
+    return int(truth.time_ns[row]), str(truth.track_id[row])
 
 
 class FrameAt:
@@ -65,9 +85,9 @@ class FrameAt:
         self._time_ns = time_ns
 
     def write(self, frame: TrackedFrame) -> None:
-        """Keep the frame if it is of the instant."""
+        """Keep the frame, and a copy of its particles, if it is of the instant."""
         if frame.time_ns == self._time_ns:
-            self.frame = frame
+            self.frame = replace(frame, particles=frame.particles.thinned(1))
 
 
 def blind_report(estimates: Estimates, truth: Tracks) -> TrackingReport:

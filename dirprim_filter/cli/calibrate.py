@@ -11,7 +11,6 @@ from dirprim_filter.cli import losses
 from dirprim_filter.cli.counts import counted
 from dirprim_filter.cli.options import Force, Logs, Output, Plot
 from dirprim_filter.cli.reading import Reading, reads_logs
-from dirprim_filter.cli.results import check_plot
 from dirprim_filter.cli.sensing import UNITS
 
 if TYPE_CHECKING:
@@ -45,13 +44,9 @@ def calibrate(
     """
     from dirprim_filter.cli.progress import working
     from dirprim_filter.evaluation.calibration import calibrate as measure
-    from dirprim_filter.recording.errors import OutputExistsError
     from dirprim_filter.recording.losses import Losses
     from dirprim_filter.recording.sensor_file import save_sensor
 
-    check_plot(plot, force=force)
-    if output.exists() and not force:
-        raise OutputExistsError(output)
     if len(truth) not in (1, len(logs)):
         raise typer.BadParameter(f"expected one, or one for each of the {len(logs)} logs", param_hint="--truth")
     lost = Losses()

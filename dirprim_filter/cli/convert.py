@@ -43,11 +43,11 @@ def convert(
     ] = None,
     columns: Annotated[
         str | None,
-        typer.Option(help="csv, parquet, feather: how the table calls columns: x_m=Easting,group=site+day,..."),
+        typer.Option(help="csv, parquet, feather: what the table calls columns, as in x_m=Easting,group=site+day"),
     ] = None,
     fields: Annotated[
         str | None,
-        typer.Option(help="json: where a frame holds its objects, as time_s=.t,id=.objects[].id,x=.objects[].x,..."),
+        typer.Option(help="json: where a frame holds its objects, as in time_s=.t,id=.objects[].id"),
     ] = None,
     origin: Annotated[
         str | None, typer.Option(help="Latitude,longitude of the plane, for satellite positions. Default: the first.")

@@ -19,15 +19,13 @@ if TYPE_CHECKING:
 
     import numpy as np
 
-    from dirprim_filter.arrays import FloatArray
     from dirprim_filter.cli.blind_demo import FrameAt
     from dirprim_filter.config import FilterConfig
-    from dirprim_filter.estimates import EstimateList, Estimates, EstimateSink
+    from dirprim_filter.estimates import EstimateList, Estimates, EstimateSink, TrackedFrame
     from dirprim_filter.filtering import BayesFilter
     from dirprim_filter.forecasting import Forecaster
     from dirprim_filter.primitives import PrimitiveMap
     from dirprim_filter.tracks import Tracks
-    from dirprim_filter.viewer.moment import Moment
 
     Table = Mapping[str, Mapping[str, str]]
 
@@ -132,13 +130,12 @@ class Run:
 
     def track_three_ways(self, outputs: Mapping[str, Path], *, force: bool) -> Table:
         """Track with the map, writing and drawing everything; without it; with constant velocity; score all."""
-        from dirprim_filter.cli.blind_demo import FrameAt, busiest_instant
+        from dirprim_filter.cli.blind_demo import FrameAt, telling_instant
         from dirprim_filter.cli.provenance import provenance
         from dirprim_filter.config import FilterConfig
         from dirprim_filter.estimates import EstimateList
         from dirprim_filter.forecasting import Forecaster
         from dirprim_filter.recording.writer import EstimateWriter
-        from dirprim_filter.viewer.moment import Moment
         from dirprim_filter.viewer.sink import open_stream
         from dirprim_filter.viewer.texts import run_report
 
@@ -150,9 +147,8 @@ class Run:
             CONSTANT_VELOCITY: _constant_velocity(self.tracks, config),
         }
         kept = {name: EstimateList() for name in models}
-        shown_at = busiest_instant(self.truth) if self.is_blind else 0
+        shown_at, focus = telling_instant(self.truth, is_blind=self.is_blind)
         instants = {name: FrameAt(shown_at) for name in models}
-        moment = Moment(_center(self.learned))
         with (
             EstimateWriter(outputs["tracks.mcap"], metadata=said, particle_stride=10, force=force) as written,
             open_stream("dirprim demo", save=outputs["tracks.rrd"], force=force, n_particles=100) as shown,
@@ -161,15 +157,15 @@ class Run:
             shown.log_map(self.learned)
             shown.log_truth(self.truth)
             forecaster = Forecaster(self.learned, [written, shown], config=config, rng=self._rng(1))
-            sinks: list[EstimateSink] = [written, shown, forecaster, moment]
+            sinks: list[EstimateSink] = [written, shown, forecaster]
             for name, model in models.items():
                 self._replay(model, config, [*(sinks if name == WITH_MAP else []), kept[name], instants[name]])
             table = {name: _scores(of.all(), self.truth, is_blind=self.is_blind) for name, of in kept.items()}
             shown.log_report("\n".join([*_lines(table, markdown=True), "", run_report(said, {}, title="Made with")]))
         if self.is_blind:
             self._draw_blind(kept, instants, outputs["demo.png"], force=force)
-        elif moment.frame is not None:
-            self._draw(kept[WITH_MAP].all(), moment, forecaster, outputs["demo.png"], force=force)
+        elif (frame := instants[WITH_MAP].frame) is not None:
+            self._draw(kept[WITH_MAP].all(), frame, focus, forecaster, outputs["demo.png"], force=force)
         return table
 
     def _replay(self, model: PrimitiveMap | BayesFilter, config: FilterConfig, sinks: list[EstimateSink]) -> None:
@@ -195,16 +191,15 @@ class Run:
 
         return np.random.default_rng([self.seed, *stream] if stream else self.seed)
 
-    def _draw(self, estimates: Estimates, moment: Moment, forecaster: Forecaster, path: Path, *, force: bool) -> None:
+    def _draw(
+        self, estimates: Estimates, frame: TrackedFrame, focus: str, forecaster: Forecaster, path: Path, *, force: bool
+    ) -> None:
         from dirprim_filter.viewer.figures import demo_figure, save_figure
 
-        frame = moment.frame
-        if frame is None:
-            return
-        ids = [str(name) for name in frame.estimates.track_id]
         figure = demo_figure(
             self.learned, tracks=self.tracks, frame=frame, estimates=estimates, truth=self.truth,
-            forecasts=dict(zip(ids, forecaster.paths(frame), strict=True)), focus=moment.focus,
+            forecasts=dict(zip(frame.names, forecaster.paths(frame), strict=True)),
+            focus=focus if focus in frame.names else None,
         )  # fmt: skip
         save_figure(figure, path, force=force)
 
@@ -234,11 +229,6 @@ def _constant_velocity(tracks: Tracks, config: FilterConfig) -> BayesFilter:
     some = tracks[np.isin(tracks.vehicle, rng.permutation(tracks.n_tracks)[:N_FITTED])]
     noise = config.noise_m * rng.standard_normal(some.position.shape)
     return fitted("constant velocity", replace(Detections.of(some), position=some.position + noise), tracks, config)()
-
-
-def _center(learned: PrimitiveMap) -> FloatArray:
-    center: FloatArray = learned.tessellation.centers.mean(axis=0)
-    return center
 
 
 # --- What is printed -----------------------------------------------------------------------------------

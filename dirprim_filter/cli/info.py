@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 from dataclasses import asdict, replace
+from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
+EARLIEST_NS, LATEST_NS = 10**17, 10**19
+"""Clocks that count from 1970 show times since 1973; others count from the start of the machine or log."""
 LABELS_SHOWN = 12
 """Of a topic, to people; to machines all."""
 
@@ -138,4 +141,8 @@ def _size(size: SizeSummary) -> str:
 def _span(summary: LogSummary) -> str:
     if summary.start_ns is None or summary.end_ns is None:
         return ""
-    return f", {(summary.end_ns - summary.start_ns) * 1e-9:.1f} s from {summary.start_ns} ns"
+    seconds = (summary.end_ns - summary.start_ns) * 1e-9
+    since = (
+        datetime.fromtimestamp(summary.start_ns // 10**9, UTC) if EARLIEST_NS < summary.start_ns < LATEST_NS else None
+    )
+    return f", {seconds:.1f} s from {summary.start_ns} ns" + (f" ({since:%Y-%m-%d %H:%M:%S} UTC)" if since else "")

@@ -60,10 +60,6 @@ def learn(
 
     Example: dirprim learn recordings/roundabout_learn.mcap -o map.mcap
     """
-    from dirprim_filter.recording.errors import OutputExistsError
-
-    if output.exists() and not force:  # before the work, not after it
-        raise OutputExistsError(output)
     source: Source
     if any(map(_is_store, logs)):
         if len(logs) > 1 or sensor is not None or reading != Reading():

@@ -7,8 +7,11 @@ from __future__ import annotations
 
 import logging
 import sys
+from itertools import chain
+from typing import Any
 
 import typer
+from typer.core import TyperGroup
 
 from dirprim_filter.cli import (
     calibrate,
@@ -36,8 +39,30 @@ from dirprim_filter.cli.settings import renamed
 
 DONE, FAILED, USAGE = 0, 1, 2
 
+COMMANDS: dict[str, list[Any]] = {
+    "See what is there": [info.info, plot.plot, view.view, doctor.doctor],
+    "Learn and track": [learn.learn, store.store, track.track, smooth.smooth, forecast.forecast],
+    "Judge": [score.score, evaluate.evaluate, calibrate.calibrate],
+    "Logs and tables": [convert.convert, export.export, recover.recover, simulate.simulate, demo.demo],
+}
+"""The commands, and groups of commands, under the titles that `dirprim --help` gives them."""
+
+
+class _Titled(TyperGroup):
+    """Lists commands under their titles."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        for title, commands in COMMANDS.items():
+            names = [
+                command.info.name if isinstance(command, typer.Typer) else command.__name__ for command in commands
+            ]
+            with formatter.section(title):
+                formatter.write_dl([(name, self.commands[name].get_short_help_str(60)) for name in names])
+
+
 app = typer.Typer(
     name="dirprim",
+    cls=_Titled,
     help=(
         "Learn from MCAP logs how vehicles move at each place, and track vehicles with what was learned. "
         "New here? Run `dirprim demo`, then `dirprim info` on a log of your own."
@@ -90,13 +115,11 @@ class _Shown(logging.Formatter):
         return one_line(super().formatMessage(record))
 
 
-for command in (
-    info.info, convert.convert, simulate.simulate, learn.learn, calibrate.calibrate, track.track, forecast.forecast,
-    plot.plot, view.view, recover.recover, score.score, smooth.smooth, export.export, demo.demo, doctor.doctor,
-):  # fmt: skip
-    app.command()(checked(command))
-app.add_typer(evaluate.evaluate)
-app.add_typer(store.store)
+for command in chain.from_iterable(COMMANDS.values()):
+    if isinstance(command, typer.Typer):
+        app.add_typer(command)
+    else:
+        app.command()(checked(command))
 
 
 def main() -> None:

@@ -11,8 +11,8 @@ from typing import Annotated
 
 import typer
 
-WRITTEN = "written"
-"""Marks the options for output files, which `outputs.checked` checks before the work."""
+WRITTEN, FIGURE = "written", "figure"
+"""Mark the options for output files, and of them those for pictures, which `outputs.checked` checks before the work."""
 
 
 AUTO = "auto"
@@ -117,7 +117,7 @@ LogsOrStore = Annotated[
 Map = Annotated[Path, typer.Option("--map", help="A map that `dirprim learn` wrote.", exists=True, dir_okay=False)]
 Output = Annotated[Path, typer.Option("--output", "-o", help="The file to write.", callback=named_file), WRITTEN]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite what exists.")]
-Plot = Annotated[Path | None, typer.Option("--plot", help="Also draw the table: .png, .pdf or .svg."), WRITTEN]
+Plot = Annotated[Path | None, typer.Option("--plot", help="Also draw the table: .png, .pdf or .svg."), WRITTEN, FIGURE]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="The same seed gives the same result.")]
 Tessellation = Annotated[
     Cells,

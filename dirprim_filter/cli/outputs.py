@@ -8,28 +8,35 @@ from __future__ import annotations
 import errno
 import inspect
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import wraps
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
 from dirprim_filter.cli.compiling import compiling_notice, mend_cache
-from dirprim_filter.cli.options import WRITTEN
+from dirprim_filter.cli.options import FIGURE, WRITTEN
+from dirprim_filter.partial_file import OutputExistsError
 
 Result = TypeVar("Result")
+FORMATS = (".png", ".pdf", ".svg")
+"""Of pictures."""
 
 
 def checked(command: Callable[..., Result]) -> Callable[..., Result]:
     """The command, which first asks whether its outputs can be written; options that are no outputs are inputs."""
-    hints = get_type_hints(command, include_extras=True)
-    outputs = {name for name, hint in hints.items() if WRITTEN in getattr(hint, "__metadata__", ())}
+    marks = {
+        name: getattr(hint, "__metadata__", ()) for name, hint in get_type_hints(command, include_extras=True).items()
+    }
 
     @wraps(command)
     def check(*positional: Any, **given: Any) -> Result:
         arguments = inspect.signature(command).bind(*positional, **given).arguments
-        written = [value for name, value in arguments.items() if name in outputs and isinstance(value, Path)]
-        read = [path for name, value in arguments.items() if name not in outputs for path in _paths(value)]
-        check_outputs(written, read)
+        written = {name: of for name, of in arguments.items() if WRITTEN in marks[name] and isinstance(of, Path)}
+        read = [path for name, of in arguments.items() if WRITTEN not in marks[name] for path in _paths(of)]
+        check_outputs(list(written.values()), read, force=arguments.get("force", False))
+        for name, path in written.items():
+            if FIGURE in marks[name]:
+                check_figure_name(path)
         mend_cache()
         with compiling_notice(command.__name__):
             return command(*positional, **given)
@@ -37,20 +44,32 @@ def checked(command: Callable[..., Result]) -> Callable[..., Result]:
     return check
 
 
-def check_outputs(written: Sequence[Path], read: Iterable[Path]) -> None:
-    """Whether every output can be written without harm to an input or to another output.
+def check_outputs(written: Sequence[Path], read: Sequence[Path], *, force: bool) -> None:
+    """Whether every output can be written without harm to an input, to another output, or to a file that is there.
 
     Raises:
         ValueError: an output is an input, or two outputs are one file.
+        OutputExistsError: an output exists, and `force` is not given.
         OSError: a folder cannot be written.
     """
-    read = list(read)
     for i, output in enumerate(written):
         if any(_is_same(output, path) for path in read):
             raise ValueError(f"{output}: is an input of this command; choose another name for the output")
         if any(_is_same(output, other) for other in written[:i]):
             raise ValueError(f"{output}: expected another file for each output, got it twice")
+        if output.is_file() and not force:
+            raise OutputExistsError(output)
         _require_writable(output)
+
+
+def check_figure_name(path: Path) -> None:
+    """Whether the name ends as a picture's.
+
+    Raises:
+        ValueError: it does not.
+    """
+    if path.suffix.lower() not in FORMATS:
+        raise ValueError(f"{path}: expected a name that ends in {', '.join(FORMATS)}, got {path.suffix or 'no suffix'}")
 
 
 def _paths(value: Any) -> Iterator[Path]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dirprim_filter.cli.options import Force, Output
+from dirprim_filter.cli.options import FIGURE, WRITTEN, Force, named_file
 from dirprim_filter.cli.place import EITHER_WAY, OPTION, tell_if_outside
 
 if TYPE_CHECKING:
@@ -40,7 +40,12 @@ TAKES = {
 
 def plot(
     map_file: Annotated[Path, typer.Argument(help="A map that `dirprim learn` wrote.", exists=True, dir_okay=False)],
-    output: Output,
+    output: Annotated[
+        Path,
+        typer.Option("--output", "-o", help="The picture: .png, .pdf or .svg.", callback=named_file),
+        WRITTEN,
+        FIGURE,
+    ],
     figure: Annotated[
         Picture,
         typer.Option(
@@ -94,9 +99,8 @@ def plot(
 
     from dirprim_filter.primitives.cues import TURN_LEFT, TURN_RIGHT
     from dirprim_filter.recording import load_map, read_estimates, read_tracks
-    from dirprim_filter.viewer.figures import check_figure_path, map_figure, place_figure, save_figure
+    from dirprim_filter.viewer.figures import map_figure, place_figure, save_figure
 
-    check_figure_path(output, force=force)  # before the work, not after it
     learned = load_map(map_file)
     if at is not None:
         tell_if_outside(learned, at)

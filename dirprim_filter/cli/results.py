@@ -123,11 +123,3 @@ def _metadata(path: Path) -> dict[str, str]:
 
     with scan(path) as log:
         return {key: value for _, entries in log.metadata for key, value in entries.items()}
-
-
-def check_plot(plot: Path | None, *, force: bool) -> None:
-    """Whether the picture can be written: before the work, not after it."""
-    if plot is not None:
-        from dirprim_filter.viewer.figures import check_figure_path
-
-        check_figure_path(plot, force=force)

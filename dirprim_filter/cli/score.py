@@ -14,7 +14,6 @@ from dirprim_filter.cli.figures import figure_lines, number
 from dirprim_filter.cli.options import Force, Plot
 from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.results import as_json as json_text
-from dirprim_filter.cli.results import check_plot
 from dirprim_filter.cli.settings import Settings, deal, taken
 
 if TYPE_CHECKING:
@@ -67,7 +66,6 @@ def score(
     from dirprim_filter.recording.tables.estimate_table import FORMATS
     from dirprim_filter.recording.tracked_table import read_tracked_rows
 
-    check_plot(plot, force=force)
     log = reading.tracks([truth])
     one_of_many = reading.group is not None
     scales = taken(Scales, settings)

@@ -61,10 +61,6 @@ def learn(
 
     Example: dirprim store learn fleet -o map.mcap --half-life 30d
     """
-    from dirprim_filter.recording.errors import OutputExistsError
-
-    if output.exists() and not force:  # before the work, not after it
-        raise OutputExistsError(output)
     source = StoreSource(
         folder, min_vehicles=min_vehicles, half_life_s=half_life, now=now, hours=hours, zone=zone, workers=workers,
         scheduler=scheduler,
@@ -144,11 +140,8 @@ def update(
     Example: dirprim store update map.mcap fleet
     """
     from dirprim_filter.recording.container.log import scan
-    from dirprim_filter.recording.errors import OutputExistsError
     from dirprim_filter.recording.log_writer import METADATA_NAME
 
-    if output is not None and output.exists() and not force:  # before the work, not after it
-        raise OutputExistsError(output)
     with scan(map_file) as messages:
         said = next((record for name, record in messages.metadata if name == METADATA_NAME), {})
     if "sha256 store" not in said:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from contextlib import ExitStack, nullcontext
 from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
@@ -122,7 +121,6 @@ def track(
     from dirprim_filter.recording.writer import EstimateWriter
     from dirprim_filter.replay import replay
 
-    _require_new([output, save], force=force)
     own = taken(Own, settings)
     primitive_map = load_map(map_file)
     sensing = sensor_of(sensor, log, reading, noise_m=noise, config=config, with_ids=not no_ids, seed=seed)
@@ -183,15 +181,6 @@ def track(
             viewer.log_run(said, {"frames": str(n_frames), "beliefs reinitialised": str(worlds.recoveries)})
     _say(worlds, f"{output}: {counted(n_frames, 'frame')} of {', '.join(sorted(stream.topics))}", coverage)
     return exit_code(viewer, losses.INPUT_LOST if coverage.is_poor else losses.exit_code(stream.losses))
-
-
-def _require_new(outputs: Sequence[Path | None], *, force: bool) -> None:
-    """Before the work, not after it."""
-    from dirprim_filter.recording.errors import OutputExistsError
-
-    for path in outputs:
-        if path is not None and path.exists() and not force:
-            raise OutputExistsError(path)
 
 
 class Coverage:

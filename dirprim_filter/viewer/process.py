@@ -47,20 +47,24 @@ def show_files(paths: list[Path]) -> None:
     Raises:
         ConnectionError: no viewer could be started.
     """
-    command = [viewer_program() or "rerun", "--bind", THIS_MACHINE, "--new", *map(str, paths)]
-    names = ", ".join(map(str, paths))
+    names = [str(path) for path in paths]
     try:
-        viewer = subprocess.Popen(  # noqa: S603 - the SDK's own program, without a shell
-            command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-            start_new_session=True,
-        )  # fmt: skip
-        failed = viewer.wait(timeout=STARTING_S) != 0
+        failed = _start("--new", *names).wait(timeout=STARTING_S) != 0
     except subprocess.TimeoutExpired:  # it runs
         return
-    except OSError as error:
-        raise ConnectionError(f"{names}: the viewer {command[0]} did not start ({error})") from error
     if failed:
-        raise ConnectionError(f"{names}: the viewer did not start; {WITHOUT_A_SCREEN}")
+        raise ConnectionError(f"{', '.join(names)}: the viewer did not start; {WITHOUT_A_SCREEN}")
+
+
+def _start(*arguments: str) -> subprocess.Popen[bytes]:
+    """A viewer that outlives this process."""
+    try:
+        return subprocess.Popen(  # noqa: S603 - the SDK's own program, without a shell
+            [viewer_program() or "rerun", "--bind", THIS_MACHINE, *arguments],
+            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
+        )  # fmt: skip
+    except OSError as error:
+        raise ConnectionError(f"the viewer did not start ({error}); {WITHOUT_A_SCREEN}") from error
 
 
 def spawn_viewer() -> str:
@@ -72,13 +76,7 @@ def spawn_viewer() -> str:
         ConnectionError: none could be started.
     """
     port = _free_port(THIS_MACHINE, VIEWER_PORT)
-    try:
-        viewer = subprocess.Popen(  # noqa: S603 - the SDK's own program, without a shell
-            [viewer_program() or "rerun", "--bind", THIS_MACHINE, "--port", str(port), "--expect-data-soon"],
-            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
-        )  # fmt: skip
-    except OSError as error:
-        raise ConnectionError(f"the viewer did not start ({error}); {WITHOUT_A_SCREEN}") from error
+    viewer = _start("--port", str(port), "--expect-data-soon")
     until = time.monotonic() + SERVING_WITHIN_S
     try:
         while viewer.poll() is None and time.monotonic() < until:

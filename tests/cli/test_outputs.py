@@ -75,7 +75,7 @@ def test_two_outputs_are_two_files(files, capsys):
     options = ("--map", files / "map.mcap", "-o", new, "--save", new)
     assert dirprim("track", files / "log.mcap", *options) == FAILED
     assert "another file for each output" in capsys.readouterr().err
-    check_outputs([new, files / "other.mcap"], [files / "log.mcap"])  # these may be written
+    check_outputs([new, files / "other.mcap"], [files / "log.mcap"], force=False)  # these may be written
 
 
 @pytest.mark.parametrize("command", COMMANDS, ids=lambda c: c.callback.__name__)
@@ -107,7 +107,7 @@ def locked(tmp_path):
 
 def test_a_folder_that_cannot_be_written_is_reported_by_the_name_that_was_given(locked):
     with pytest.raises(PermissionError) as of_check:
-        check_outputs([locked / "out.mcap"], [])
+        check_outputs([locked / "out.mcap"], [], force=False)
     with pytest.raises(PermissionError) as of_file, PartialFile(locked / "out.mcap", force=False):
         pass
     with pytest.raises(PermissionError) as of_stream:

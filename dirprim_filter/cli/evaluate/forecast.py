@@ -10,6 +10,7 @@ import typer
 
 from dirprim_filter.cli.counts import counted
 from dirprim_filter.cli.evaluate.report import Experiment, Json, Split
+from dirprim_filter.cli.figures import number
 from dirprim_filter.cli.options import Config, Force, Logs, Plot
 from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.results import read_experiment
@@ -131,7 +132,7 @@ def forecast_text(table: ForecastTable) -> str:
     for row in table.methods:
         lines += ["", f"{row.name:<18}{'cases':>8}" + "".join(f"{head:>11}" for head in FIGURES.values())]
         for score in row.horizons:
-            cells = "".join(f"{getattr(score, name):>11.2f}" for name in FIGURES)
+            cells = "".join(f"{number(getattr(score, name)):>11}" for name in FIGURES)
             lines.append(f"{score.horizon_s:>6g} s{'':<10}{score.n_cases:>8}{cells}")
     horizons = [score.horizon_s for score in first.horizons]
     n = first.horizons[0].gain.n_clusters

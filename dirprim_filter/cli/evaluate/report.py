@@ -13,7 +13,7 @@ from dirprim_filter.cli import losses
 from dirprim_filter.cli.options import WholeVehicles
 from dirprim_filter.cli.reading import Reading
 from dirprim_filter.cli.results import as_json as json_of
-from dirprim_filter.cli.results import check_plot, result_object
+from dirprim_filter.cli.results import result_object
 
 if TYPE_CHECKING:
     from dirprim_filter.recording.objects.tracks import TrackResult
@@ -61,13 +61,11 @@ class Experiment:
         plot: Path | None = None,
         more_inputs: Sequence[Path] = (),
     ) -> Self:
-        """Read the logs, once it is sure that the figure can be written.
+        """Read the logs.
 
         Raises:
-            ValueError: the figure's file exists, or its format is unknown.
             RecordingError: a log cannot be read.
         """
-        check_plot(plot, force=force)
         return cls(
             command=command, inputs=[*logs, *more_inputs], reading=reading, plot=plot, as_json=as_json, force=force,
             log=reading.tracks(logs),

@@ -18,24 +18,10 @@ from dirprim_filter.arrays import FloatArray
 from dirprim_filter.partial_file import OutputExistsError, PartialFile
 
 DOTS_PER_INCH = 200
-FORMATS = (".png", ".pdf", ".svg")
 SMALL, NORMAL, LARGE = 8, 9, 10
 """Points: numbers at ticks and keys, labels, titles."""
 FAINT = "0.6"
 """Of frames and ticks."""
-
-
-def check_figure_path(path: Path, *, force: bool) -> None:
-    """Whether a figure can be written there: to be asked before the work, not after it.
-
-    Raises:
-        OutputExistsError: the file exists and `force` is not given.
-        ValueError: the suffix is none of `FORMATS`.
-    """
-    if path.suffix.lower() not in FORMATS:
-        raise ValueError(f"{path}: expected a name that ends in {', '.join(FORMATS)}, got {path.suffix or 'no suffix'}")
-    if path.exists() and not force:
-        raise OutputExistsError(path)
 
 
 def save_figure(figure: Figure, path: Path, *, dpi: float | None = None, force: bool = False) -> None:
@@ -52,10 +38,11 @@ def save_figure(figure: Figure, path: Path, *, dpi: float | None = None, force: 
 
     Raises:
         OutputExistsError: the file exists and `force` is not given.
-        ValueError: the suffix is none of `FORMATS`.
+        ValueError: the suffix is no format that matplotlib writes.
         OSError: the file cannot be written.
     """
-    check_figure_path(path, force=force)
+    if path.exists() and not force:
+        raise OutputExistsError(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     drawn = BytesIO()
     undated = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}.get(path.suffix.lower())
