@@ -10,10 +10,10 @@ from dirprim_filter.cli.blind_demo import (
     NEAR_M,
     FrameAt,
     blind_report,
-    busiest_instant,
     departure_rate,
     followers,
     in_ring,
+    telling_instant,
     with_blind_ring,
 )
 from dirprim_filter.cli.main import run
@@ -83,7 +83,18 @@ def test_vehicles_leave_once_each_in_the_time_that_they_are_watched(truth):
 
 def test_the_busiest_instant_has_most_moving_vehicles_in_the_ring(truth):
     there = {t: int(in_ring(truth.position[truth.time_ns == t]).sum()) for t in np.unique(truth.time_ns).tolist()}
-    assert there[busiest_instant(truth)] == max(there.values()) > 1
+    assert there[telling_instant(truth, is_blind=True)[0]] == max(there.values()) > 1
+
+
+@pytest.mark.parametrize(("turn", "expected"), [(0.5, "1"), (0.0, "0")])
+def test_a_vehicle_that_turns_is_shown_before_one_nearer_to_the_middle(turn, expected):
+    n = 11
+    tracks = Tracks(
+        track_id=np.repeat([0, 1], n), time_ns=np.tile(100_000_000 * np.arange(n), 2),
+        position=np.repeat([[1.0, 0.0], [20.0, 0.0]], n, axis=0), speed=np.full(2 * n, 8.0),
+        direction=np.concatenate([np.full(n, 3.1), np.angle(np.exp(1j * (3.1 + 0.1 * turn * np.arange(n))))]),
+    )  # fmt: skip
+    assert telling_instant(tracks, is_blind=False)[1] == expected
 
 
 def test_the_changes_that_are_drawn_are_the_switches_that_are_scored(truth, confused):
@@ -118,7 +129,7 @@ def test_tracks_of_one_vehicle_differ_in_colour(truth, confused):
 def test_the_picture_marks_every_change_and_says_how_many(truth, confused, ring_map):
     from dirprim_filter.estimates import Particles, TrackedFrame
 
-    at = busiest_instant(truth)
+    at, _ = telling_instant(truth, is_blind=True)
     keeper = FrameAt(at)
     for time_ns in (at - 100_000_000, at, at + 100_000_000):
         now = confused[confused.time_ns == time_ns]

@@ -18,7 +18,8 @@ from dirprim_filter.viewer.sink import open_stream
 
 FAILED = 1
 UNPRIVILEGED = 65534
-COMMANDS = [*app.registered_commands, *app.registered_groups[0].typer_instance.registered_commands]
+EVALUATE = next(of.typer_instance for of in app.registered_groups if of.typer_instance.info.name == "evaluate")
+COMMANDS = [*app.registered_commands, *EVALUATE.registered_commands]
 
 
 def dirprim(*arguments):
@@ -116,6 +117,26 @@ def test_a_folder_that_cannot_be_written_is_reported_by_the_name_that_was_given(
         save_figure(Figure(), locked / "out.png")
     reported = [caught.value.filename for caught in (of_check, of_file, of_stream, of_figure)]
     assert reported == [str(locked / name) for name in ("out.mcap", "out.mcap", "out.rrd", "out.png")]
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "learn log.mcap -o there", "track log.mcap --map map.mcap -o there", "plot map.mcap -o there.png",
+        "track log.mcap --map map.mcap -o new.mcap --save there", "store learn fleet -o there",
+        "calibrate log.mcap --truth log.mcap -o there", "evaluate forecast log.mcap --plot there.png",
+    ],
+)  # fmt: skip
+def test_a_file_that_is_there_is_reported_before_any_work(command, files, monkeypatch, capsys):
+    """Before the inputs are read: that they are broken is not seen."""
+    monkeypatch.chdir(files)
+    for name in ("there", "there.png", "log.mcap", "map.mcap"):
+        (files / name).write_bytes(b"precious")
+    assert dirprim(*command.split()) == FAILED
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "expected a new file, it exists; choose another name or use --force" in error
+    assert (files / "there").read_bytes() == b"precious"
 
 
 @pytest.mark.parametrize("command", ["view map.mcap --save", "learn log.mcap -o"])
