@@ -19,7 +19,7 @@ N_VEHICLES, N_ROWS = 12, 80
 
 
 def doctor() -> int:
-    """Check the installation: versions, the compiler's cache, the viewer, and a self test that learns and tracks.
+    """Check the installation: versions, cache, viewer, a self test.
 
     Exit code 1 where something does not work. Nothing is sent anywhere.
 

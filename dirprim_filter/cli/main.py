@@ -53,11 +53,9 @@ class _Titled(TyperGroup):
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         for title, commands in COMMANDS.items():
-            names = [
-                command.info.name if isinstance(command, typer.Typer) else command.__name__ for command in commands
-            ]
+            names = [str(of.info.name if isinstance(of, typer.Typer) else of.__name__) for of in commands]
             with formatter.section(title):
-                formatter.write_dl([(name, self.commands[name].get_short_help_str(60)) for name in names])
+                formatter.write_dl([(name, self.commands[name].get_short_help_str(66)) for name in names])
 
 
 app = typer.Typer(

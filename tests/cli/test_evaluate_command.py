@@ -288,14 +288,3 @@ def test_former_options_are_taken_with_a_warning_and_not_shown(log, capsys):
 def test_a_setting_that_is_none_is_usage(log, capsys, given, said):
     assert evaluate("tracking", log, "--set", given) == USAGE
     assert said in " ".join(capsys.readouterr().err.split())
-
-
-@pytest.mark.parametrize("command", ["tracking", "forecast"])
-def test_a_picture_that_exists_is_found_before_the_work(log, capsys, tmp_path, command, monkeypatch):
-    def reads_nothing(*_args, **_options):
-        raise AssertionError("the log was read")
-
-    (tmp_path / "old.png").write_bytes(b"")
-    monkeypatch.setattr("dirprim_filter.cli.reading.Reading.tracks", reads_nothing)
-    assert evaluate(command, log, "--plot", tmp_path / "old.png") == FAILED
-    assert "old.png" in capsys.readouterr().err

@@ -139,6 +139,15 @@ def test_a_file_that_is_there_is_reported_before_any_work(command, files, monkey
     assert (files / "there").read_bytes() == b"precious"
 
 
+@pytest.mark.parametrize("command", ["plot map.mcap -o", "score log.mcap --truth log.mcap --plot"])
+@pytest.mark.parametrize("name", ["map.xyz", "map", "map.jpg"])
+def test_an_unknown_format_is_refused_before_any_work(command, name, files, monkeypatch, capsys):
+    monkeypatch.chdir(files)
+    assert dirprim(*command.split(), name) == FAILED
+    assert f"{name}: expected a name that ends in .png, .pdf, .svg" in capsys.readouterr().err
+    assert not (files / name).exists()
+
+
 @pytest.mark.parametrize("command", ["view map.mcap --save", "learn log.mcap -o"])
 def test_what_cannot_be_written_is_one_line(command, files, capsys):
     command, first, *option = command.split()

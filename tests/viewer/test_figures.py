@@ -157,13 +157,6 @@ def test_a_figure_is_whole_and_is_not_overwritten(tmp_path: Path, scene_map: Pri
     assert [p.name for p in path.parent.iterdir()] == [name]
 
 
-@pytest.mark.parametrize("name", ["map.xyz", "map", "map.jpg"])
-def test_an_unknown_format_is_refused_and_leaves_nothing(tmp_path: Path, scene_map: PrimitiveMap, name: str) -> None:
-    with pytest.raises(ValueError, match=r"expected a name that ends in \.png, \.pdf, \.svg"):
-        save_figure(map_figure(scene_map), tmp_path / name)
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_a_figure_that_cannot_be_drawn_leaves_what_was_there(
     tmp_path: Path, scene_map: PrimitiveMap, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, fields
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,7 +11,7 @@ import typer
 
 from dirprim_filter.cli.counts import counted
 from dirprim_filter.cli.evaluate.report import Experiment, Json, Split
-from dirprim_filter.cli.figures import number
+from dirprim_filter.cli.figures import UNKNOWN
 from dirprim_filter.cli.options import Config, Force, Logs, Plot
 from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.results import read_experiment
@@ -132,7 +133,7 @@ def forecast_text(table: ForecastTable) -> str:
     for row in table.methods:
         lines += ["", f"{row.name:<18}{'cases':>8}" + "".join(f"{head:>11}" for head in FIGURES.values())]
         for score in row.horizons:
-            cells = "".join(f"{number(getattr(score, name)):>11}" for name in FIGURES)
+            cells = "".join(f"{_figure(getattr(score, name)):>11}" for name in FIGURES)
             lines.append(f"{score.horizon_s:>6g} s{'':<10}{score.n_cases:>8}{cells}")
     horizons = [score.horizon_s for score in first.horizons]
     n = first.horizons[0].gain.n_clusters
@@ -143,6 +144,10 @@ def forecast_text(table: ForecastTable) -> str:
             f"{head:<11}{_gain(row.horizons[i].gain, row.name)}" for head, row in zip(heads, others, strict=False)
         ]
     return "\n".join(lines)
+
+
+def _figure(value: float) -> str:
+    return UNKNOWN if math.isnan(value) else f"{value:.2f}"
 
 
 def _gain(found: Interval, name: str) -> str:
