@@ -36,6 +36,7 @@ class Estimates(ArrayTable):
             of a measured course and speed is a ratio to a false detection's. 0 at birth and where there is none.
         existence: (n,) probability of existence: that there is such a vehicle. Left out: 1.
         unseen_s: (n,) seconds since it was last measured: 0 where it is now. Left out: 0.
+        follows_map: (n,) probability that it follows a manoeuvre of the map and does not go its own way. Left out: 0.
 
     Raises:
         ValueError: shapes that do not fit.
@@ -53,6 +54,7 @@ class Estimates(ArrayTable):
     log_evidence: FloatArray
     existence: FloatArray = field(default_factory=lambda: np.empty(0))
     unseen_s: FloatArray = field(default_factory=lambda: np.empty(0))
+    follows_map: FloatArray = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
         columns: dict[str, AnyArray] = {
@@ -64,7 +66,7 @@ class Estimates(ArrayTable):
         n = columns["time_ns"].size
         for f in fields(self)[len(columns) :]:
             columns[f.name] = as_floats(f.name, getattr(self, f.name), "n")
-        for name, certain in (("existence", 1.0), ("unseen_s", 0.0)):
+        for name, certain in (("existence", 1.0), ("unseen_s", 0.0), ("follows_map", 0.0)):
             if columns[name].size == 0:
                 columns[name] = np.full(n, certain)
         check_lengths(columns)

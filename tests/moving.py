@@ -119,9 +119,9 @@ def settled(table, n, *, place=(0.0, 0.0), direction=0.0, speed=10.0, state):
     return made
 
 
-def moved(primitive_map, dt_s, *, n=20_000, key=5, n_calls=1, step_s=0.1, **start):
+def moved(primitive_map, dt_s, *, n=20_000, key=5, n_calls=1, step_s=0.1, own_way_rate=0.0, **start):
     """Particles after so many seconds, cut into calls."""
-    table, state = motion_table(primitive_map, step_s=step_s), seeded(key)
+    table, state = motion_table(primitive_map, step_s=step_s, own_way_rate=own_way_rate), seeded(key)
     particles = settled(table, n, state=state, **start)
     for _ in range(n_calls):
         _motion.move(table, *particles, ALONE, dt_s / n_calls, state)

@@ -87,11 +87,11 @@ def outside(cloud: Cloud, vehicle: IntArray, out: FloatArray) -> None:
 
 
 @njit(cache=True, nogil=True)
-def mean_rate(cloud: Cloud, rate: FloatArray, vehicle: IntArray, out: FloatArray) -> None:
+def mean_of_manoeuvres(cloud: Cloud, value: FloatArray, vehicle: IntArray, out: FloatArray) -> None:
     """Fills (V,): the mean over the particles of what is (z,) of each manoeuvre."""
     of_particle = np.empty(cloud.position.shape[1])
     for i in range(vehicle.size):
         manoeuvre = cloud.manoeuvre[vehicle[i]]
         for p in range(manoeuvre.size):
-            of_particle[p] = rate[manoeuvre[p]]
+            of_particle[p] = value[manoeuvre[p]]
         out[i] = dot(cloud.weight[vehicle[i]], of_particle)

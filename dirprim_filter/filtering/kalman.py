@@ -21,7 +21,7 @@ from filterpy.kalman import IMMEstimator, KalmanFilter, MerweScaledSigmaPoints, 
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
-from dirprim_filter.filtering.measurements import FASTEST, measured_covariance, measured_motion
+from dirprim_filter.filtering.measurements import FASTEST, OUTLIER_EXTENT_M, measured_covariance, measured_motion
 from dirprim_filter.filtering.protocols import Evidence
 from dirprim_filter.filtering.smoothing._kernels import log_gaussian
 
@@ -50,7 +50,7 @@ class KalmanBank:
         self.mean: FloatArray = np.empty((0, m, N_STATES))
         self.covariance: FloatArray = np.empty((0, m, N_STATES, N_STATES))
         self.probability: FloatArray = np.empty((0, m))
-        self._log_outlier = _log(config.outlier_probability / config.outlier_extent_m**2)
+        self._log_outlier = _log(config.outlier_probability / OUTLIER_EXTENT_M**2)
         self._log_kept = float(np.log1p(-config.outlier_probability))
         self._log_astray = _log(config.motion_outlier_probability)
         self._log_steady = float(np.log1p(-config.motion_outlier_probability))

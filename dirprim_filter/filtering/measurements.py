@@ -16,6 +16,8 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.sensor import Sensor
 
+OUTLIER_EXTENT_M = 100.0
+"""The side of the square over which a position that is not of the vehicle may lie."""
 MOVING_FROM = 0.5
 """m/s; slower vehicles have no measured course."""
 FASTEST = 60.0

@@ -21,7 +21,7 @@ from dirprim_filter.distributions import von_mises
 from dirprim_filter.filtering import _interaction, _kernels, _measuring, _resampling
 from dirprim_filter.filtering.belief import BelievedParticles, ParticleBelief
 from dirprim_filter.filtering.cue_weights import weigh_by_cue
-from dirprim_filter.filtering.measurements import FASTEST, measured_motion
+from dirprim_filter.filtering.measurements import FASTEST, OUTLIER_EXTENT_M, measured_motion
 from dirprim_filter.filtering.protocols import BayesFilter, Evidence
 from dirprim_filter.filtering.smoothing.particle_paths import ParticlePaths
 from dirprim_filter.primitives import PrimitiveMap
@@ -55,10 +55,11 @@ class ParticleFilter:
     ) -> None:
         self.config = config = config or FilterConfig()
         self.belief = ParticleBelief(n_particles=config.n_particles, mode_of=primitive_map.motion.mode)
-        self._table = motion_table(primitive_map, step_s=config.step_s)
+        self._table = motion_table(primitive_map, step_s=config.step_s, own_way_rate=config.own_way_rate)
         self._primitives = primitive_map.compiled()
         self._has_cells = primitive_map.tessellation.n_cells > 0
         self.traffic = Traffic.of(primitive_map.tessellation, primitive_map.motion)
+        self._is_placed = (primitive_map.motion.cell >= 0).astype(np.float64)
         self._ends = np.zeros(len(primitive_map.motion))
         if self.traffic is not None:
             self._ends[: self.traffic.ends.size] = self.traffic.ends
@@ -187,10 +188,17 @@ class ParticleFilter:
         self.split(_kernels.outside, (self.belief.cloud,), (slot, result), (), each_ns=1.0)
         return result
 
+    def follows_map(self, slot: IntArray) -> FloatArray:
+        """Weight of the particles that follow a manoeuvre of a cell. (v,) -> (v,)."""
+        return self._mean(self._is_placed, slot)
+
     def rate_of_ends(self, slot: IntArray) -> FloatArray:
         """Mean over the particles of the rate at which journeys end in their manoeuvre, 1/s. (v,) -> (v,)."""
+        return self._mean(self._ends, slot)
+
+    def _mean(self, of_manoeuvre: FloatArray, slot: IntArray) -> FloatArray:
         result = np.empty(slot.size)
-        self.split(_kernels.mean_rate, (self.belief.cloud, self._ends), (slot, result), (), each_ns=1.0)
+        self.split(_kernels.mean_of_manoeuvres, (self.belief.cloud, of_manoeuvre), (slot, result), (), each_ns=1.0)
         return result
 
     def particles(self, slot: IntArray) -> BelievedParticles:
@@ -244,7 +252,7 @@ def _noise(config: FilterConfig) -> _measuring.Noise:
     outlier, astray = config.outlier_probability, config.motion_outlier_probability
     concentration = np.array(1.0 / config.direction_noise**2)
     return _measuring.Noise(
-        outlier=outlier / config.outlier_extent_m**2,
+        outlier=outlier / OUTLIER_EXTENT_M**2,
         kept=1.0 - outlier,
         leaves=config.innovation_outlier_rate,
         direction_concentration=float(concentration),

@@ -94,6 +94,10 @@ class KnowsPlaces(Protocol):
         """(v,) probability that a vehicle is outside of the map's cells; 0 without cells."""
         ...
 
+    def follows_map(self, slot: IntArray) -> FloatArray:
+        """(v,) probability that a vehicle follows a manoeuvre of the map and does not go its own way."""
+        ...
+
     def rate_of_ends(self, slot: IntArray) -> FloatArray:
         """(v,) 1/s, rate at which journeys end where vehicles are; 0 without cells."""
         ...

@@ -94,7 +94,8 @@ class Tracker:
         self._roster = Roster(self._filter, self.tracking, sight, least_gap_ns=self.longest_gap_ns)
         self._motion = CuedMotion(self._filter, self._roster, recorder, step_s=self.config.step_s)
         self._associator = Associator(self._filter, self.config, self.tracking)
-        traffic = self._filter.traffic if isinstance(self._filter, KnowsPlaces) else None
+        self._places = self._filter if isinstance(self._filter, KnowsPlaces) else None
+        traffic = None if self._places is None else self._places.traffic
         self._undetected = Undetected(traffic, self.tracking, self.config, sight=sight)
         self._seed = int(rng.integers(2**63))
         self._time_ns = NO_TIME
@@ -203,6 +204,7 @@ class Tracker:
             log_evidence=np.where(is_measured, roster.log_evidence[home], 0.0),
             existence=exists[reported],
             unseen_s=_seconds(self._time_ns - roster.measured_ns[home]),
+            follows_map=np.zeros(home.size) if self._places is None else self._places.follows_map(frame.shown),
         )
         return with_unseen_errors(estimates, self.sensor)
 

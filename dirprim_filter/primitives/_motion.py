@@ -25,6 +25,7 @@ from dirprim_filter.primitives._manoeuvres import (
     KEEPS,
     LANES,
     LONGER,
+    OWN_WAY,
     STANDING_BELOW,
     STARTS,
     TURNING,
@@ -222,6 +223,8 @@ def _change(table: MotionTable, block: Block, due: Due, weight: SingleArray, sta
         passes, theta, v, after = k < end[0], direction[p], block.speed[p], -1
         if passes:
             after = go_over(table, before, now, v, state)
+        elif table.own_way_rate > 0.0 and v >= STANDING_BELOW and random.uniform(state) < table.own_way_rate * JUMP_S:
+            after = len(table.row) + OWN_WAY
         elif begin[-1] <= before:
             after = leave_places(table, before, v, weight, state)
         elif now >= 0 and begin[now] <= before < begin[now + 1]:

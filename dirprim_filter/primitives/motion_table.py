@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dirprim_filter.arrays import FloatArray
-from dirprim_filter.primitives._manoeuvres import LANES, N_FIELDS, Candidates, MotionTable
-from dirprim_filter.primitives.motion import PUSH_RATE
+from dirprim_filter.primitives._manoeuvres import LANES, N_FIELDS, OWN_WAY, PUSH, TURNING, Candidates, MotionTable
+from dirprim_filter.primitives.motion import ANYWHERE_PUSH, ANYWHERE_TURNING, PUSH_RATE
 from tessellation.locate import locator_of
 
 if TYPE_CHECKING:
@@ -22,14 +22,24 @@ BACKGROUND_DENSITY = np.exp(-2.0)
 """Density of course, log pace and path outside of cells, in those units: any direction or pace, on three lanes."""
 
 
-def motion_table(primitives: PrimitiveMap, *, step_s: float = 0.1) -> MotionTable:
-    """The motion of a map, in steps of at most so many seconds."""
+def motion_table(primitives: PrimitiveMap, *, step_s: float = 0.1, own_way_rate: float = 0.0) -> MotionTable:
+    """The motion of a map.
+
+    Args:
+        primitives: the map.
+        step_s: seconds, the longest step.
+        own_way_rate: 1/s, at which vehicles in motion leave what they follow and go their own way: straight on, with the
+            noise of vehicles of which no log says how they move.
+    """
     motion, cells, may = primitives.motion, primitives.tessellation, _candidates(primitives)
+    row = _rows(primitives)
+    if own_way_rate > 0.0:
+        row[OWN_WAY, [PUSH, TURNING]] = ANYWHERE_PUSH, ANYWHERE_TURNING
     of_cell = motion.cell[: motion.n_placed]
     return MotionTable(
         locator=locator_of(cells),
         candidates=may,
-        row=_rows(primitives),
+        row=row,
         ahead=motion.turn_ahead,
         begin=np.searchsorted(of_cell, np.arange(cells.n_cells + 1)),
         first=motion.first,
@@ -39,6 +49,7 @@ def motion_table(primitives: PrimitiveMap, *, step_s: float = 0.1) -> MotionTabl
         course_rate=motion.course_rate,
         push_rate=PUSH_RATE,
         strength=motion.strength,
+        own_way_rate=own_way_rate,
         step_s=step_s,
     )
 

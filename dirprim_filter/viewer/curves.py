@@ -14,7 +14,7 @@ from dirprim_filter.track_ids import as_texts
 from dirprim_filter.tracks import Tracks
 
 Color = tuple[int, int, int]
-BLUE, ORANGE, GREY = (120, 200, 255), (233, 104, 20), (120, 128, 145)
+BLUE, ORANGE, GREY, GREEN = (120, 200, 255), (233, 104, 20), (120, 128, 145), (90, 190, 90)
 RUN_COLORS: tuple[Color, Color] = (BLUE, ORANGE)
 RIGHT_SQUARE = 2.0
 """Mean of a squared error of the plane that is normalised by its true covariance."""
@@ -44,8 +44,8 @@ PLOTS: Mapping[str, Curves] = {
     "/metrics/log_evidence": Curves("Log evidence", ("mean",), (BLUE,)),
     "/metrics/ess": Curves("Effective sample size: mean blue, lowest grey", ("mean", "lowest"), (BLUE, GREY)),
     "/metrics/existence": Curves(
-        "Vehicles: reported grey, expected orange, measured blue", ("reported", "expected", "measured"),
-        (GREY, ORANGE, BLUE),
+        "Vehicles: reported grey, expected orange, measured blue, of those following the map green",
+        ("reported", "expected", "measured", "following the map"), (GREY, ORANGE, BLUE, GREEN),
     ),
 }  # fmt: skip
 """By entity."""
@@ -94,7 +94,12 @@ class Metrics:
         is_measured = believed.unseen_s == 0
         ess = believed.effective_sample_size if len(frame.particles) else np.empty(0)
         rows: dict[str, tuple[float, ...]] = {
-            "/metrics/existence": (len(believed), float(believed.existence.sum()), int(is_measured.sum())),
+            "/metrics/existence": (
+                len(believed),
+                float(believed.existence.sum()),
+                int(is_measured.sum()),
+                float(believed.follows_map[is_measured].sum()),
+            ),
             "/metrics/ess": (_mean(ess), float(ess.min()) if ess.size else np.nan),
             "/metrics/log_evidence": (_mean(believed.log_evidence[is_measured]),),
         }

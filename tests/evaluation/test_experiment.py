@@ -69,7 +69,7 @@ def test_all_methods_track_the_same_and_tell_of_gaps(table):
             assert 0.05 < found.seen_rmse < 1.5
             assert method.name == "prior" or found.hidden_rmse > found.seen_rmse
             assert found.gospa**2 == pytest.approx(found.localisation + found.missed + found.false)
-            assert 0.1 < found.coverage_50 < found.coverage_90 <= 1.0  # a hundred particles are too sure
+            assert 0.25 < found.coverage_50 < found.coverage_90 <= 1.0  # a hundred particles are too sure
 
 
 def test_raw_detections_err_by_the_noise_and_know_nothing_of_gaps_or_of_each_other(traffic, ring_map):

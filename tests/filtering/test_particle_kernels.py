@@ -72,7 +72,7 @@ def test_moments_are_numpys_weighted_mean_and_covariance(cloud):
 
 def weighed(cloud, vehicle, place, *, noise_m):
     """Weigh by a position that cannot be an outlier."""
-    config = FilterConfig(noise_m=noise_m, outlier_probability=1e-290, outlier_extent_m=1.0)
+    config = FilterConfig(noise_m=noise_m, outlier_probability=1e-290)
     noise = particle_filter._noise(config)
     column = np.array([[*place, np.nan, np.nan, 0.0, noise_m**2, noise_m**2]])
     _measuring.weigh(cloud, nothing_carried(), vehicle, column, np.empty((1, 3)), WHITE, noise)

@@ -12,6 +12,7 @@ from dirprim_filter.distributions import Gamma
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.filtering import ConstantVelocityKalman, Tracker
 from dirprim_filter.filtering.belief import FIRST_CAPACITY
+from dirprim_filter.filtering.measurements import OUTLIER_EXTENT_M
 from oracles import kalman_known_velocity
 from situations import TRUSTING, one_cell_map, ring_traffic
 
@@ -233,7 +234,7 @@ def test_where_motion_is_linear_and_gaussian_the_belief_is_the_kalman_filters_to
     frames = [one("a", i * dt_s, *place) for i, place in enumerate(measured)]
     found, _ = track(
         one_cell_map(), frames, n_particles=n, noise_m=noise_m, resample_below=0.0,
-        outlier_probability=1e-12, innovation_outlier_rate=0.0,
+        outlier_probability=1e-12, innovation_outlier_rate=0.0, own_way_rate=0.0,
     )  # fmt: skip
 
     def off(**change):
@@ -292,7 +293,7 @@ def test_a_measurement_is_unexplained_where_an_outlier_explains_more_than_the_pa
     for d in off:
         tracker._filter.copy(slot, slot + 1)
         said.append(tracker._filter.weigh(slot + 1, one("", 0.1, 20.0 + d, 0.0)))
-    outlier = tracker.config.outlier_probability / tracker.config.outlier_extent_m**2
+    outlier = tracker.config.outlier_probability / OUTLIER_EXTENT_M**2
     unexplained = np.array([evidence.is_unexplained[0] for evidence in said])
     log_density = np.array([evidence.log_density[0] for evidence in said])
     assert not unexplained[0]
@@ -376,7 +377,7 @@ def test_who_is_back_where_no_belief_reaches_is_begun_anew_at_once(monkeypatch):
 def test_out_of_sight_a_labelled_vehicle_is_reported_until_it_is_likelier_gone(ring_map, filter_of):
     frames = [one("a", 0.1 * i, *on_the_ring(0.1 * i)) for i in range(15)]
     frames += [one("b", 1.53 + 0.1 * i, *on_the_ring(3.0 + 0.1 * i)) for i in range(60)]
-    config = FilterConfig(n_particles=200, max_gap_s=20.0)
+    config = FilterConfig(n_particles=200, max_gap_s=20.0, own_way_rate=0.0)  # off the map a vehicle has left at once
     model = ring_map if filter_of == "particles" else ConstantVelocityKalman(acceleration_density=3.0, config=config)
     tracker = Tracker(model, config=config, rng=np.random.default_rng(0))
     reported = []

@@ -70,7 +70,7 @@ def test_vehicles_that_a_frame_does_not_name_vanish(
         assert rows[-2][1].size > 0, entity
         assert rows[-1][1].size == 0, entity
     reported = [v.tolist() for _, v in rows_of(path, "/metrics/existence", "Scalars:scalars")]
-    assert reported == [[2, 2, 2]] * 5 + [[0, 0, 0]]
+    assert reported == [[2, 2, 2, 0]] * 5 + [[0, 0, 0, 0]]
     ess = [v.tolist() for _, v in rows_of(path, "/metrics/ess", "Scalars:scalars")]
     assert ess[:5] == [[30, 30]] * 5
     assert np.isnan(ess[5]).all()

@@ -28,9 +28,9 @@ _UPPER = [0, 1, 3]
 """Where these are in a matrix of 2 x 2."""
 _ESTIMATED = (
     "direction", "direction_resultant", "speed", "speed_std", "effective_sample_size", "log_evidence", "existence",
-    "unseen_s",
+    "unseen_s", "follows_map",
 )  # fmt: skip
-_LATER = ("existence", "unseen_s")
+_LATER = ("existence", "unseen_s", "follows_map")
 """Logs of before they were written have none of them."""
 
 

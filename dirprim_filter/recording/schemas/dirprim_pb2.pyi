@@ -47,7 +47,7 @@ class Observations(_message.Message):
     def __init__(self, timestamp: _Optional[_Union[_timestamp_pb2.Timestamp, _Mapping]] = ..., frame_id: _Optional[str] = ..., track_id: _Optional[_Iterable[str]] = ..., x: _Optional[_Iterable[float]] = ..., y: _Optional[_Iterable[float]] = ..., direction: _Optional[_Iterable[float]] = ..., speed: _Optional[_Iterable[float]] = ..., group: _Optional[_Iterable[int]] = ..., covariance_xx: _Optional[_Iterable[float]] = ..., covariance_xy: _Optional[_Iterable[float]] = ..., covariance_yy: _Optional[_Iterable[float]] = ..., length: _Optional[_Iterable[float]] = ..., width: _Optional[_Iterable[float]] = ..., height: _Optional[_Iterable[float]] = ..., heading: _Optional[_Iterable[float]] = ..., label: _Optional[_Iterable[str]] = ..., cue_turn: _Optional[_Iterable[float]] = ..., cue_concentration: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class TrackEstimates(_message.Message):
-    __slots__ = ("timestamp", "frame_id", "track_id", "x", "y", "covariance_xx", "covariance_xy", "covariance_yy", "direction", "direction_resultant", "speed", "speed_std", "effective_sample_size", "log_evidence", "existence", "unseen_s")
+    __slots__ = ("timestamp", "frame_id", "track_id", "x", "y", "covariance_xx", "covariance_xy", "covariance_yy", "direction", "direction_resultant", "speed", "speed_std", "effective_sample_size", "log_evidence", "existence", "unseen_s", "follows_map")
     TIMESTAMP_FIELD_NUMBER: _ClassVar[int]
     FRAME_ID_FIELD_NUMBER: _ClassVar[int]
     TRACK_ID_FIELD_NUMBER: _ClassVar[int]
@@ -64,6 +64,7 @@ class TrackEstimates(_message.Message):
     LOG_EVIDENCE_FIELD_NUMBER: _ClassVar[int]
     EXISTENCE_FIELD_NUMBER: _ClassVar[int]
     UNSEEN_S_FIELD_NUMBER: _ClassVar[int]
+    FOLLOWS_MAP_FIELD_NUMBER: _ClassVar[int]
     timestamp: _timestamp_pb2.Timestamp
     frame_id: str
     track_id: _containers.RepeatedScalarFieldContainer[str]
@@ -80,4 +81,5 @@ class TrackEstimates(_message.Message):
     log_evidence: _containers.RepeatedScalarFieldContainer[float]
     existence: _containers.RepeatedScalarFieldContainer[float]
     unseen_s: _containers.RepeatedScalarFieldContainer[float]
-    def __init__(self, timestamp: _Optional[_Union[_timestamp_pb2.Timestamp, _Mapping]] = ..., frame_id: _Optional[str] = ..., track_id: _Optional[_Iterable[str]] = ..., x: _Optional[_Iterable[float]] = ..., y: _Optional[_Iterable[float]] = ..., covariance_xx: _Optional[_Iterable[float]] = ..., covariance_xy: _Optional[_Iterable[float]] = ..., covariance_yy: _Optional[_Iterable[float]] = ..., direction: _Optional[_Iterable[float]] = ..., direction_resultant: _Optional[_Iterable[float]] = ..., speed: _Optional[_Iterable[float]] = ..., speed_std: _Optional[_Iterable[float]] = ..., effective_sample_size: _Optional[_Iterable[float]] = ..., log_evidence: _Optional[_Iterable[float]] = ..., existence: _Optional[_Iterable[float]] = ..., unseen_s: _Optional[_Iterable[float]] = ...) -> None: ...
+    follows_map: _containers.RepeatedScalarFieldContainer[float]
+    def __init__(self, timestamp: _Optional[_Union[_timestamp_pb2.Timestamp, _Mapping]] = ..., frame_id: _Optional[str] = ..., track_id: _Optional[_Iterable[str]] = ..., x: _Optional[_Iterable[float]] = ..., y: _Optional[_Iterable[float]] = ..., covariance_xx: _Optional[_Iterable[float]] = ..., covariance_xy: _Optional[_Iterable[float]] = ..., covariance_yy: _Optional[_Iterable[float]] = ..., direction: _Optional[_Iterable[float]] = ..., direction_resultant: _Optional[_Iterable[float]] = ..., speed: _Optional[_Iterable[float]] = ..., speed_std: _Optional[_Iterable[float]] = ..., effective_sample_size: _Optional[_Iterable[float]] = ..., log_evidence: _Optional[_Iterable[float]] = ..., existence: _Optional[_Iterable[float]] = ..., unseen_s: _Optional[_Iterable[float]] = ..., follows_map: _Optional[_Iterable[float]] = ...) -> None: ...
