@@ -104,7 +104,7 @@ class FilterConfig:
     motion_outlier_probability: float = 0.05
     resample_below: float = 0.5
     innovation_outlier_rate: float = 0.03
-    own_way_rate: float = 0.1
+    own_way_rate: float = 0.05
     step_s: float = 0.1
     max_gap_s: float = 5.0
     interaction: Literal["none", "leader"] = "leader"

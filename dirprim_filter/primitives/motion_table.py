@@ -28,8 +28,8 @@ def motion_table(primitives: PrimitiveMap, *, step_s: float = 0.1, own_way_rate:
     Args:
         primitives: the map.
         step_s: seconds, the longest step.
-        own_way_rate: 1/s, at which vehicles in motion leave what they follow and go their own way: straight on, with the
-            noise of vehicles of which no log says how they move.
+        own_way_rate: 1/s, at which vehicles in motion leave what they follow and go their own way: straight on, with
+            the noise of vehicles of which no log says how they move.
     """
     motion, cells, may = primitives.motion, primitives.tessellation, _candidates(primitives)
     row = _rows(primitives)
