@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from mcap.records import Statistics
 
 from dirprim_filter.recording.container.damage import Damage
-from dirprim_filter.recording.container.source import local_files, mapped
+from dirprim_filter.recording.container.source import local_files, log_bytes
 from dirprim_filter.recording.container.summary_section import Summary, read_summary
 from dirprim_filter.recording.name_patterns import matching
 
@@ -118,8 +118,7 @@ def summarise_by_index(
         return None
     sections = []
     for file in files:
-        with mapped(file, path) as bytes_of:
-            section = read_summary(bytes_of)
+        section = read_summary(log_bytes(file, path))
         if section is None or section.statistics is None:
             return None
         sections.append((section, section.statistics))

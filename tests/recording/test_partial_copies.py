@@ -7,7 +7,7 @@ import pytest
 from mcap.writer import Writer
 
 from dirprim_filter import read_tracks, write_tracks
-from dirprim_filter.recording.container import outline, partial_copy, source
+from dirprim_filter.recording.container import partial_copy, source, summary_section
 from dirprim_filter.recording.container.log import scan
 from dirprim_filter.store.adding import add_logs, failures
 from dirprim_filter.store.logs import find_logs
@@ -170,7 +170,7 @@ def test_from_a_server_without_ranges_the_whole_is_fetched(drive, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("module", "name", "value"), [(partial_copy, "SHORT_BYTES", 1 << 30), (outline, "MOST_SUMMARY_BYTES", 10)]
+    ("module", "name", "value"), [(partial_copy, "SHORT_BYTES", 1 << 30), (summary_section, "MOST_BYTES", 10)]
 )
 def test_a_log_that_is_short_or_claims_too_much_is_copied_whole(module, name, value, monkeypatch):
     assert source.copy_in_parts(URL)

@@ -14,11 +14,18 @@ from typing import Any
 import lz4.frame
 import numpy as np
 import zstandard
+from mcap.opcode import Opcode
 
 from dirprim_filter.recording.container._kernels import index_run
 from dirprim_filter.recording.container.damage import Damage, DamageKind
 from dirprim_filter.recording.container.file_bytes import FileBytes
-from dirprim_filter.recording.container.records import CHUNK, RECORD_HEADER_SIZE, U32, U64
+from dirprim_filter.recording.container.records import (
+    CHUNK,
+    MESSAGE_INDEX,
+    RECORD_HEADER_SIZE,
+    U64,
+    record_end,
+)
 
 MAX_CHUNK_BYTES, SMALL_BYTES, MOST_TIMES = 1 << 30, 1 << 26, 1000
 """No chunk is decompressed beyond the first, nor beyond the second and so many times its data: writers close chunks
@@ -29,6 +36,9 @@ FED_BYTES = 512
 COMPRESSIONS = {b"": "", b"zstd": "zstd", b"lz4": "lz4"}
 FIXED_SIZE = CHUNK.size + U64.size
 """Bytes of a chunk record besides the compression's name and the data."""
+NAME_AT = RECORD_HEADER_SIZE + CHUNK.size
+HEAD_SIZE = NAME_AT + max(map(len, COMPRESSIONS)) + U64.size
+"""A chunk's record has at most so many bytes before its data."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,43 +86,39 @@ class Chunk:
 
 def chunk_at(file: FileBytes, offset: int) -> Chunk | None:
     """The chunk record that starts at `offset`, by its own fields alone; None where these make no sense."""
-    if (place := _data_place(file, offset)) is None:
+    head = file.peek(offset, HEAD_SIZE)
+    if len(head) < NAME_AT + U64.size:
         return None
-    compression, data_offset, data_length = place
-    start_ns, end_ns, size, crc, _ = CHUNK.unpack_from(file, offset + RECORD_HEADER_SIZE)
+    start_ns, end_ns, size, crc, name_length = CHUNK.unpack_from(head, RECORD_HEADER_SIZE)
+    data_at = NAME_AT + name_length + U64.size
+    if data_at > len(head) or (compression := COMPRESSIONS.get(head[NAME_AT : NAME_AT + name_length])) is None:
+        return None
+    data_offset, claimed = offset + data_at, U64.unpack_from(head, data_at - U64.size)[0]
+    is_cut = not file.has(data_offset + claimed)
     return Chunk(
-        offset=offset,
-        data_offset=data_offset,
-        data_length=min(data_length, len(file) - data_offset),
-        start_ns=start_ns,
-        end_ns=end_ns,
-        size=size,
-        crc=crc,
-        compression=compression,
-        claimed_length=data_length,
-        is_cut=data_offset + data_length > len(file),
-    )
+        offset=offset, data_offset=data_offset, data_length=len(file) - data_offset if is_cut else claimed,
+        start_ns=start_ns, end_ns=end_ns, size=size, crc=crc, compression=compression, claimed_length=claimed,
+        is_cut=is_cut,
+    )  # fmt: skip
 
 
-def chunk_end(file: FileBytes, offset: int) -> int | None:
-    """The `end` of the `chunk_at` the offset; None where there is none."""
-    place = _data_place(file, offset)
-    return min(place[1] + place[2], len(file)) if place else None
+def indexes_after(file: FileBytes, at: int) -> tuple[int, int]:
+    """The byte after the message indexes that stand one after the other from `at` on, and their entries.
 
-
-def _data_place(file: FileBytes, offset: int) -> tuple[str, int, int] | None:
-    """A chunk's compression, and where its data start and how long they are by its own fields."""
-    name_at = offset + RECORD_HEADER_SIZE + CHUNK.size
-    if name_at + U64.size > len(file):
-        return None
-    name_length = U32.unpack_from(file, name_at - U32.size)[0]
-    data_offset = name_at + name_length + U64.size
-    if name_length > 4 or data_offset > len(file):
-        return None
-    compression = COMPRESSIONS.get(file[name_at : name_at + name_length])
-    if compression is None:
-        return None
-    return compression, data_offset, U64.unpack_from(file, data_offset - U64.size)[0]
+    Only those whose two lengths agree; of others one is wrong.
+    """
+    n_entries, smallest = 0, RECORD_HEADER_SIZE + MESSAGE_INDEX.size
+    while (window := file.window(at, smallest))[:1] == bytes([Opcode.MESSAGE_INDEX]):
+        length, n = index_run(np.frombuffer(window, np.uint8), 0)
+        if not length and len(window) >= smallest:  # the first is longer than the window, or wrong
+            n_bytes = MESSAGE_INDEX.unpack_from(window, RECORD_HEADER_SIZE)[1]
+            length, n = record_end(window, 0), n_bytes // 16
+            if length != smallest + n_bytes or n_bytes % 16 or not file.has(at + length):
+                break
+        if not length:
+            break
+        at, n_entries = at + int(length), n_entries + int(n)
+    return at, n_entries
 
 
 def read_contents(file: FileBytes, chunk: Chunk) -> tuple[bytes, Damage | None]:
@@ -122,7 +128,7 @@ def read_contents(file: FileBytes, chunk: Chunk) -> tuple[bytes, Damage | None]:
     checksum, and with damage that says so. A wrong size field is forgiven where the checksum vouches for the
     contents.
     """
-    data = file[chunk.data_offset : chunk.end]
+    data = file.read(chunk.data_offset, chunk.end)
     if len(data) < chunk.data_length:
         return b"", chunk.damaged("truncated", None, "the file was cut short while it was read")
     try:
@@ -147,7 +153,7 @@ def read_contents(file: FileBytes, chunk: Chunk) -> tuple[bytes, Damage | None]:
 def _crc_of(file: FileBytes, chunk: Chunk) -> int:
     """Its checksum by what the file says now: of a chunk that came only as it was read, the outline knows none."""
     at = chunk.offset + RECORD_HEADER_SIZE
-    return int(CHUNK.unpack(file[at : at + CHUNK.size])[3]) if chunk.data_offset > chunk.offset else 0
+    return int(CHUNK.unpack(file.peek(at, CHUNK.size))[3]) if chunk.data_offset > chunk.offset else 0
 
 
 class _TooLargeError(ValueError):
@@ -190,5 +196,5 @@ def _lz4_pieces(decompressor: Any, data: bytes) -> Iterator[bytes]:
 
 def _lost(file: FileBytes, chunk: Chunk, kind: DamageKind, detail: str) -> Damage:
     """All of a chunk, with as many messages as the indexes behind it count; None where there is no index."""
-    end, n_messages = index_run(np.frombuffer(file, np.uint8), chunk.end) if file.has(len(file)) else (chunk.end, 0)
+    end, n_messages = indexes_after(file, chunk.end)
     return chunk.damaged(kind, n_messages if end > chunk.end else None, detail)

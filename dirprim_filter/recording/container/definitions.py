@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import ChainMap
 from collections.abc import Iterator
 from contextlib import suppress
 
@@ -38,8 +39,9 @@ class Definitions:
         self._file = file.bytes_of
         self._outline = outline = file.outline
         self._summary = summary = outline.summary
-        self.schemas: dict[int, Schema] = {**outline.schemas, **(summary.schemas if summary.is_whole else {})}
-        self.channels: dict[int, Channel] = {**(summary.channels if summary.is_whole else {}), **outline.channels}
+        is_whole = summary.is_whole
+        self.schemas: ChainMap[int, Schema] = ChainMap({}, summary.schemas if is_whole else {}, outline.schemas)
+        self.channels: ChainMap[int, Channel] = ChainMap({}, outline.channels, summary.channels if is_whole else {})
         self._has_all = False
 
     def take(self, contents: bytes, at: int) -> bool:
@@ -49,9 +51,7 @@ class Definitions:
             MalformedRecordError: it is a schema or a channel that cannot be parsed.
         """
         if contents[at] == Opcode.SCHEMA:
-            schema_id, schema = parse_schema(contents, at)
-            if self.schemas.get(schema_id) != schema:
-                self.schemas[schema_id] = schema
+            schema_id, self.schemas[schema_id] = parse_schema(contents, at)
         elif contents[at] == Opcode.CHANNEL:
             try:
                 channel_id, channel = parse_channel(contents, at, self.schemas)
@@ -73,20 +73,20 @@ class Definitions:
         """Every channel; read from the summary alone where that is whole and repeats them."""
         if not self._summary.channels or not self._summary.is_whole or self._outline.damage:
             self._look_everywhere()
-        return list(dict.fromkeys(self.channels.values()))
+        return list(dict.fromkeys(dict(self.channels).values()))
 
     def _look_everywhere(self) -> None:
         if self._has_all:
             return
-        self._has_all = True
+        self._has_all = not self._file.is_live
         for chunk in self._outline.chunks:
             if chunk.data_offset > chunk.offset:  # else a run of bare messages
                 contents, _ = read_contents(self._file, chunk)
                 for at in definition_records(contents):
                     with suppress(MalformedRecordError):  # reported when its chunk's messages are read
                         self.take(contents, at)
-        self.schemas = {**self._summary.schemas, **self.schemas}
-        self.channels = {**self._summary.channels, **self.channels}
+        self.schemas.maps.append(self._summary.schemas)
+        self.channels.maps.append(self._summary.channels)
 
 
 def definition_records(contents: bytes) -> Iterator[int]:

@@ -1,58 +1,90 @@
-"""A file mapped into memory that may be cut short while it is read."""
+"""The bytes of a log's file, read by place; of a live pipe as far as they have come."""
 
 from __future__ import annotations
 
-import mmap
 import os
+import zlib
 from collections.abc import Callable
-from typing import SupportsIndex, overload
+from pathlib import Path
+
+WINDOW_BYTES = 1 << 16
+"""Short reads are served from a window of this size."""
+BLOCK_BYTES = 1 << 20
+"""Long ones that are only looked through come in blocks."""
 
 
-class FileBytes(mmap.mmap):
-    """A file mapped into memory, of which slices are read instead: of a file that is cut meanwhile they are short.
+class FileBytes:
+    """A file that may be cut short while it is read: what is read of it is then short too.
 
-    To touch what is mapped and no longer there ends the process; whoever does asks `has` first.
-
-    Attributes:
-        number: of the open file.
-        fetch: called with the places of a slice before it is read.
+    Args:
+        path: the file.
+        supply: called with the places of bytes before they are read: fetches them, or waits until they have come or
+            will not.
+        is_live: it grows until its end has come.
     """
 
-    number = -1
-    fetch: Callable[[int, int], None] | None = None
+    def __init__(self, path: Path, *, supply: Callable[[int, int], None] | None = None, is_live: bool = False) -> None:
+        self._number = os.open(path, os.O_RDONLY)
+        self._supply = supply
+        self.is_live = is_live
+        self._size = os.fstat(self._number).st_size
+        self._at, self._window = 0, b""
 
-    @overload
-    def __getitem__(self, key: SupportsIndex, /) -> int: ...
-    @overload
-    def __getitem__(self, key: slice, /) -> bytes: ...
-    def __getitem__(self, key: SupportsIndex | slice, /) -> int | bytes:
-        if not isinstance(key, slice):
-            return super().__getitem__(key)
-        start, stop, _ = key.indices(len(self))
-        if self.fetch:
-            self.fetch(start, stop)
-        data = os.pread(self.number, max(stop - start, 0), start)
-        while start + len(data) < stop and (more := os.pread(self.number, stop - start - len(data), start + len(data))):
+    def __len__(self) -> int:
+        if self.is_live:
+            self.has(1 << 63)
+            return os.fstat(self._number).st_size
+        return self._size
+
+    def has(self, end: int) -> bool:
+        """Whether there are so many bytes; of a live pipe once that is known."""
+        if self.is_live and self._supply:
+            self._supply(0, end)
+        return end <= os.fstat(self._number).st_size and (self.is_live or end <= self._size)
+
+    def read(self, start: int, stop: int) -> bytes:
+        """The bytes between two places, as far as there are any."""
+        if self._supply:
+            self._supply(start, stop)
+        return self._there(start, stop)
+
+    def peek(self, at: int, n: int) -> bytes:
+        """The next `n` bytes from a place on, if there are so many."""
+        i = self._hold(at, n)
+        return self._window[i : i + n]
+
+    def window(self, at: int, n: int) -> bytes:
+        """The next `n` bytes from a place on, if there are so many, and more that are at hand."""
+        return self._window[self._hold(at, n) :]
+
+    def _hold(self, at: int, n: int) -> int:
+        i = at - self._at
+        if i < 0 or i + n > len(self._window):
+            if self._supply:
+                self._supply(at, at + n)
+            self._at, self._window, i = at, self._there(at, at + max(n, WINDOW_BYTES)), 0
+        return i
+
+    def _there(self, start: int, stop: int) -> bytes:
+        stop = stop if self.is_live else min(stop, self._size)
+        data = os.pread(self._number, max(stop - start, 0), start) if start < 1 << 63 else b""
+        while (at := start + len(data)) < stop and (more := os.pread(self._number, stop - at, at)):
             data += more  # 2 GiB come at a time
         return data
 
-    def has(self, end: int) -> bool:
-        """Whether the file still has so many bytes."""
-        return os.fstat(self.number).st_size >= end
+    def crc(self, start: int, stop: int) -> int:
+        """CRC-32 of the bytes between two places."""
+        found = 0
+        for at in range(start, stop, BLOCK_BYTES):
+            found = zlib.crc32(self.read(at, min(at + BLOCK_BYTES, stop)), found)
+        return found
 
     def close(self) -> None:
         """Let go of the file."""
-        super().close()
-        if self.number >= 0:
-            os.close(self.number)
-            self.number = -1
+        if self._number >= 0:
+            os.close(self._number)
+            self._number = -1
 
     def __del__(self) -> None:
-        self.close()
-
-
-def let_go(file: mmap.mmap, start: int, end: int) -> None:
-    """Pages of the file leave this process's memory until they are read again; else a long log would fill it."""
-    first = start - start % mmap.PAGESIZE
-    if hasattr(file, "madvise") and end > first:
-        file.madvise(mmap.MADV_DONTNEED, first, end - first)
+        if hasattr(self, "_number"):
+            self.close()

@@ -1,6 +1,6 @@
 """Every readable message of an MCAP file in order of log time, and a list of what could not be read.
 
-The file is mapped into memory and read chunk by chunk, so memory is bounded, whatever the chunks' overlap in time.
+The file is read chunk by chunk, so memory is bounded, whatever the chunks' overlap in time.
 Every chunk's checksum is checked and every length bounded; what is damaged is skipped and reported, the rest
 delivered.
 
@@ -26,9 +26,9 @@ from dirprim_filter.recording.container.damage import Damage, DamageKind
 from dirprim_filter.recording.container.definitions import Definitions
 from dirprim_filter.recording.container.merge import TimeMerge
 from dirprim_filter.recording.container.message_columns import MessageColumns
-from dirprim_filter.recording.container.outline import LogFile, outline_by_summary, read_outline
+from dirprim_filter.recording.container.outline import LogFile
 from dirprim_filter.recording.container.records import Attachment, Channel, MalformedRecordError, Message
-from dirprim_filter.recording.container.source import local_files, mapped
+from dirprim_filter.recording.container.source import is_in_parts, local_files, log_bytes
 
 UNSEEN, UNKNOWN, UNWANTED = -3, -2, -1
 """What stands for a channel id in place of an index into the list of channels."""
@@ -64,9 +64,14 @@ def scan(
 class Log(AbstractContextManager["Log"]):
     """An MCAP log that is opened once, however often it is then read; a context manager.
 
+    Args:
+        path: see `scan`.
+        live: a pipe is read as it comes, and its chunks in its own order; else all of it is waited for.
+
     Attributes:
         path: the log, as it was named.
         files: those that it consists of: one, or of a split recording several.
+        is_live: it is such a pipe.
 
     Raises:
         NotMcapError: a file is empty, or no MCAP log.
@@ -74,16 +79,17 @@ class Log(AbstractContextManager["Log"]):
         OSError: it cannot be opened.
     """
 
-    def __init__(self, path: str | PathLike[str]) -> None:
+    def __init__(self, path: str | PathLike[str], *, live: bool = False) -> None:
         self.path = Path(path)
-        files = local_files(path)
+        files = local_files(path, live=live)
         self.files: list[LogFile] = []
         for file in files:
             is_one = len(files) == 1
-            bytes_of = mapped(file, self.path if is_one else file)
-            name = "" if is_one else file.name
-            outline = outline_by_summary(bytes_of) if bytes_of.fetch else read_outline(bytes_of)
-            self.files.append(LogFile(name=name, bytes_of=bytes_of, outline=outline))
+            bytes_of = log_bytes(file, self.path if is_one else file, live=live)
+            self.files.append(LogFile("" if is_one else file.name, bytes_of, by_summary=is_in_parts(path)))
+        self.is_live = any(file.bytes_of.is_live for file in self.files)
+        if self.is_live:
+            next(self.files[0].chunks(), None)  # until messages come, nothing is known of channels
 
     def __exit__(self, *_: object) -> None:
         self.close()
@@ -98,8 +104,13 @@ class Log(AbstractContextManager["Log"]):
         return list(dict.fromkeys(channel for file in self.files for channel in Definitions(file).all_channels()))
 
     def message_counts(self) -> Counter[str] | None:
-        """Messages by topic, as the Summary sections of all files say; None where one is missing or damaged."""
+        """Messages by topic, as the Summary sections of all files say; None where one is missing or damaged.
+
+        Of a live pipe none are known.
+        """
         counts: Counter[str] = Counter()
+        if self.is_live:
+            return counts
         for file in self.files:
             summary, damage = file.outline.summary, file.outline.damage
             if damage or not summary.is_whole or summary.statistics is None:
@@ -135,6 +146,11 @@ class Scan(AbstractContextManager["Scan"]):
     Messages of one log time come in the order of the file. Beyond the chunks that overlap in time nothing is
     held, and of these no more than `merge.HELD_BYTES` in memory. As a context manager it closes the log.
 
+    Args:
+        log: what is read.
+        topics: see `scan`, as the times.
+        waits: of a live pipe all is read, as it comes; else what came before.
+
     Attributes:
         log: what is read.
     """
@@ -146,9 +162,11 @@ class Scan(AbstractContextManager["Scan"]):
         *,
         start_ns: int | None = None,
         end_ns: int | None = None,
+        waits: bool = True,
     ) -> None:
         self.log = log
         self._topics = topics
+        self._waits = waits and log.is_live
         self._times = (
             NO_TIMES[0] if start_ns is None else max(start_ns, NO_TIMES[0]),
             NO_TIMES[1] if end_ns is None else max(min(end_ns, NO_TIMES[1]), NO_TIMES[0]),
@@ -169,7 +187,9 @@ class Scan(AbstractContextManager["Scan"]):
 
     @property
     def end_ns(self) -> int | None:
-        """The last log time to come, as the chunks say; None of an empty log."""
+        """The last log time to come, as the chunks say; None of an empty log, and of a live pipe."""
+        if self._waits:
+            return None
         last = max((chunk.end_ns for chunk in self.log.chunks), default=None)
         return last if last is None else min(last, self._times[1])
 
@@ -181,7 +201,7 @@ class Scan(AbstractContextManager["Scan"]):
     def attachments(self) -> list[tuple[Attachment, bytes]]:
         """The files attached to the log whose checksum holds, and their contents."""
         return [
-            (attachment, file.bytes_of[attachment.data_offset : attachment.data_offset + attachment.size])
+            (attachment, file.bytes_of.read(attachment.data_offset, attachment.data_offset + attachment.size))
             for file in self.log.files
             for attachment in file.outline.attachments
         ]
@@ -203,7 +223,9 @@ class Scan(AbstractContextManager["Scan"]):
         return chain.from_iterable(map(MessageColumns.messages, self.columns()))
 
     def columns(self) -> Iterator[MessageColumns]:
-        """The messages in order of log time, some at a time, as columns."""
+        """The messages in order of log time, some at a time, as columns; of a live pipe chunk by chunk."""
+        if self._waits:
+            return (columns for _, columns in self.parts())
         return _merged([(file, chunk) for file in self.by_file() for chunk in file.outline.chunks])
 
     def parts(self) -> Iterator[tuple[Chunk, MessageColumns]]:
@@ -261,24 +283,31 @@ class FilePass:
     """One iteration through one file.
 
     Attributes:
-        bytes_of: the file.
         outline: where everything stands in it.
         definitions: schemas and channels by their ids, as far as the iteration knows them.
     """
 
     def __init__(self, scan: Scan, seen: _Seen, file: LogFile) -> None:
-        self.bytes_of, self.outline, self._name = file.bytes_of, file.outline, file.name
+        self.outline, self._file = file.outline, file
         self.definitions = Definitions(file)
         self._scan = scan
         self._seen = seen
         self._lookup = np.full(N_CHANNEL_IDS, UNSEEN, np.int32)
-        for damage in file.outline.damage:
-            self._report(damage)
+        self._n_reported = 0
+        self._report_outline()
 
     def parts(self) -> Iterator[tuple[Chunk, MessageColumns]]:
         """Each chunk and its messages, in the order of the file."""
-        for chunk in self.outline.chunks:
+        for chunk in self._file.chunks():
+            self._report_outline()
             yield chunk, self.messages(chunk)
+        self._report_outline()
+
+    def _report_outline(self) -> None:
+        """What the pass over the file has found broken since."""
+        for damage in self.outline.damage[self._n_reported :]:
+            self._report(damage)
+        self._n_reported = len(self.outline.damage)
 
     def is_beside(self, chunk: Chunk) -> bool:
         """Whether nothing in a chunk is wanted, by what both it and the log's index say of it."""
@@ -294,7 +323,7 @@ class FilePass:
 
     def messages(self, chunk: Chunk, position: int = 0) -> MessageColumns:
         """The wanted messages of a chunk, the `position`-th of the log, sorted by log time, stably."""
-        contents, damage = read_contents(self.bytes_of, chunk)
+        contents, damage = read_contents(self._file.bytes_of, chunk)
         if damage:
             self._report(damage)
         buffer = np.frombuffer(contents, np.uint8)
@@ -357,5 +386,6 @@ class FilePass:
         self._report(chunk.damaged(kind, messages, detail))
 
     def _report(self, damage: Damage) -> None:
-        detail = f"{self._name}: {damage.detail}" if self._name else damage.detail
+        name = self._file.name
+        detail = f"{name}: {damage.detail}" if name else damage.detail
         self._seen.damage.append(replace(damage, detail=detail))

@@ -19,6 +19,7 @@ from mcap.opcode import Opcode
 from dirprim_filter.recording.container.records import (
     MAGIC,
     MESSAGE_HEADER,
+    MESSAGE_INDEX,
     NO_SCHEMA,
     RECORD_HEADER_SIZE,
     U32,
@@ -26,7 +27,7 @@ from dirprim_filter.recording.container.records import (
     Channel,
     Schema,
     channel_record,
-    encoded,
+    record_header,
     schema_record,
     written,
 )
@@ -124,7 +125,8 @@ class McapWriter:
         indexes = bytearray()
         for one, rows in zip(ids.tolist(), np.split(entries[:, 1:], starts[1:]), strict=False):
             index.message_index_offsets[one] = self._at + len(record) + len(indexes)
-            indexes += encoded(Opcode.MESSAGE_INDEX, {"channel_id": one, "records": rows.astype("<u8").tobytes()})
+            body = MESSAGE_INDEX.pack(one, 16 * len(rows)) + rows.astype("<u8").tobytes()
+            indexes += record_header(Opcode.MESSAGE_INDEX, len(body)) + body
             self._counts[one] += len(rows)
         index.message_index_length = len(indexes)
         self._chunks.append(index)

@@ -13,8 +13,7 @@ import numpy as np
 
 from dirprim_filter.arrays import AnyArray
 from dirprim_filter.recording.container._kernels import gather
-from dirprim_filter.recording.container.file_bytes import let_go
-from dirprim_filter.recording.container.records import Bytes, Channel, Message
+from dirprim_filter.recording.container.records import Channel, Message
 
 SHORT_BYTES = 1 << 11
 """Messages longer than this on average are not copied to be read: that would cost more than it saves."""
@@ -43,7 +42,7 @@ class MessageColumns:
     start: AnyArray
     stop: AnyArray
     position: AnyArray
-    contents: Bytes
+    contents: bytes | mmap.mmap
     channels: list[Channel]
 
     def __len__(self) -> int:
@@ -130,8 +129,8 @@ class MessageColumns:
 
     def let_go(self) -> None:
         """What is on disk leaves this process's memory until it is read again."""
-        if isinstance(self.contents, mmap.mmap):
-            let_go(self.contents, 0, len(self.contents))
+        if isinstance(self.contents, mmap.mmap) and hasattr(self.contents, "madvise"):
+            self.contents.madvise(mmap.MADV_DONTNEED)
 
     def _columns(self) -> dict[str, AnyArray]:
         return {f.name: getattr(self, f.name) for f in fields(self)[:-2]}

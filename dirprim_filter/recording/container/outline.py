@@ -8,20 +8,22 @@ Source: the MCAP specification, version 0.
 
 from __future__ import annotations
 
-import zlib
+import struct
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from mcap.opcode import Opcode
 
-from dirprim_filter.recording.container._kernels import index_run, message_run
-from dirprim_filter.recording.container.chunk import Chunk, chunk_at
+from dirprim_filter.recording.container._kernels import MESSAGE_HEAD, MIN_MESSAGE, message_run
+from dirprim_filter.recording.container.chunk import Chunk, chunk_at, indexes_after
 from dirprim_filter.recording.container.damage import Damage, DamageKind
-from dirprim_filter.recording.container.file_bytes import FileBytes, let_go
+from dirprim_filter.recording.container.file_bytes import FileBytes
 from dirprim_filter.recording.container.partial_copy import NotInPartsError
 from dirprim_filter.recording.container.records import (
     CHUNK,
     MAGIC,
+    MESSAGE_HEADER,
     PRIVATE,
     RECORD_HEADER_SIZE,
     U32,
@@ -36,8 +38,8 @@ from dirprim_filter.recording.container.records import (
     parse_schema,
     record_end,
 )
-from dirprim_filter.recording.container.resync import ChunkFinder, is_record, salvageable, starts_record
-from dirprim_filter.recording.container.summary_section import FOOTER_SIZE, Summary, read_summary
+from dirprim_filter.recording.container.resync import Resync
+from dirprim_filter.recording.container.summary_section import Summary, read_summary
 
 RUN_BYTES = 1 << 22
 """Unchunked messages are read in runs of about this size."""
@@ -45,10 +47,6 @@ INDEXES = (Opcode.CHUNK_INDEX, Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX, O
 """What stands in the Summary section alone."""
 BEFORE_INDEX = (Opcode.CHUNK, Opcode.MESSAGE_INDEX)
 """What a message index stands behind."""
-MOST_SUMMARY_BYTES = 1 << 28
-"""At once in memory, of a log that is fetched in parts."""
-HELD_BYTES = 1 << 28
-"""What the pass has touched of the file leaves this process's memory after so much of it."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -80,53 +78,47 @@ class Outline:
     damage: list[Damage] = field(default_factory=list)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
 class LogFile:
     """One file of a log.
 
-    Attributes:
+    Args:
         name: of the file, where the log has several; else empty.
-        bytes_of: mapped into memory.
-        outline: where everything stands in it, and what of that is broken.
+        bytes_of: what it holds.
+        by_summary: the Summary section alone says where chunks stand, as of a file that is fetched as it is read.
+
+    Attributes:
+        outline: where everything stands in it, and what of that is broken; of a live pipe as far as it has come.
+
+    Raises:
+        NotInPartsError: by its summary, which is not whole or does not say so.
     """
 
-    name: str
-    bytes_of: FileBytes
-    outline: Outline
+    def __init__(self, name: str, bytes_of: FileBytes, *, by_summary: bool = False) -> None:
+        self.name, self.bytes_of = name, bytes_of
+        self._walk = None if by_summary else _Walk(bytes_of)
+        self.outline = outline_by_summary(bytes_of) if self._walk is None else self._walk.outline
 
-
-def read_outline(file: FileBytes) -> Outline:
-    """The outline of a file that starts like an MCAP log."""
-    walk = _Walk(file)
-    walk.check_opening()
-    at, held = len(MAGIC), 0
-    while walk.is_there(at) and (after := walk.step(at)) is not None:
-        walk.previous, at = at, after
-        if at - held > HELD_BYTES:  # the system maps what stands around each header too: 64 KiB of each chunk
-            let_go(file, held, at)
-            held = at
-    walk.check_summary()
-    let_go(file, held, len(file))
-    return walk.outline
+    def chunks(self) -> Iterator[Chunk]:
+        """Those of the outline, and those that come meanwhile."""
+        i = 0
+        while i < len(self.outline.chunks) or (self._walk is not None and self._walk.advance()):
+            yield self.outline.chunks[i]
+            i += 1
 
 
 def outline_by_summary(file: FileBytes) -> Outline:
-    """The same by the Summary section alone, of a file that is fetched as it is read: chunks and channels.
+    """The chunks and channels of a file by its Summary section alone.
 
     Raises:
         NotInPartsError: the file has no whole Summary section with the places of its chunks.
     """
-    footer = file[-FOOTER_SIZE - len(MAGIC) :]
-    start = U64.unpack_from(footer, RECORD_HEADER_SIZE)[0] if len(footer) > FOOTER_SIZE else len(file)
-    if len(file) - start > MOST_SUMMARY_BYTES or not file[max(start - RECORD_HEADER_SIZE - U32.size, 0) :]:
-        raise NotInPartsError("expected a Summary section")
-    summary = read_summary(file, with_chunks=True)
+    summary = read_summary(file)
     if summary is None or not summary.chunks:
         raise NotInPartsError("expected a whole Summary section with the places of chunks")
     chunks = []
     for index in sorted(summary.chunks.values(), key=lambda index: index.chunk_start_offset):
         head = RECORD_HEADER_SIZE + CHUNK.size + len(index.compression.encode()) + U64.size
-        if head + index.compressed_size != index.chunk_length or index.chunk_start_offset + index.chunk_length > start:
+        if head + index.compressed_size != index.chunk_length:
             raise NotInPartsError(f"chunk index of byte {index.chunk_start_offset}: its numbers contradict each other")
         chunks.append(
             Chunk(
@@ -143,75 +135,95 @@ class _Walk:
 
     def __init__(self, file: FileBytes) -> None:
         self.file = file
-        self.size = len(file)
-        self.chunks = ChunkFinder(file)
+        self.resync = Resync(file)
         self.outline = Outline()
         self.has_unchunked = False
         self.data_end: int | None = None  # the byte after the DataEnd record
         self.summary_crc_holds = False
+        self.at: int | None = len(MAGIC)
         self.previous = len(MAGIC)  # where the record before starts
         self.after_index = False  # the record before was a chunk or a message index
+        opening = file.peek(0, len(MAGIC))
+        if opening != MAGIC:
+            self.damaged("magic", 0, len(MAGIC), 0, f"expected {MAGIC!r} at the start, got {opening!r}")
+        while not file.is_live and self.at is not None:
+            self.advance()
 
-    def check_opening(self) -> None:
-        if self.file[: len(MAGIC)] != MAGIC:
-            self.damaged("magic", 0, len(MAGIC), 0, f"expected {MAGIC!r} at the start, got {self.file[: len(MAGIC)]!r}")
-
-    def is_there(self, at: int) -> bool:
-        """Whether the file has not been cut short meanwhile."""
-        if not self.file.has(self.size):
-            self.damaged("truncated", at, self.size - at, None, "the file was cut short while it was read")
-            return False
-        return True
+    def advance(self) -> bool:
+        """Go on, to the next chunk at least; whether there is one."""
+        n = len(self.outline.chunks)
+        while self.at is not None and len(self.outline.chunks) == n:
+            try:
+                after = self.step(self.at)
+            except (struct.error, IndexError):
+                self.damaged("truncated", self.at, 0, None, "the file was cut short while it was read")
+                after = None
+            self.previous, self.at = self.at, after
+            if after is None:
+                self.check_summary()
+        return len(self.outline.chunks) > n
 
     def step(self, at: int) -> int | None:
         """Take the record at `at`; the byte after it, or None at the end of the file."""
-        if at + RECORD_HEADER_SIZE > self.size:
+        header = self.file.peek(at, RECORD_HEADER_SIZE)
+        if len(header) < RECORD_HEADER_SIZE:
             self.ended_early(at)
             return None
-        opcode, after_index = self.file[at], self.after_index
+        opcode, after_index, end = header[0], self.after_index, at + record_end(header, 0)
         self.after_index = opcode in BEFORE_INDEX
-        end = record_end(self.file, at)
         if opcode == Opcode.CHUNK:
             return self.take_chunk(at, end)
         after = at
-        may_be_message = self.data_end is None and not (after_index and self.is_message_index(at, end))
-        if opcode == Opcode.MESSAGE and may_be_message:
-            if after_index and (found := self.swallowed(at)) is not None:
-                return found  # no bare messages: the rest of a chunk that the one before reaches into
-            after = self.take_messages(at)
-        elif opcode == Opcode.MESSAGE_INDEX:
-            after, _ = index_run(np.frombuffer(self.file, np.uint8), at)
-        elif is_record(self.chunks, at, end):
+        if opcode == Opcode.MESSAGE:
+            if self.data_end is None and not (after_index and self.is_message_index(at, end)):
+                if after_index and (found := self.swallowed(at)) is not None:
+                    return found  # no bare messages: the rest of a chunk that the one before reaches into
+                after = self.take_messages(at, end)
+        elif opcode == Opcode.MESSAGE_INDEX and (after := indexes_after(self.file, at)[0]) == at:
+            return end if self.resync.is_record(at, end) else self.recover(at, end)  # an index may have bytes more
+        elif opcode != Opcode.MESSAGE_INDEX and self.resync.is_record(at, end):
             return self.take_small(opcode, at, end)
-        if after > at:
-            return after
-        return end if is_record(self.chunks, at, end) else self.recover(at)  # an index may have bytes more
+        return after if after > at else self.recover(at, end)
 
     def is_message_index(self, at: int, end: int) -> bool:
         """Whether a message behind a chunk is an index whose opcode was hit: its two lengths would agree."""
         body = at + RECORD_HEADER_SIZE
-        return body + 6 <= end <= self.size and int(U32.unpack_from(self.file, body + 2)[0]) == end - body - 6
+        if not body + 6 <= end or not self.file.has(end):
+            return False
+        return int(U32.unpack(self.file.peek(body + 2, U32.size))[0]) == end - body - 6
 
-    def take_messages(self, at: int) -> int:
-        """The messages that stand one after the other from `at` on, as one chunk of bounded size."""
-        end, first_ns, last_ns = message_run(np.frombuffer(self.file, np.uint8), at, RUN_BYTES)
-        if end > at:
-            self.has_unchunked = True
-            self.outline.chunks.append(
-                Chunk(
-                    offset=at, data_offset=at, data_length=end - at, size=end - at,
-                    start_ns=int(first_ns), end_ns=int(last_ns), crc=0, compression="",
-                )
+    def take_messages(self, at: int, end: int) -> int:
+        """The messages that stand one after the other from `at` on, as one chunk of bounded size; the byte after."""
+        if end < at + RECORD_HEADER_SIZE + MIN_MESSAGE or not self.file.has(end):
+            return at
+        window = self.file.window(at, MESSAGE_HEAD)
+        length, first_ns, last_ns = message_run(np.frombuffer(window, np.uint8), 0, RUN_BYTES)
+        if not length:  # it is longer than the window
+            first_ns = last_ns = MESSAGE_HEADER.unpack_from(window)[4]
+        stop = at + int(length) if length else end
+        self.has_unchunked = True
+        run = Chunk(
+            offset=at, data_offset=at, data_length=stop - at, size=stop - at, start_ns=int(first_ns),
+            end_ns=int(last_ns), crc=0, compression="",
+        )  # fmt: skip
+        chunks = self.outline.chunks
+        before = chunks[-1] if chunks and not self.file.is_live else None
+        if before and before.data_offset == before.offset and before.end == at and before.size < RUN_BYTES:
+            run = replace(
+                before, data_length=stop - before.offset, size=stop - before.offset,
+                start_ns=min(before.start_ns, run.start_ns), end_ns=max(before.end_ns, run.end_ns),
             )  # fmt: skip
-        return int(end)
+            chunks.pop()
+        chunks.append(run)
+        return stop
 
     def take_chunk(self, at: int, end: int) -> int | None:
         """A chunk by its record's length; where that and its own fields differ, by what fits in the file."""
         chunk = chunk_at(self.file, at)
         if not chunk or chunk.claimed_end != end:
-            return self.recover(at)
-        if chunk.is_cut and self.chunks.next_chunk(chunk.data_offset, self.size) is not None:
-            return self.recover(at)  # the file goes on: not its end, but the chunk's length is wrong
+            return self.recover(at, end)
+        if chunk.is_cut and self.resync.next_chunk(chunk.data_offset, len(self.file)) is not None:
+            return self.recover(at, end)  # the file goes on: not its end, but the chunk's length is wrong
         self.outline.chunks.append(chunk)
         return chunk.end if not chunk.is_cut else None
 
@@ -219,7 +231,7 @@ class _Walk:
         """A record that is no message, chunk or message index; the byte after it, None behind the last footer."""
         if opcode == Opcode.FOOTER:
             self.take_footer(at, end)
-            return self.chunks.next_chunk(end, self.size)  # of a log that goes on, this was not the end
+            return self.resync.next_chunk(end, len(self.file))  # of a log that goes on, this was not the end
         try:
             self.learn(opcode, at, end)
         except MalformedRecordError as error:
@@ -232,7 +244,7 @@ class _Walk:
             header = parse(file, at)
             outline.profile, outline.library = header.profile, header.library
         elif opcode in INDEXES or (self.data_end is not None and opcode in (Opcode.SCHEMA, Opcode.CHANNEL)):
-            outline.summary.take(file, at, outline.schemas)
+            outline.summary.take(opcode, file, at, outline.schemas)
         elif opcode == Opcode.SCHEMA:
             schema_id, outline.schemas[schema_id] = parse_schema(file, at)
         elif opcode == Opcode.CHANNEL:
@@ -251,20 +263,17 @@ class _Walk:
     def take_attachment(self, at: int) -> None:
         attachment = parse_attachment(self.file, at)
         crc_at = attachment.data_offset + attachment.size
-        with memoryview(self.file) as view:
-            if attachment.crc in (0, zlib.crc32(view[at + RECORD_HEADER_SIZE : crc_at])):
-                self.outline.attachments.append(attachment)
-                return
-        detail = f"attachment {attachment.name!r}: its checksum does not hold"
-        self.damaged("attachment", at, attachment.end - at, 0, detail)
+        if U32.unpack(self.file.peek(crc_at, U32.size))[0] in (0, self.file.crc(at + RECORD_HEADER_SIZE, crc_at)):
+            self.outline.attachments.append(attachment)
+        else:
+            detail = f"attachment {attachment.name!r}: its checksum does not hold"
+            self.damaged("attachment", at, attachment.end - at, 0, detail)
 
     def check_data(self, start: int, expected: int) -> None:
         """Messages in chunks have their own checksums; for those outside only this one vouches."""
-        if expected and self.has_unchunked:
-            found = zlib.crc32(memoryview(self.file)[:start])
-            if found != expected:
-                detail = f"expected CRC {expected:#010x}, got {found:#010x}; bare messages may be wrong"
-                self.damaged("data_crc", 0, start, None, detail)
+        if expected and self.has_unchunked and (found := self.file.crc(0, start)) != expected:
+            detail = f"expected CRC {expected:#010x}, got {found:#010x}; bare messages may be wrong"
+            self.damaged("data_crc", 0, start, None, detail)
 
     def take_footer(self, at: int, end: int) -> None:
         footer = parse(self.file, at)
@@ -275,52 +284,53 @@ class _Walk:
             detail = f"the footer puts the summary at byte {start}, it starts at {self.data_end}"
             self.damaged("summary", at, end - at, 0, detail)
         elif expected and start:
-            found = zlib.crc32(memoryview(self.file)[start : at + RECORD_HEADER_SIZE + 16])
+            found = self.file.crc(start, at + RECORD_HEADER_SIZE + 16)
             self.summary_crc_holds = found == expected
             if found != expected:
                 detail = f"expected CRC {expected:#010x}, got {found:#010x}"
                 self.damaged("summary", start, end - start, 0, detail)
-        closing = self.file[end : end + len(MAGIC)]
+        closing = self.file.peek(end, len(MAGIC))
+        n_more = len(self.file) - end - len(MAGIC)
         if closing != MAGIC:
             self.damaged("magic", end, len(closing), 0, f"expected {MAGIC!r} at the end, got {closing!r}")
-        elif end + len(MAGIC) < self.size:
-            n = self.size - end - len(MAGIC)
-            self.damaged("trailing", end + len(MAGIC), n, None, f"{n} bytes after the end of the log")
+        elif n_more:
+            self.damaged("trailing", end + len(MAGIC), n_more, None, f"{n_more} bytes after the end of the log")
 
-    def recover(self, at: int) -> int | None:
+    def recover(self, at: int, end: int) -> int | None:
         """Go on after a record that makes no sense: with the chunk it may still be, or the next one."""
         if (swallowed := self.swallowed(at)) is not None:
             return swallowed
-        end = record_end(self.file, at)
-        got = f"opcode {self.file[at]:#04x}, length {end - at - RECORD_HEADER_SIZE}"
-        if chunk := salvageable(self.chunks, at):
+        size, opcode = len(self.file), self.file.peek(at, 1)[0]
+        got = f"opcode {opcode:#04x}, length {end - at - RECORD_HEADER_SIZE}"
+        if chunk := self.resync.salvageable(at):
             self.damaged("record", at, RECORD_HEADER_SIZE, 0, f"{got}; by its fields a chunk, and read as one")
             self.outline.chunks.append(chunk)
             return chunk.end
-        is_skipped = end > at + RECORD_HEADER_SIZE and starts_record(self.file, end)
-        if is_skipped and self.chunks.next_chunk(at + 1, end) is None:
+        is_skipped = end > at + RECORD_HEADER_SIZE and self.resync.starts_record(end)
+        if is_skipped and self.resync.next_chunk(at + 1, end) is None:
             self.damaged("record", at, end - at, None, f"{got}; skipped")
             return end
-        found = self.chunks.next_chunk(at + 1, self.size)
-        is_cut = found is None and Opcode.HEADER <= self.file[at] <= Opcode.DATA_END
-        kind: DamageKind = "truncated" if is_cut else "record"
-        until = self.size if found is None else found
-        self.damaged(kind, at, until - at, None, f"{got}; {until - at} bytes from there on cannot be read")
+        found = self.resync.next_chunk(at + 1, size)
+        is_cut = found is None and Opcode.HEADER <= opcode <= Opcode.DATA_END
+        until = size if found is None else found
+        got += f"; {until - at} bytes from there on cannot be read"
+        self.damaged("truncated" if is_cut else "record", at, until - at, None, got)
         return found
 
     def swallowed(self, at: int) -> int | None:
         """A chunk within the record before, of which bytes are missing: its length then reaches beyond its end."""
         start = self.previous
-        found = self.chunks.next_chunk(start + 1, at) if start < at else None
+        found = self.resync.next_chunk(start + 1, at) if start < at else None
         last = self.outline.chunks[-1] if self.outline.chunks else None
-        if found is None or (last and last.offset == start and self.chunks.is_sound(last)):
+        if found is None or (last and last.offset == start and self.resync.is_sound(last)):
             return None
         self.damaged("record", start, found - start, None, f"a record of {at - start} bytes holds the chunk behind it")
         return found
 
     def ended_early(self, at: int) -> None:
         where = "after the data, before the footer" if self.data_end is not None else "before the end of the data"
-        self.damaged("truncated", at, self.size - at, None if self.data_end is None else 0, f"the file ends {where}")
+        n_left = len(self.file) - at
+        self.damaged("truncated", at, n_left, None if self.data_end is None else 0, f"the file ends {where}")
 
     def check_summary(self) -> None:
         """Compare with the data what the summary repeats of them."""

@@ -98,10 +98,10 @@ def recover(
         n_attachments = 0
         for one in opened.files:
             for attachment in one.outline.attachments:
-                writer.add_attachment(attachment, one.bytes_of[attachment.offset : attachment.end])
+                writer.add_attachment(attachment, one.bytes_of.read(attachment.offset, attachment.end))
                 n_attachments += 1
             for start, end in one.outline.private:
-                writer.add_private(one.bytes_of[start:end])
+                writer.add_private(one.bytes_of.read(start, end))
         writer.finish()
         return Recovery(saved=saved, attachments=n_attachments, metadata=len(log.metadata), damage=tuple(log.damage))
 

@@ -1,8 +1,8 @@
-"""Where the bytes of a log come from: files, a pipe, a URL or a bag; in the end always files that can be mapped.
+"""Where the bytes of a log come from: files, a pipe, a URL or a bag; in the end always files.
 
-The order of log time needs the whole log, so what cannot be mapped is copied to a temporary file first; memory stays
-bounded. The copy lasts as long as the process: a pipe can be read only once, but a log is opened several times. Where
-open files can be opened again by number, the copy has no name: nothing is left of it when the process is killed.
+The order of log time needs the whole log, so what is no file is copied to a temporary one first; memory stays bounded.
+The copy lasts as long as the process: a pipe can be read only once, but a log is opened several times. Where open
+files can be opened again by number, the copy has no name: nothing is left of it when the process is killed.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ from __future__ import annotations
 import atexit
 import errno
 import logging
-import mmap
 import os
 import re
 import stat
@@ -19,7 +18,7 @@ import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
-from io import FileIO
+from io import BufferedReader, FileIO
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, BinaryIO, cast
@@ -49,12 +48,15 @@ OPEN_FILES = Path("/proc/self/fd")
 _copies: dict[str, Path] = {}
 _in_parts: dict[str, PartialCopy] = {}
 """Of which copies chunks are missing."""
+_pipes: dict[str, _Pipe] = {}
+"""Of which copies the end may be missing."""
 
 
-def local_files(path: str | PathLike[str]) -> list[Path]:
-    """The file itself, or those of a folder that rosbag2 recorded; of what cannot be mapped the copy.
+def local_files(path: str | PathLike[str], *, live: bool = False) -> list[Path]:
+    """The file itself, or those of a folder that rosbag2 recorded; of what is none the copy.
 
-    A pipe ("-" is standard input), a URL and a bag in SQLite are copied when they are first asked for.
+    A pipe ("-" is standard input), a URL and a bag in SQLite are copied when they are first asked for; a live pipe as
+    it is read.
 
     Raises:
         RecordingError: a URL or a folder that cannot be read, or fsspec or what it needs for this scheme is missing.
@@ -64,7 +66,7 @@ def local_files(path: str | PathLike[str]) -> list[Path]:
     if copy := _copies.get(_key(name)):
         return [copy]
     if name == STDIN:
-        return [_copied(name, _blocks(sys.stdin.buffer))]
+        return [_piped(name, sys.stdin.buffer, live=live)]
     file = Path(name)
     if url := as_url(name):
         return [_fetched(name, url)]
@@ -74,9 +76,38 @@ def local_files(path: str | PathLike[str]) -> list[Path]:
         files = ros_bags.files_of(file) if file.is_dir() else []
         return files or [_copied(name, ros_bags.as_mcap(file))]
     if not stat.S_ISREG(file.stat().st_mode):
-        with file.open("rb") as pipe:
-            return [_copied(name, _blocks(pipe))]
+        pipe = file.open("rb")
+        copy = _piped(name, pipe, live=live)
+        if not live:
+            pipe.close()
+        return [copy]
     return [file]
+
+
+def _piped(name: str, stream: BinaryIO, *, live: bool) -> Path:
+    """The copy of a pipe; of a live one without what comes later."""
+    if not live:
+        return _copied(name, _blocks(stream))
+    copy = _copied(name, lambda _: None)
+    _pipes[_key(name)] = _Pipe(stream, copy)
+    return copy
+
+
+class _Pipe:
+    """What has come of a live pipe, in a file."""
+
+    def __init__(self, stream: BinaryIO, copy: Path) -> None:
+        self._stream = cast("BufferedReader", stream)
+        self._copy = copy.open("ab", buffering=0)
+        self._size: float = 0
+
+    def wait(self, _: int, stop: int) -> None:
+        """Until so many bytes have come, or no more will."""
+        while self._size < stop:
+            block = self._stream.read1(BLOCK_BYTES)
+            self._size += len(block) or float("inf")
+            while block:
+                block = block[self._copy.write(block) :]
 
 
 def copy_in_parts(path: str | PathLike[str]) -> bool:
@@ -103,8 +134,7 @@ def copy_in_parts(path: str | PathLike[str]) -> bool:
             files, place = fsspec.core.url_to_fs(url)
             remote = Remote(files, place, int(files.info(place).get("size") or 0))
             if remote.size >= partial_copy.SHORT_BYTES:
-                with mapped(_copied(name, write), path) as log:
-                    outline_by_summary(log)
+                outline_by_summary(log_bytes(_copied(name, write), path))
     except NotInPartsError as error:
         logger.info("%s: copied whole: %s", name, error)
         drop_copy(path)
@@ -114,6 +144,7 @@ def copy_in_parts(path: str | PathLike[str]) -> bool:
 def drop_copy(path: str | PathLike[str]) -> None:
     """Remove the copy of a pipe or a URL, if there is one: who reads many need not keep them all."""
     _in_parts.pop(_key(path), None)
+    _pipes.pop(_key(path), None)
     copy = _copies.pop(_key(path), None)
     if copy is None:
         return
@@ -128,29 +159,38 @@ def _key(path: str | PathLike[str]) -> str:
     return str(Path(path))
 
 
-def mapped(file: Path, path: str | PathLike[str]) -> FileBytes:
+def is_in_parts(path: str | PathLike[str]) -> bool:
+    """Whether chunks of the log come when they are first read."""
+    return _key(path) in _in_parts
+
+
+def log_bytes(file: Path, path: str | PathLike[str], *, live: bool = False) -> FileBytes:
     """The bytes of a local file of a log.
 
     Args:
-        file: what is mapped.
+        file: what is read.
         path: what the user calls it.
+        live: of a pipe as they come, if it was opened so.
 
     Raises:
         NotMcapError: it is empty, or neither starts nor ends like an MCAP log.
         OSError: it cannot be opened.
     """
-    with file.open("rb") as opened:
-        if file.stat().st_size == 0:
-            raise NotMcapError(path, b"")
-        bytes_of = FileBytes(opened.fileno(), 0, access=mmap.ACCESS_READ)
-        bytes_of.number = os.dup(opened.fileno())
-    if copy := _in_parts.get(_key(path)):
-        bytes_of.fetch = partial(copy.fetch, file)
-    opening = bytes_of[:READ_BYTES]
-    if not opening.startswith(VERSION_FREE_MAGIC) and bytes_of[-len(MAGIC) :] != MAGIC:
-        bytes_of.close()
-        raise NotMcapError(path, opening)
-    return bytes_of
+    copy, pipe = _in_parts.get(_key(path)), _pipes.get(_key(path))
+    if pipe and not live:
+        pipe.wait(0, 1 << 63)
+    if pipe and live:
+        bytes_of = FileBytes(file, supply=pipe.wait, is_live=True)
+    else:
+        bytes_of = FileBytes(file, supply=partial(copy.fetch, file) if copy else None)
+    opening = bytes_of.read(0, READ_BYTES)
+    if opening.startswith(VERSION_FREE_MAGIC):
+        return bytes_of
+    size = len(bytes_of)
+    if bytes_of.read(max(size - len(MAGIC), 0), size) == MAGIC:
+        return bytes_of
+    bytes_of.close()
+    raise NotMcapError(path, opening)
 
 
 def as_url(name: str) -> str | None:

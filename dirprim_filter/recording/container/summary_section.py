@@ -1,13 +1,14 @@
 """The Summary section at the end of an MCAP file: what it holds and where, known without reading the data.
 
-Read alone it is trusted only where it is whole: its checksum, if it has one, must hold, and every place it names must
-lie in the file.
+Read alone it is trusted only where it is whole: its checksum, if it has one, must hold, and every chunk that it names
+must lie in the data section.
 
 Source: the MCAP specification, version 0, "Summary Section".
 """
 
 from __future__ import annotations
 
+import struct
 import zlib
 from collections import ChainMap
 from dataclasses import dataclass, field
@@ -17,7 +18,7 @@ from mcap.records import ChunkIndex, Statistics
 
 from dirprim_filter.recording.container.file_bytes import FileBytes
 from dirprim_filter.recording.container.records import (
-    CHUNK_INDEX,
+    KINDS,
     MAGIC,
     RECORD_HEADER_SIZE,
     U32,
@@ -33,6 +34,8 @@ from dirprim_filter.recording.container.records import (
 )
 
 FOOTER_SIZE = RECORD_HEADER_SIZE + 20
+MOST_BYTES = 1 << 28
+"""At once in memory."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -57,66 +60,59 @@ class Summary:
     metadata: list[str] = field(default_factory=list)
     is_whole: bool = True
 
-    def take(self, file: Bytes, at: int, schemas: dict[int, Schema]) -> None:
+    def take(self, opcode: int, buffer: Bytes, at: int, schemas: dict[int, Schema]) -> None:
         """Learn from the record at `at`; a summary need not repeat the `schemas` that stand in the data.
 
         Raises:
             MalformedRecordError: it cannot be parsed.
         """
-        opcode = file[at]
         if opcode == Opcode.CHUNK_INDEX:
-            index = parse(file, at)
+            index = parse(buffer, at)
             self.chunks[index.chunk_start_offset] = index
         elif opcode == Opcode.SCHEMA:
-            schema_id, self.schemas[schema_id] = parse_schema(file, at)
+            schema_id, self.schemas[schema_id] = parse_schema(buffer, at)
         elif opcode == Opcode.CHANNEL:
             try:
-                channel_id, self.channels[channel_id] = parse_channel(file, at, ChainMap(self.schemas, schemas))
+                channel_id, self.channels[channel_id] = parse_channel(buffer, at, ChainMap(self.schemas, schemas))
             except UndefinedSchemaError:
                 self.is_whole = False
         elif opcode == Opcode.ATTACHMENT_INDEX:
-            self.attachments.append(parse(file, at).name)
+            self.attachments.append(parse(buffer, at).name)
         elif opcode == Opcode.METADATA_INDEX:
-            self.metadata.append(parse(file, at).name)
+            self.metadata.append(parse(buffer, at).name)
         elif opcode == Opcode.STATISTICS:
-            self.statistics = parse(file, at)
+            self.statistics = parse(buffer, at)
 
 
-def read_summary(file: FileBytes, *, with_chunks: bool = False) -> Summary | None:
-    """The Summary section of a file; None where it has none, or one that cannot be trusted.
-
-    A long log has hundreds of thousands of chunk indexes: unless they are wanted, only where they point is looked at.
-    """
-    footer = len(file) - len(MAGIC) - FOOTER_SIZE
-    if footer < len(MAGIC) or file[-len(MAGIC) :] != MAGIC or file[footer] != Opcode.FOOTER:
-        return None
+def read_summary(file: FileBytes) -> Summary | None:
+    """The Summary section of a file; None where it has none, or one that cannot be trusted."""
     try:
-        said = parse(file, footer)
-        start = said.summary_start
-        data_end = start - RECORD_HEADER_SIZE - U32.size
-        if not len(MAGIC) <= data_end < start <= footer or file[data_end] != Opcode.DATA_END:
-            return None
-        with memoryview(file) as view:
-            if said.summary_crc not in (0, zlib.crc32(view[start : footer + FOOTER_SIZE - U32.size])):
-                return None
-        summary, at = Summary(), start
-        while at < footer:
-            end = record_end(file, at)
-            is_passed = file[at] == Opcode.CHUNK_INDEX and not with_chunks
-            if end > footer or (is_passed and not _is_of_chunk(file, at, end, data_end)):
-                return None
-            if not is_passed:
-                summary.take(file, at, {})
-            at = end
-    except MalformedRecordError:
+        summary = _summary_of(file)
+    except (MalformedRecordError, struct.error):
         return None
     return summary if summary.is_whole else None
 
 
-def _is_of_chunk(file: FileBytes, at: int, end: int, data_end: int) -> bool:
-    """Whether a chunk stands where the chunk index, the record from `at` to `end`, says."""
-    if end - at < RECORD_HEADER_SIZE + CHUNK_INDEX.size:
-        return False
-    _, _, start, length, _ = CHUNK_INDEX.unpack_from(file, at + RECORD_HEADER_SIZE)
-    stop = start + length
-    return bool(stop <= data_end and file[start] == Opcode.CHUNK and record_end(file, start) == stop)
+def _summary_of(file: FileBytes) -> Summary:
+    footer_at = len(file) - len(MAGIC) - FOOTER_SIZE
+    ending = file.read(max(footer_at, 0), len(file))
+    if footer_at < len(MAGIC) or ending[-len(MAGIC) :] != MAGIC or ending[0] != Opcode.FOOTER:
+        raise MalformedRecordError("no footer at the end")
+    footer = parse(ending, 0)
+    start = footer.summary_start
+    data_end = start - RECORD_HEADER_SIZE - U32.size
+    if not len(MAGIC) <= data_end < start <= footer_at or footer_at - start > MOST_BYTES:
+        raise MalformedRecordError("the footer names no place of a summary")
+    section = file.read(start, footer_at)
+    crc = zlib.crc32(section + ending[: FOOTER_SIZE - U32.size])
+    if file.peek(data_end, 1)[0] != Opcode.DATA_END or footer.summary_crc not in (0, crc):
+        raise MalformedRecordError("the checksum does not hold, or no data end before it")
+    summary, at = Summary(), 0
+    while at < len(section):
+        if section[at] in KINDS:
+            summary.take(section[at], section, at, {})
+        at = record_end(section, at)
+    chunks = summary.chunks.values()
+    are_there = all(chunk.chunk_start_offset + chunk.chunk_length <= data_end for chunk in chunks)
+    summary.is_whole &= at == len(section) and are_there
+    return summary
