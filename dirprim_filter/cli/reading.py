@@ -119,11 +119,17 @@ class Reading:
             "`dirprim info` lists times, labels and groups"
         )
 
-    def detections(self, log: Path, *, motion: bool) -> DetectionStream | TableDetections:
-        """What a log's sensor reported, an instant at a time; `motion`: its directions and speeds were measured."""
+    def detections(self, log: Path, *, motion: bool, live: bool = False) -> DetectionStream | TableDetections:
+        """What a log's sensor reported, an instant at a time.
+
+        Args:
+            log: which.
+            motion: its directions and speeds were measured.
+            live: a pipe's instants come as they are written.
+        """
         from dirprim_filter.recording.reader import stream_detections
 
-        return stream_detections(log, self.options(), motion=motion)
+        return stream_detections(log, self.options(), motion=motion, live=live)
 
     def playback(self, log: Path) -> Playback:
         """The frames of a log: what a tracker believed, else the objects."""

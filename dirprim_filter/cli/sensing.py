@@ -28,6 +28,11 @@ MOST_ROWS, MOST_ROWS_UNASKED = 200_000, 10_000
 """Detections that it is learned from, if `auto` is asked for and by default: these take some three seconds."""
 
 
+def is_pipe(log: Path) -> bool:
+    """Whether a log is standard input, or another pipe."""
+    return str(log) == "-" or log.is_fifo()
+
+
 def sensor_of(
     sensor: str | None, log: Path, reading: Reading, *, noise_m: float | None, config: Path | None, with_ids: bool,
     seed: int,
@@ -44,12 +49,12 @@ def sensor_of(
     """
     from dirprim_filter.recording.sensor_file import load_sensor
 
-    is_pipe, is_here = str(log) == "-" or log.is_fifo(), log.is_file() or log.is_dir()
+    is_here = log.is_file() or log.is_dir()
     if sensor is None:
         if noise_m is not None or config is not None:
             return None
         if not (is_here and with_ids):
-            elsewhere = "a pipe is read once" if is_pipe else "a URL would be fetched twice, as by --sensor auto"
+            elsewhere = "a pipe is read once" if is_pipe(log) else "a URL would be fetched twice, as by --sensor auto"
             _say_default("without ids no vehicle is named again" if is_here else elsewhere)
             return None
         return _learned(log, reading, seed=seed, is_asked=False)
@@ -57,7 +62,7 @@ def sensor_of(
         raise typer.BadParameter("a sensor's model contains the noise: give one of the two", param_hint="--noise")
     if sensor != AUTO:
         return load_sensor(sensor)
-    if is_pipe:
+    if is_pipe(log):
         raise typer.BadParameter("auto reads the log twice, which a pipe cannot: give a file", param_hint="--sensor")
     if not with_ids:
         raise typer.BadParameter("auto learns from vehicles that are named again: leave out one", param_hint="--no-ids")

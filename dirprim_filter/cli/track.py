@@ -31,7 +31,7 @@ from dirprim_filter.cli.options import (
 )
 from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.results import CONFIG_KEY, read_filter
-from dirprim_filter.cli.sensing import sensor_of
+from dirprim_filter.cli.sensing import is_pipe, sensor_of
 from dirprim_filter.cli.settings import Settings, taken
 
 if TYPE_CHECKING:
@@ -80,7 +80,9 @@ def track(
     spawn: Spawn = False,
     connect: Connect = None,
     smooth: Annotated[bool, typer.Option("--smooth", help="Also write smoothed estimates, by the whole log.")] = False,
-    lag: Annotated[float | None, typer.Option(min=0.0, help="Also smooth a stream, so many seconds late.")] = None,
+    lag: Annotated[
+        float | None, typer.Option(min=0.0, help="Also smooth, so many seconds late; a pipe is tracked live.")
+    ] = None,
     forecast: Annotated[float, typer.Option(min=0.0, help="Every second, forecast so many seconds ahead.")] = 0.0,
     no_ids: NoIds = False,
     noise: Noise = None,
@@ -105,6 +107,8 @@ def track(
     unless --noise, --sensor, --config or the log itself says so. With --sensor a detection is of where the vehicle was
     its latency ago, and estimates are of their own time.
 
+    With --lag a pipe is tracked as it is written: keep its chunks short, its estimates come when the next instants do.
+
     Groups of a log are tracked each by itself, whatever their times: the vehicles of a group other than 0 are called
     group/id in the output. With `--set group=NUMBER` only that one, under its ids.
 
@@ -128,7 +132,7 @@ def track(
         sensing, settings, *read_filter(config, settings, n_particles=particles, noise_m=noise)
     )
     by_map = primitive_map.without_places() if own.without_map else primitive_map
-    stream = reading.detections(log, motion=own.motion)
+    stream = reading.detections(log, motion=own.motion, live=lag is not None and is_pipe(log))
     watched = bool(save or spawn or connect)
     smoother = _smoother(filtering, smooth=smooth, lag_s=lag)
 
@@ -142,8 +146,8 @@ def track(
     worlds = Worlds(tracker_of)
     frames = (seen.without_ids() for seen in stream) if no_ids else stream
     said = provenance(
-        "track", inputs=[log, map_file], config=filtering, seed=seed, without_map=own.without_map, no_ids=no_ids,
-        motion=own.motion, smooth=smooth, lag_s=lag,
+        "track", inputs=[map_file] if lag is not None and is_pipe(log) else [log, map_file], config=filtering,
+        seed=seed, without_map=own.without_map, no_ids=no_ids, motion=own.motion, smooth=smooth, lag_s=lag,
         tracking=json.dumps(asdict(association), sort_keys=True),
         sensor=None if sensing is None else json.dumps(asdict(sensing)), **reading.said(),
     )  # fmt: skip

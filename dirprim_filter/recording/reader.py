@@ -134,7 +134,12 @@ def _reporting(
 
 
 def stream_detections(
-    path: PathOrText, options: ReadOptions = EVERYTHING, *, motion: bool = False, **changes: Unpack[Reading]
+    path: PathOrText,
+    options: ReadOptions = EVERYTHING,
+    *,
+    motion: bool = False,
+    live: bool = False,
+    **changes: Unpack[Reading],
 ) -> DetectionStream | TableDetections:
     """The detections of a log, an instant at a time, in bounded memory; or of a table.
 
@@ -144,6 +149,8 @@ def stream_detections(
             the time that counts are left out and counted.
         motion: take the log's directions and speeds for measurements. Often they are no sensor's, but were derived from
             the positions, and would be believed twice.
+        live: of a pipe instants come as they are written, in its own order, with the transforms that came before the
+            first; else all of it is waited for.
         changes: as for `read_tracks`.
 
     Raises:
@@ -156,7 +163,7 @@ def stream_detections(
         from dirprim_filter.recording.tables.source import TableDetections  # noqa: PLC0415 - logs do without Arrow
 
         return TableDetections(Path(path), options, motion=motion)
-    log = Log(path)
+    log = Log(path, live=live)
     options = options.of_log(log.start_ns)
     chosen = choose_topics(log, options, prefer_detections=True)
     return DetectionStream(_wanted(log, chosen, options), options, topics=chosen, motion=motion)

@@ -6,19 +6,22 @@ import os
 import subprocess
 import sys
 import threading
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from mcap.writer import CompressionType
+from mcap.writer import CompressionType, Writer
 from mcap_files import log_bytes
 
-from dirprim_filter import load_map, read_estimates, write_tracks
+from dirprim_filter import load_map, read_estimates, save_map, write_tracks
 from dirprim_filter.cli.main import run
+from dirprim_filter.detections import Detections
 from dirprim_filter.recording.container import log as scans
 from dirprim_filter.recording.container import merge, source
 from dirprim_filter.recording.container.errors import without_secrets
 from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.errors import NoRoomError, NotMcapError, RecordingError
+from dirprim_filter.recording.reader import stream_detections
 from dirprim_filter.recording.scan import scan
 
 SENT = [(f"/topic{i // 100}", 1000 * i, str(i).encode() * 9) for i in range(300)]
@@ -31,6 +34,7 @@ def rows(log):
 @pytest.fixture(autouse=True)
 def forget_copies(monkeypatch):
     monkeypatch.setattr(source, "_copies", {})
+    monkeypatch.setattr(source, "_pipes", {})
 
 
 def test_a_fifo(tmp_path):
@@ -258,3 +262,75 @@ def test_a_signed_url_is_no_pattern_and_its_signature_is_nowhere(tmp_path, capsy
     assert "127.0.0.1:1/log.mcap" in said
     assert "secret" not in said
     assert "pattern" not in said
+
+
+class Pipe(io.FileIO):
+    """Knows how much was written to it, and keeps nothing back."""
+
+    def __init__(self, path):
+        super().__init__(path, "w")
+        self.n = 0
+
+    def write(self, data):
+        self.n += len(data)
+        return super().write(data)
+
+    def tell(self):
+        return self.n
+
+
+@pytest.fixture
+def written_live(tmp_path, ring):
+    """A pipe, and a log that is written to it frame by frame, no more than three ahead of those that came."""
+    if not hasattr(os, "mkfifo"):
+        pytest.skip("there are no named pipes here")
+    write_tracks(ring[ring.track_id < 4], tmp_path / "ring.mcap")
+    os.mkfifo(tmp_path / "pipe")
+    ahead, late = threading.Semaphore(3), []
+
+    def write(*, chunked):
+        sent = [message for message in scan(tmp_path / "ring.mcap") if message.topic == "/objects"]
+        said = sent[0].channel
+        with Pipe(tmp_path / "pipe") as pipe:
+            writer = Writer(SimpleNamespace(write=pipe.write, tell=pipe.tell), use_chunking=chunked, chunk_size=1)
+            writer.start()
+            schema = writer.register_schema(said.schema.name, said.schema.encoding, said.schema.data)
+            channel = writer.register_channel(said.topic, said.message_encoding, schema)
+            for message in sent:
+                late.append(not ahead.acquire(timeout=10))
+                writer.add_message(channel, message.log_time_ns, message.data, message.publish_time_ns)
+            writer.finish()
+
+    return tmp_path, write, ahead, late
+
+
+@pytest.mark.parametrize("chunked", [False, True])
+def test_a_live_pipe_is_read_as_it_is_written(written_live, chunked):
+    """Of a log of 10 Hz an instant comes at most .2 s late: when the second one behind it was written."""
+    folder, write, ahead, late = written_live
+    thread = threading.Thread(target=write, kwargs={"chunked": chunked}, daemon=True)
+    thread.start()
+    stream = stream_detections(folder / "pipe", live=True)
+    came = []
+    for seen in stream:
+        came.append(seen)
+        ahead.release()
+    thread.join()
+    assert not any(late)
+    assert not stream.losses.damage
+    assert Detections.concatenate(came) == Detections.concatenate(list(stream_detections(folder / "ring.mcap")))
+
+
+def test_track_with_a_lag_takes_a_live_pipe_as_a_file(written_live, ring_map):
+    folder, write, ahead, late = written_live
+    save_map(ring_map, folder / "map.mcap")
+    given = ["--map", str(folder / "map.mcap"), "--lag", "0.5", "--noise", "0.5", "--particles", "20"]
+    ahead.release(10_000)
+    thread = threading.Thread(target=write, kwargs={"chunked": False}, daemon=True)
+    thread.start()
+    for name in ("pipe", "ring.mcap"):
+        assert run(["track", str(folder / name), "-o", str(folder / f"{name}.out"), *given]) == 0
+    thread.join()
+    assert not any(late)
+    piped, filed = (read_estimates(folder / f"{name}.out") for name in ("pipe", "ring.mcap"))
+    np.testing.assert_array_equal(piped.position, filed.position)

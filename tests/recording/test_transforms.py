@@ -19,7 +19,6 @@ from test_ros2_schemas import carla, point, quaternion
 from dirprim_filter.cli.main import run
 from dirprim_filter.recording.container import log as log_module
 from dirprim_filter.recording.container.log import Log
-from dirprim_filter.recording.container.outline import read_outline
 from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError, MissingTransformError
 from dirprim_filter.recording.losses import TRANSFORMS, UNDECODABLE, UNPLACED
 from dirprim_filter.recording.reader import inspect, read_track_logs, read_tracks, stream_detections
@@ -168,11 +167,12 @@ def test_a_log_is_outlined_once_however_often_it_is_read(tmp_path, monkeypatch):
     """Its topics, transforms and objects are three passes over one open log."""
     outlined = []
 
-    def counted(file):
-        outlined.append(file)
-        return read_outline(file)
+    class Counted(log_module.LogFile):
+        def __init__(self, *given, **named):
+            outlined.append(given)
+            super().__init__(*given, **named)
 
-    monkeypatch.setattr(log_module, "read_outline", counted)
+    monkeypatch.setattr(log_module, "LogFile", Counted)
     path = write_ros(tmp_path / "log.mcap", [("sensor", [carla(k, 0)]) for k in range(N)])
     assert len(read_tracks(path)) == N
     assert len(outlined) == 1

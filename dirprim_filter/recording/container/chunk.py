@@ -54,7 +54,6 @@ class Chunk:
         size: bytes of its contents.
         crc: CRC-32 of its contents; 0 where the writer gave none.
         compression: "", "zstd" or "lz4".
-        claimed_length: bytes of its data by its own field.
         is_cut: the file ends inside of it.
     """
 
@@ -66,13 +65,7 @@ class Chunk:
     size: int
     crc: int
     compression: str
-    claimed_length: int = 0
     is_cut: bool = False
-
-    @property
-    def claimed_end(self) -> int:
-        """Byte after its record if that were whole."""
-        return self.data_offset + self.claimed_length
 
     @property
     def end(self) -> int:
@@ -84,8 +77,11 @@ class Chunk:
         return Damage(kind=kind, offset=self.offset, length=self.end - self.offset, messages=messages, detail=detail)
 
 
-def chunk_at(file: FileBytes, offset: int) -> Chunk | None:
-    """The chunk record that starts at `offset`, by its own fields alone; None where these make no sense."""
+def chunk_at(file: FileBytes, offset: int, end: int | None = None) -> Chunk | None:
+    """The chunk record that starts at `offset`, by its own fields alone; None where these make no sense.
+
+    Nor is it one where they do not lead to a given `end`.
+    """
     head = file.peek(offset, HEAD_SIZE)
     if len(head) < NAME_AT + U64.size:
         return None
@@ -94,11 +90,12 @@ def chunk_at(file: FileBytes, offset: int) -> Chunk | None:
     if data_at > len(head) or (compression := COMPRESSIONS.get(head[NAME_AT : NAME_AT + name_length])) is None:
         return None
     data_offset, claimed = offset + data_at, U64.unpack_from(head, data_at - U64.size)[0]
+    if end is not None and data_offset + claimed != end:
+        return None
     is_cut = not file.has(data_offset + claimed)
     return Chunk(
         offset=offset, data_offset=data_offset, data_length=len(file) - data_offset if is_cut else claimed,
-        start_ns=start_ns, end_ns=end_ns, size=size, crc=crc, compression=compression, claimed_length=claimed,
-        is_cut=is_cut,
+        start_ns=start_ns, end_ns=end_ns, size=size, crc=crc, compression=compression, is_cut=is_cut,
     )  # fmt: skip
 
 

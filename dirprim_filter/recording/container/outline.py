@@ -123,7 +123,7 @@ def outline_by_summary(file: FileBytes) -> Outline:
         chunks.append(
             Chunk(
                 offset=index.chunk_start_offset, data_offset=index.chunk_start_offset + head,
-                data_length=index.compressed_size, claimed_length=index.compressed_size, size=index.uncompressed_size,
+                data_length=index.compressed_size, size=index.uncompressed_size,
                 start_ns=index.message_start_time, end_ns=index.message_end_time, crc=0, compression=index.compression,
             )
         )  # fmt: skip
@@ -219,8 +219,8 @@ class _Walk:
 
     def take_chunk(self, at: int, end: int) -> int | None:
         """A chunk by its record's length; where that and its own fields differ, by what fits in the file."""
-        chunk = chunk_at(self.file, at)
-        if not chunk or chunk.claimed_end != end:
+        chunk = chunk_at(self.file, at, end)
+        if not chunk:
             return self.recover(at, end)
         if chunk.is_cut and self.resync.next_chunk(chunk.data_offset, len(self.file)) is not None:
             return self.recover(at, end)  # the file goes on: not its end, but the chunk's length is wrong

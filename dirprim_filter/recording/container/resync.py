@@ -78,7 +78,7 @@ class Resync:
         opcode = file.peek(at, 1)[0]
         if not file.has(end):
             return False
-        if end - at - RECORD_HEADER_SIZE >= FIXED_SIZE and (chunk := chunk_at(file, at)) and chunk.end == end:
+        if end - at - RECORD_HEADER_SIZE >= FIXED_SIZE and chunk_at(file, at, end):
             return False
         if opcode >= PRIVATE:
             return self.starts_record(end)
@@ -144,8 +144,8 @@ class Resync:
                 place = at + match.start()
                 if place >= until:
                     break
-                chunk = chunk_at(self._file, place)
-                if chunk and place + record_end(self._file.peek(place, RECORD_HEADER_SIZE), 0) == chunk.claimed_end:
+                end = place + record_end(self._file.peek(place, RECORD_HEADER_SIZE), 0)
+                if chunk := chunk_at(self._file, place, end):
                     (cut if chunk.is_cut else whole).append(place)
         return whole, cut
 

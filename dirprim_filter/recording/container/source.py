@@ -105,9 +105,18 @@ class _Pipe:
         """Until so many bytes have come, or no more will."""
         while self._size < stop:
             block = self._stream.read1(BLOCK_BYTES)
-            self._size += len(block) or float("inf")
+            self._size += len(block)
+            if not block:
+                self.close()
             while block:
                 block = block[self._copy.write(block) :]
+
+    def close(self) -> None:
+        """No more comes."""
+        self._size = float("inf")
+        self._copy.close()
+        if self._stream is not sys.stdin.buffer:
+            self._stream.close()
 
 
 def copy_in_parts(path: str | PathLike[str]) -> bool:
@@ -144,7 +153,8 @@ def copy_in_parts(path: str | PathLike[str]) -> bool:
 def drop_copy(path: str | PathLike[str]) -> None:
     """Remove the copy of a pipe or a URL, if there is one: who reads many need not keep them all."""
     _in_parts.pop(_key(path), None)
-    _pipes.pop(_key(path), None)
+    if pipe := _pipes.pop(_key(path), None):
+        pipe.close()
     copy = _copies.pop(_key(path), None)
     if copy is None:
         return

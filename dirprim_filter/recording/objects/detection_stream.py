@@ -18,6 +18,8 @@ from dirprim_filter.track_ids import repeated_rows, vehicle_numbers
 
 LATEST_NS = 1_000_000_000
 """So much later than others of later stamps may messages be logged: sensors are late by different times."""
+LIVE_LATEST_NS = 100_000_000
+"""Of a live pipe, whose estimates are as much later."""
 SHARPEST = 1e6
 """Of a cue's concentration: a thousandth of a radian."""
 
@@ -35,7 +37,8 @@ class DetectionStream:
         self._options = options
         self.topics = topics
         self._motion = motion
-        self._late_ns = 0 if options.time_source == "log" else LATEST_NS
+        latest_ns = LIVE_LATEST_NS if scan.log.is_live else LATEST_NS
+        self._late_ns = 0 if options.time_source == "log" else latest_ns
         self.losses = Losses()
 
     @property

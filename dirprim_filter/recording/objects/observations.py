@@ -62,7 +62,7 @@ class Observations:
         """
         columns = self._scan.columns()
         self.losses.damage = self._scan.damage
-        for batch in batches(columns, self._decoders):
+        for batch in batches(columns, self._decoders, at_once=self._scan.log.is_live):
             self._check_intact()
             if len(rows := self._timed(batch)):
                 yield rows

@@ -99,7 +99,12 @@ def _is_a_sensors(topic: str, schema: str) -> bool:
 
 
 def _carrying_objects(log: Log, decoders: Decoders, topics: set[str]) -> set[str]:
-    """Those of the topics in which some message holds an object; reads no further than needed to know."""
+    """Those of the topics in which some message holds an object; reads no further than needed to know.
+
+    Of a live pipe all that it began with: others might be waited for in vain.
+    """
+    if log.is_live:
+        return topics
     carrying: set[str] = set()
     if topics:
         parts = (batches([part], decoders) for part in Scan(log, topics.__contains__).columns())
@@ -115,8 +120,8 @@ def _carrying_objects(log: Log, decoders: Decoders, topics: set[str]) -> set[str
 
 def _damage(log: Log) -> list[Damage]:
     """All that is broken, which is known once all chunks were read."""
-    scan = Scan(log)
-    deque(scan.parts(), maxlen=0)
+    scan = Scan(log, waits=False)
+    deque(scan.columns(), maxlen=0)
     return scan.damage
 
 

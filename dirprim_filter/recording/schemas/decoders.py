@@ -132,8 +132,10 @@ class Decoders:
                 yield from ((begin + first, own, columns) for first, own, columns in self.columns(part))
 
 
-def batches(columns: Iterable[MessageColumns], decoders: Decoders) -> Iterator[MessageColumns]:
-    """The messages that can be decoded, some together."""
+def batches(
+    columns: Iterable[MessageColumns], decoders: Decoders, *, at_once: bool = False
+) -> Iterator[MessageColumns]:
+    """The messages that can be decoded, some together; `at_once` those of each part."""
     batch: list[MessageColumns] = []
     size = n = 0
     for part in columns:
@@ -142,7 +144,7 @@ def batches(columns: Iterable[MessageColumns], decoders: Decoders) -> Iterator[M
             batch.append(piece)
             n += len(piece)
             size += int((piece.stop - piece.start).sum())
-            if size >= BATCH_BYTES or n >= BATCH_MESSAGES:
+            if size >= BATCH_BYTES or n >= BATCH_MESSAGES or (at_once and n):
                 yield joined(batch)
                 batch, size, n = [], 0, 0
     if n:

@@ -141,7 +141,7 @@ class TransformTree:
         if not topics:
             return cls({})
         decoders, losses, parts, frames = Decoders(), Losses(), list[_Transforms](), Numbers()
-        scan = Scan(log, topics.__contains__)
+        scan = Scan(log, topics.__contains__, waits=False)
         for batch in batches(scan.columns(), decoders):
             for _, messages in by_schema(batch):
                 if family_of(messages.first_channel) not in TRANSFORMS:
