@@ -10,8 +10,8 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType
 from mcap_files import CHUNK, DATA, log_bytes, records
 
+from dirprim_filter.recording.container import file_bytes, merge, source
 from dirprim_filter.recording.container import log as scans
-from dirprim_filter.recording.container import merge, source
 from dirprim_filter.recording.container.merge import HELD_BYTES
 from dirprim_filter.recording.container.message_columns import SHORT_BYTES
 from dirprim_filter.recording.scan import scan
@@ -246,3 +246,14 @@ def _described(parts):
                 schema["name"], schema["encoding"], bytes(map(int, schema["data"])),
             ))  # fmt: skip
     return sorted(rows, key=lambda row: row[0]), metadata
+
+
+@pytest.mark.parametrize("window", [16, 100, 1000, 1 << 16])
+@pytest.mark.parametrize("layout", [{"chunk_size": 900}, {"chunk_size": 1 << 20}, {"use_chunking": False}])
+def test_a_log_reads_alike_through_any_window(log_file, monkeypatch, window, layout):
+    """Message indexes, runs of bare messages and chunks' headers that reach beyond what is held of the file."""
+    monkeypatch.setattr(file_bytes, "WINDOW_BYTES", window)
+    sent = [(f"/{i % 7}", i, bytes(i % 90)) for i in range(900)]
+    log = scan(log_file(log_bytes(sent, **layout)))
+    assert [(m.topic, m.log_time_ns, m.data) for m in log] == sent
+    assert log.damage == []

@@ -55,7 +55,8 @@ class FileBytes:
 
     def window(self, at: int, n: int) -> bytes:
         """The next `n` bytes from a place on, if there are so many, and more that are at hand."""
-        return self._window[self._hold(at, n) :]
+        i = self._hold(at, n)
+        return self._window[i:]
 
     def _hold(self, at: int, n: int) -> int:
         i = at - self._at
