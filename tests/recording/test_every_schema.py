@@ -196,53 +196,11 @@ def foxglove_scene(k):
     return {"deletions": [], "entities": [entity]}
 
 
-def sdk_scene(path):
-    foxglove = pytest.importorskip("foxglove", reason="foxglove-sdk is not installed")
-    from foxglove.channels import SceneUpdateChannel
-    from foxglove.messages import CubePrimitive, Pose, Quaternion, SceneEntity, SceneUpdate, Vector3
-
-    with foxglove.open_mcap(str(path)):
-        channel = SceneUpdateChannel("/car")
-        for k, (x, y) in enumerate(PLACE):
-            at = Pose(position=Vector3(x=x, y=y, z=0.0), orientation=Quaternion(x=0.0, y=0.0, z=0.0, w=1.0))
-            entity = SceneEntity(id="car", frame_id="map", cubes=[CubePrimitive(pose=at)])
-            channel.log(SceneUpdate(entities=[entity]), log_time=TIMES[k])
-
-
-def rosbags_poses(path):
-    from rosbags.rosbag2 import StoragePlugin
-    from rosbags.rosbag2 import Writer as BagWriter
-    from rosbags.typesys import Stores, get_typestore
-
-    store = get_typestore(Stores.ROS2_JAZZY)
-
-    def message(name, **values):
-        return store.types[name](**values)
-
-    with BagWriter(path.with_suffix(""), version=9, storage_plugin=StoragePlugin.MCAP) as bag:
-        topic = bag.add_connection("/car", "geometry_msgs/msg/PoseStamped", typestore=store)
-        for k in range(N):
-            at = message(
-                "geometry_msgs/msg/Pose",
-                position=message("geometry_msgs/msg/Point", **pose(k)["position"]),
-                orientation=message("geometry_msgs/msg/Quaternion", **pose(k)["orientation"]),
-            )
-            time = message("builtin_interfaces/msg/Time", **stamp(k))
-            whole = message(
-                "geometry_msgs/msg/PoseStamped",
-                header=message("std_msgs/msg/Header", stamp=time, frame_id="map"), pose=at,
-            )  # fmt: skip
-            bag.write(topic, TIMES[k], store.serialize_cdr(whole, "geometry_msgs/msg/PoseStamped"))
-    (written,) = path.with_suffix("").glob("*.mcap")
-    written.rename(path)
-
-
 NAMED = ["--topics", "/car"]
 LOGS = {
     "SceneUpdate, protobuf": (pb_scene, []),
     "SceneUpdate, JSON": (in_json("foxglove.SceneUpdate", json_scene), []),
     "SceneUpdate, ROS 2": (ros("foxglove_msgs/msg/SceneUpdate", foxglove_scene), []),
-    "SceneUpdate, foxglove-sdk": (sdk_scene, []),
     "PoseInFrame, protobuf": (protobuf(pb_pose), []),
     "PoseInFrame, JSON": (in_json("foxglove.PoseInFrame", lambda k: {"pose": pose(k)}), []),
     "PoseInFrame, ROS 2": (foxglove_ros("PoseInFrame", lambda k: {"pose": pose(k)}), []),
@@ -299,7 +257,7 @@ LOGS = {
         [],
     ),
     "tf2_msgs/TFMessage": (ros("tf2_msgs/msg/TFMessage", ros_transform), NAMED),
-    "PoseStamped, rosbags": (rosbags_poses, []),
+    "PoseStamped": (ros("geometry_msgs/msg/PoseStamped", lambda k: {"header": header(TIMES[k]), "pose": pose(k)}), []),
     "private JSON": (
         in_json("acme.Car", lambda k: {"car": {"e": PLACE[k][0], "n": PLACE[k][1]}}), ["--fields", "x=.car.e,y=.car.n"],
     ),
@@ -312,6 +270,10 @@ LOGS = {
     "private protobuf": (protobuf(pb_pose), ["--fields", "x=.pose.position.x,y=.pose.position.y,time=.timestamp"]),
 }  # fmt: skip
 UNNAMED = "Autoware DetectedObjects"
+TRACKED = {
+    UNNAMED, "SceneUpdate, protobuf", "LocationFix, JSON", "tf2_msgs/TFMessage", "OSI SensorData", "private ROS 2",
+}  # fmt: skip
+"""Of each encoding and option some: all others are read by the same code."""
 
 
 @pytest.fixture(scope="module")
@@ -340,6 +302,8 @@ def test_every_command_reads_it(tmp_path, capsys, learned, name):
     tracks = Reading(**asked).tracks([tmp_path / "log.mcap"]).tracks
     np.testing.assert_allclose(tracks.position, PLACE, atol=0.05)  # fixes are written by a sphere
     np.testing.assert_array_equal(tracks.time_ns, TIMES)
+    if name not in TRACKED:
+        return
     assert run(["track", log, "--map", learned, "-o", out, "--particles", "200", *options]) == 0
     estimates = read_estimates(out)
     truth = np.array(PLACE)[np.searchsorted(TIMES, estimates.time_ns)]

@@ -124,39 +124,13 @@ def scene_dict(k):
     }  # fmt: skip
 
 
-def test_scenes_in_json_and_by_the_sdk_read_the_same(tmp_path):
-    foxglove = pytest.importorskip("foxglove", reason="foxglove-sdk is not installed")
+def test_scenes_in_json_are_read_with_their_groups(tmp_path):
     path = json_log(tmp_path / "log.mcap", "foxglove.SceneUpdate", [(TIMES[k], scene_dict(k)) for k in range(N)])
     tracks = read_tracks(path, time_source="header")
     check_circle(tracks)
     assert set(tracks.group) == {3}
     (topic,) = inspect(path).topics
     assert (topic.encoding, topic.tracks) == ("json", 1)
-    from foxglove.channels import SceneUpdateChannel
-    from foxglove.messages import (
-        CubePrimitive,
-        KeyValuePair,
-        Pose,
-        Quaternion,
-        SceneEntity,
-        SceneUpdate,
-        Timestamp,
-        Vector3,
-    )
-
-    with foxglove.open_mcap(str(tmp_path / "sdk.mcap")):
-        channel = SceneUpdateChannel("/objects")
-        for k, (x, y) in enumerate(PLACE.tolist()):
-            pose = Pose(position=Vector3(x=x, y=y, z=1.0), orientation=Quaternion(x=0.0, y=0.0, z=0.0, w=1.0))
-            stamp = Timestamp(sec=TIMES[k] // 10**9, nsec=TIMES[k] % 10**9)
-            entity = SceneEntity(
-                id="car 1", frame_id="map", timestamp=stamp, cubes=[CubePrimitive(pose=pose)],
-                metadata=[KeyValuePair(key="group", value="3")],
-            )  # fmt: skip
-            channel.log(SceneUpdate(entities=[entity]), log_time=TIMES[k])
-    sdk = read_tracks(tmp_path / "sdk.mcap")
-    check_circle(sdk)
-    assert set(sdk.group) == {3}
 
 
 def fix(k, kind=LocationFix):
@@ -278,31 +252,10 @@ def test_info_says_that_paths_lead_nowhere(tmp_path, capsys, encoding):
     assert "expected objects at id=.lost[].id,x=.lost[].x,y=.lost[].y, got none" in said.err
 
 
-def test_a_mapping_reads_protobuf_and_ros_2_alike(tmp_path):
-    poses = []
-    for k, (x, y) in enumerate(PLACE.tolist()):
-        pose = stamped(PoseInFrame(), k)
-        pose.pose.position.x, pose.pose.position.y = x, y
-        poses.append(("/ego", TIMES[k], pose))
-    by_path = FieldMapping({"x": ".pose.position.x", "y": ".pose.position.y", "time": ".timestamp"})
-    path = write_protobuf_log(tmp_path / "log.mcap", poses)
-    check_circle(read_tracks(path, mapping=by_path, time_source="header"))
+def test_a_path_that_a_definition_lacks_is_named(tmp_path):
+    path = write_protobuf_log(tmp_path / "log.mcap", [("/ego", TIMES[0], stamped(PoseInFrame(), 0))])
     with pytest.raises(NoTracksError, match=r"fields x=.pose.lost,y=.pose.position.y.*lacks"):
         read_tracks(path, mapping=FieldMapping({"x": ".pose.lost", "y": ".pose.position.y"}))
-    markers = [
-        ("/tf", TIMES[k], "tf2_msgs/msg/TFMessage", {"transforms": [{
-            "header": header(TIMES[k]), "child_frame_id": "car",
-            "transform": {"translation": {"x": PLACE[k, 0], "y": PLACE[k, 1], "z": 0.0},
-                          "rotation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}},
-        }]})
-        for k in range(N)
-    ]  # fmt: skip
-    mapping = FieldMapping.parse(
-        "x=.transforms[].transform.translation.x,y=.transforms[].transform.translation.y,id=.transforms[].child_frame_id"
-    )
-    tracks = read_tracks(write_ros2_log(tmp_path / "ros.mcap", markers), mapping=mapping)
-    check_circle(tracks)
-    assert set(tracks.track_id) == {"car"}
 
 
 def test_columns_beside_each_other_are_read_and_unlike_lengths_fail(tmp_path):

@@ -287,16 +287,3 @@ def test_sizes_of_a_table(tmp_path):
     np.testing.assert_array_equal(read_csv(path).tracks.size, expected)  # motion from positions
     assert run(["convert", str(path), "-o", str(tmp_path / "log.mcap"), "--format", "csv"]) == 0
     np.testing.assert_array_equal(read_tracks(tmp_path / "log.mcap").size, expected)
-
-
-def test_headers_name_the_units_of_sizes(tmp_path, capsys):
-    path = tmp_path / "table.csv"
-    path.write_text("time_s,track_id,x_m,y_m,length_ft\n0,a,0,0,15\n")
-    assert run(["convert", str(path), "-o", str(tmp_path / "log.mcap"), "--format", "csv"]) == 1
-    assert "multiply by 0.3048, and name it length_m" in capsys.readouterr().err
-
-
-def test_a_mapping_names_its_own_header():
-    """`height` is of the body, `z` of the place."""
-    mapping = FieldMapping.parse("x=.x,y=.y,z=.z,height=.tall")
-    assert (mapping.paths["z"], mapping.paths["height"], str(mapping)) == (".z", ".tall", "x=.x,y=.y,z=.z,height=.tall")

@@ -156,11 +156,6 @@ def test_names_are_those_of_each_schema(tmp_path):
         assert set(read_tracks(array_log(tmp_path, schema)).track_id.tolist()) == names
 
 
-def test_objects_without_a_name_are_never_one_vehicle(tmp_path):
-    tracks = read_tracks(array_log(tmp_path, "autoware_perception_msgs/msg/DetectedObjects"))
-    assert tracks.n_tracks == len(tracks) == 3 * N_TIMES
-
-
 def test_a_twist_that_is_not_reported_is_no_standstill(tmp_path):
     path = array_log(
         tmp_path, "autoware_perception_msgs/msg/DetectedObjects",

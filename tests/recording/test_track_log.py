@@ -16,7 +16,6 @@ from mcap_protobuf.schema import build_file_descriptor_set
 
 from dirprim_filter.detections import Detections
 from dirprim_filter.recording.container.records import Channel, Schema
-from dirprim_filter.recording.errors import OutputExistsError
 from dirprim_filter.recording.foxglove.scene import scene_transform
 from dirprim_filter.recording.log_writer import LogWriter
 from dirprim_filter.recording.scan import scan
@@ -158,22 +157,6 @@ def test_the_same_tracks_give_the_same_bytes(tmp_path):
 def test_no_rows_give_a_log_that_reads(tmp_path):
     write_tracks(some_tracks()[:0], tmp_path / "a.mcap")
     assert messages_by_topic(tmp_path / "a.mcap") == {}
-
-
-def test_an_existing_file_is_kept_without_force(tmp_path):
-    path = tmp_path / "a.mcap"
-    path.write_bytes(b"precious")
-    with pytest.raises(OutputExistsError, match=r"a\.mcap"):
-        write_tracks(some_tracks(), path)
-    assert path.read_bytes() == b"precious"
-    write_tracks(some_tracks(), path, force=True)
-    assert len(messages_by_topic(path)["/objects"]) == 30
-    assert list(tmp_path.iterdir()) == [path]
-
-
-def test_a_folder_that_is_missing_is_reported(tmp_path):
-    with pytest.raises(NotADirectoryError, match="existing folder"):
-        write_tracks(some_tracks(), tmp_path / "nowhere" / "a.mcap")
 
 
 def test_a_negative_time_is_refused_and_nothing_stays(tmp_path):

@@ -13,7 +13,7 @@ Source: https://docs.foxglove.dev/docs/sdk/schemas/scene-update and https://gith
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -44,8 +44,9 @@ def _by_bodies_and_notes(columns: FieldColumns, message: IntArray, known: dict[s
         facing = np.where(is_noted, notes.numbers(HEADING_NOTE), facing)
     known |= {
         "place": _of_body(columns, *_PLACES), "direction": notes.numbers("direction_rad"),
-        "speed": notes.numbers("speed_mps"), "group": notes.groups(), "label": notes.texts("category"),
-        "size": _sizes(columns, notes), "heading": facing,
+        "speed": notes.numbers("speed_mps"), "size": _sizes(columns, notes), "heading": facing,
+        "group": notes.read("group", _group, np.zeros(message.size, np.int64)),
+        "label": notes.read("category", str, np.full(message.size, "", columns.names("value").dtype)),
     }  # fmt: skip
     is_body = columns.is_set("cube")
     for other in ("cylinder", "model"):
@@ -76,36 +77,21 @@ class _Notes:
     """The metadata of the entities."""
 
     def __init__(self, columns: FieldColumns, n: int) -> None:
-        self._n = n
-        self._entity = columns.parent_of(_NOTES)
-        self._key = columns.names("key")
-        self._value = columns.names("value")
+        self._n, self._entity = n, columns.parent_of(_NOTES)
+        self._key, self._value = columns.names("key"), columns.names("value")
 
     def has(self, key: str) -> BoolArray:
         """(n,) which entities have a note."""
-        found = np.zeros(self._n, np.bool_)
-        found[self._entity[self._key == key]] = True
-        return found
+        return self.read(key, lambda _: True, np.zeros(self._n, np.bool_))
 
     def numbers(self, key: str) -> FloatArray:
-        """(n,) a number of each entity; NaN, so unknown, where it is missing or no number."""
-        is_key = self._key == key
-        found = np.full(self._n, np.nan)
-        found[self._entity[is_key]] = [_number(text) for text in self._value[is_key].tolist()]
-        return found
+        """(n,) NaN, so unknown, where it is missing or no number."""
+        return self.read(key, _number, np.full(self._n, np.nan))
 
-    def texts(self, key: str) -> AnyArray:
-        """(n,) a text of each entity; empty where it is missing."""
+    def read(self, key: str, parse: Callable[[str], object], found: AnyArray) -> AnyArray:
+        """The array (n,), with what the note of each entity says where it has one."""
         is_key = self._key == key
-        found = np.full(self._n, "", dtype=self._value.dtype)
-        found[self._entity[is_key]] = self._value[is_key]
-        return found
-
-    def groups(self) -> IntArray:
-        """(n,) the group of each entity; 0 where it has none, or none that is a number."""
-        is_key = self._key == "group"
-        found = np.zeros(self._n, np.int64)
-        found[self._entity[is_key]] = [_group(text) for text in self._value[is_key].tolist()]
+        found[self._entity[is_key]] = [parse(text) for text in self._value[is_key].tolist()]
         return found
 
 
