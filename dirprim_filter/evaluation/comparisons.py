@@ -12,9 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray
 from dirprim_filter.evaluation.experiment import SMOOTHED_SUFFIX, MethodResult, TrackingTable
-from dirprim_filter.evaluation.intervals import Interval, clustered, difference_of_means, interval, reduction_of_rmse
+from dirprim_filter.evaluation.intervals import Interval, difference_of_means, paired, reduction_of_rmse
 from dirprim_filter.evaluation.scoring import RowErrors
 
 SAID = {"prior": "the map", "place-free": "the same filter without the map"}
@@ -78,16 +77,13 @@ def compared(table: TrackingTable, first: str, other: str) -> TrackingComparison
 
 
 def _nearer(seeds: Sequence[tuple[RowErrors, RowErrors]], *, is_hidden: bool) -> Interval | None:
-    clusters: list[AnyArray] = []
-    columns: list[FloatArray] = []
-    for a, b in seeds:
-        both: BoolArray = (a.is_hidden == is_hidden) & np.isfinite(a.squared) & np.isfinite(b.squared)
-        clusters.append(a.cluster[both])
-        ones = np.ones(int(both.sum()))
-        columns.append(np.stack([a.squared[both], ones, b.squared[both], ones]))
-    if not clusters or not any(cluster.size for cluster in clusters):
-        return None
-    return interval(clustered(np.concatenate(clusters), np.concatenate(columns, axis=1)), reduction_of_rmse)
+    rows = [a.is_hidden == is_hidden for a, _ in seeds]
+    columns = [(a.cluster[of], a.squared[of], b.squared[of]) for (a, b), of in zip(seeds, rows, strict=True)]
+    cluster, first, other = (
+        (np.concatenate(column) for column in zip(*columns, strict=True)) if seeds else [np.empty(0)] * 3
+    )
+    found = paired(cluster, first, other, reduction_of_rmse)
+    return found if found.n_clusters else None
 
 
 def _hota(table: TrackingTable, a: MethodResult, b: MethodResult) -> Interval:
@@ -96,8 +92,7 @@ def _hota(table: TrackingTable, a: MethodResult, b: MethodResult) -> Interval:
     groups = np.array([group for seed in table.groups for group in seed])
     runs = np.repeat(np.arange(len(table.groups)), [len(seed) for seed in table.groups])
     cluster = groups if np.unique(groups).size > 1 else runs
-    ones = np.ones(own.size)
-    return interval(clustered(cluster, [own, ones, others, ones]), difference_of_means)
+    return paired(cluster, own, others, difference_of_means)
 
 
 def _said(name: str) -> str:

@@ -19,8 +19,7 @@ from typing import Any, Literal, NamedTuple, get_args, get_type_hints
 import numpy as np
 
 from dirprim_filter.arrays import FloatArray, IntArray
-from dirprim_filter.evaluation.baselines.uninformative import Uninformative
-from dirprim_filter.evaluation.density_rivals import DirectionModel, Fit, Method, MotionModel, rivals
+from dirprim_filter.evaluation.density_rivals import DirectionModel, Fit, Method, MotionModel, Uninformative, rivals
 from dirprim_filter.evaluation.intervals import Interval, clustered, interval, mean
 from dirprim_filter.evaluation.settings import Choice, choose
 from dirprim_filter.evaluation.splits import Fold, SplitBy, honest_split, split, thinned

@@ -8,11 +8,13 @@ where directions repeat exactly the likelihood grows without bound as modes grow
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
 from dirprim_filter.arrays import FloatArray
+from dirprim_filter.distributions.angles import TWO_PI
 from dirprim_filter.evaluation.baselines.cliff_map import CliffMap
 from dirprim_filter.evaluation.baselines.directional_grid_map import DirectionalGridMap
 from dirprim_filter.evaluation.baselines.gaussian_process import DirectionalGaussianProcess
@@ -69,40 +71,50 @@ def rivals() -> list[Method]:
     """Published methods; of CLiFF-map direction and speed, of the others direction alone."""
     narrowest = Axis("least deviation, rad", start=0.02, least=1e-4)
     return [
-        Method("CLiFF-map", _fit_cliff_map, (
-            CELL_SIZE, Axis("speed that counts as 1 rad, m/s", start=20.0, factor=4.0),
-            Axis("bandwidth, rad", start=0.2, least=1e-4), narrowest, PSEUDO_COUNT,
-        )),
-        Method("STeF-map", _fit_stef_map, (CELL_SIZE, PSEUDO_COUNT)),
-        Method("DGM", _fit_grid_map, (
-            CELL_SIZE, Axis("greatest concentration", start=1e3, factor=3.0, most=1e8), PSEUDO_COUNT,
-        )),
-        Method("GP", _fit_process, (
-            Axis("length, m", start=10.0, least=0.1), Axis("noise", start=0.1, least=1e-4),
-        )),
+        Method(
+            "CLiFF-map",
+            _fit(CliffMap.fit, "cell_size", "speed_unit", "bandwidth", "least_deviation", "pseudo_count", speed=True),
+            (CELL_SIZE, Axis("speed that counts as 1 rad, m/s", start=20.0, factor=4.0),
+             Axis("bandwidth, rad", start=0.2, least=1e-4), narrowest, PSEUDO_COUNT),
+        ),
+        Method("STeF-map", _fit(StefMap.fit, "cell_size", "pseudo_count"), (CELL_SIZE, PSEUDO_COUNT)),
+        Method(
+            "DGM", _fit(DirectionalGridMap.fit, "cell_size", "max_concentration", "pseudo_count"),
+            (CELL_SIZE, Axis("greatest concentration", start=1e3, factor=3.0, most=1e8), PSEUDO_COUNT),
+        ),
+        Method(
+            "GP", _fit(DirectionalGaussianProcess.fit, "length", "noise", rng=True),
+            (Axis("length, m", start=10.0, least=0.1), Axis("noise", start=0.1, least=1e-4)),
+        ),
     ]  # fmt: skip
 
 
-def _fit_cliff_map(train: Tracks, values: tuple[float, ...], _rng: np.random.Generator) -> CliffMap:
-    cell_size, speed_unit, bandwidth, least_deviation, pseudo_count = values
-    return CliffMap.fit(
-        train.position, train.direction, train.speed, cell_size=cell_size, speed_unit=speed_unit, bandwidth=bandwidth,
-        least_deviation=least_deviation, pseudo_count=pseudo_count,
-    )  # fmt: skip
+def _fit(fit: Callable[..., DirectionModel], *names: str, speed: bool = False, rng: bool = False) -> Fit:
+    """Fits to positions and directions, perhaps speeds, with the settings of these names."""
+
+    def learn(train: Tracks, values: tuple[float, ...], own: np.random.Generator) -> DirectionModel:
+        rows = (train.position, train.direction, train.speed)[: 2 + speed]
+        return fit(*rows, **dict(zip(names, values, strict=True)), **({"rng": own} if rng else {}))
+
+    return learn
 
 
-def _fit_stef_map(train: Tracks, values: tuple[float, ...], _rng: np.random.Generator) -> StefMap:
-    cell_size, pseudo_count = values
-    return StefMap.fit(train.position, train.direction, cell_size=cell_size, pseudo_count=pseudo_count)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Uninformative:
+    """1 / (2 pi) = 0.159 for every direction, and a uniform density of speed from 0 to `max_speed`, m/s."""
 
+    max_speed: float
 
-def _fit_grid_map(train: Tracks, values: tuple[float, ...], _rng: np.random.Generator) -> DirectionalGridMap:
-    cell_size, bound, pseudo_count = values
-    return DirectionalGridMap.fit(
-        train.position, train.direction, cell_size=cell_size, max_concentration=bound, pseudo_count=pseudo_count
-    )
+    def direction_log_density(self, position: FloatArray, direction: FloatArray) -> FloatArray:
+        """Natural log of p(direction | position), per radian. (..., 2), (...) -> (...)."""
+        return np.full(np.broadcast_shapes(position.shape[:-1], direction.shape), -np.log(TWO_PI))
 
+    def speed_log_density(self, position: FloatArray, speed: FloatArray) -> FloatArray:
+        """Natural log of p(speed | position), per m/s; -inf out of range. (..., 2), (...) -> (...)."""
+        inside = (speed >= 0) & (speed <= self.max_speed)
+        shape = np.broadcast_shapes(position.shape[:-1], speed.shape)
+        return np.broadcast_to(np.where(inside, -np.log(self.max_speed), -np.inf), shape)
 
-def _fit_process(train: Tracks, values: tuple[float, ...], rng: np.random.Generator) -> DirectionalGaussianProcess:
-    length, noise = values
-    return DirectionalGaussianProcess.fit(train.position, train.direction, length=length, noise=noise, rng=rng)
+    def log_density(self, position: FloatArray, direction: FloatArray, speed: FloatArray) -> FloatArray:
+        """Natural log of p(direction, speed | position), per radian and m/s. (..., 2), (...), (...) -> (...)."""
+        return self.direction_log_density(position, direction) + self.speed_log_density(position, speed)

@@ -11,17 +11,16 @@ import numpy as np
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import EstimateSink
-from dirprim_filter.evaluation.baselines.raw_detections import as_reported
-from dirprim_filter.evaluation.methods import RAW, SMOOTHED, filters, maps_of
-from dirprim_filter.evaluation.rivals import FittedRival
-from dirprim_filter.evaluation.scenes import Scene, followed
+from dirprim_filter.evaluation.rivals import RAW, RIVALS, SMOOTHED, FittedRival, MakeFilter, Method, fitted
+from dirprim_filter.evaluation.scenes import Scene, as_reported, followed
 from dirprim_filter.evaluation.scoring import RowErrors, TrackedWorld, report, row_errors
 from dirprim_filter.evaluation.settings import Choice
 from dirprim_filter.evaluation.splits import honest_split
 from dirprim_filter.evaluation.steps import StepCount
 from dirprim_filter.evaluation.tracking_experiment import Detector, TrackingExperiment
 from dirprim_filter.evaluation.tracking_report import TrackingReport
-from dirprim_filter.primitives import PrimitiveMap
+from dirprim_filter.filtering.particle_filter import bayes_filter_of
+from dirprim_filter.primitives import PrimitiveMap, learn_primitives
 from dirprim_filter.tracks import Tracks
 
 SMOOTHED_SUFFIX = " smoothed"
@@ -118,29 +117,25 @@ def evaluate_tracking(
     """
     if sinks and experiment.methods[0] == RAW:
         raise ValueError(f"methods: expected a tracker first, whose run can be written, got {RAW}")
-    results: dict[str, MethodResult] = {}
+    runs: dict[str, list[tuple[TrackingReport, tuple[TrackingReport, ...], RowErrors]]] = {}
 
     def add(name: str, tracked: list[TrackedWorld]) -> None:
         scored = partial(report, with_ids=experiment.with_ids, scales=experiment.scales)
-        so_far = results.get(name, MethodResult(name=name, reports=()))
-        results[name] = replace(
-            so_far, reports=(*so_far.reports, scored(tracked)),
-            by_group=(*so_far.by_group, tuple(scored([world]) for world in tracked)),
-            errors=(*so_far.errors, row_errors(tracked, with_ids=experiment.with_ids, scales=experiment.scales)),
-        )  # fmt: skip
+        errors = row_errors(tracked, with_ids=experiment.with_ids, scales=experiment.scales)
+        runs.setdefault(name, []).append((scored(tracked), tuple(scored([world]) for world in tracked), errors))
 
     groups: list[tuple[int, ...]] = []
     settings: list[dict[str, tuple[Choice, ...]]] = []
     n_vehicles = n_gaps = 0
-    steps = StepCount(experiment.n_seeds * (2 + len(experiment.methods)), progress)
+    steps = StepCount(experiment.n_seeds * (1 + len(experiment.methods)), progress)
     for i in range(experiment.n_seeds):
         deal, learn, sense, fit, filtering, one_cell = np.random.default_rng([experiment.seed, i]).spawn(6)
         train, test = (tracks, tracks) if primitive_map else held_out(tracks, share=experiment.learn, rng=deal)
-        maps = maps_of(experiment.methods, primitive_map, train, rng=learn, one_cell_rng=one_cell)
-        steps.add()
         scenes = _scenes(test, experiment, sensor, seed=int(sense.integers(2**63)))
+        made = _on_map(experiment, primitive_map, train, rng=learn, one_cell_rng=one_cell)
+        rivals = [name for name in RIVALS if name in experiment.methods]
         seen = _seen_in_training(train, experiment, sensor, rng=fit)
-        made = filters(experiment.methods, maps, seen, train, experiment.filter, sensor=experiment.sensor)
+        made |= {name: fitted(name, seen, train, experiment.filter) for name in rivals}
         steps.add()
         groups.append(tuple(scene.group for scene in scenes))
         settings.append({name: of.settings for name, of in made.items() if isinstance(of, FittedRival)})
@@ -158,11 +153,29 @@ def evaluate_tracking(
                 if smooth:
                     add(method + SMOOTHED_SUFFIX, tracked.smoothed)
             steps.add()
+    results = [
+        MethodResult(name=name, reports=reports, by_group=by_group, errors=errors)
+        for name, of in runs.items() for reports, by_group, errors in [zip(*of, strict=True)]
+    ]  # fmt: skip
     return TrackingTable(
         experiment=experiment, map_learned=primitive_map is None,
         split_by="" if primitive_map else honest_split(tracks), groups=tuple(groups), n_vehicles=n_vehicles,
-        n_gaps=n_gaps, methods=tuple(results.values()), settings=tuple(settings),
+        n_gaps=n_gaps, methods=tuple(results), settings=tuple(settings),
     )  # fmt: skip
+
+
+def _on_map(
+    experiment: TrackingExperiment, given: PrimitiveMap | None, train: Tracks, *, rng: np.random.Generator,
+    one_cell_rng: np.random.Generator,
+) -> dict[Method, MakeFilter]:  # fmt: skip
+    """What makes the filters of the methods on a map: given, or learned from the training vehicles."""
+    maps: dict[Method, PrimitiveMap] = {}
+    if {"prior", "place-free"}.intersection(experiment.methods):
+        learned = given or learn_primitives(train, rng=rng)
+        maps = {"prior": learned, "place-free": learned.without_places()}
+    if "one cell" in experiment.methods:
+        maps["one cell"] = learn_primitives(train, tessellation="grid", n_cells=1, rng=one_cell_rng)
+    return {name: partial(bayes_filter_of, of, experiment.filter, experiment.sensor) for name, of in maps.items()}
 
 
 def _scenes(tracks: Tracks, experiment: TrackingExperiment, sensor: Detector, *, seed: int) -> list[Scene]:

@@ -17,7 +17,7 @@ from dirprim_filter.arrays import AnyArray, FloatArray
 from dirprim_filter.evaluation import _kernels
 from dirprim_filter.evaluation.forecast_cases import HORIZONS_S, Cases
 from dirprim_filter.evaluation.forecast_methods import METHODS, Fit
-from dirprim_filter.evaluation.intervals import Interval, clustered, interval, reduction_of_mean
+from dirprim_filter.evaluation.intervals import Interval, paired, reduction_of_mean
 from dirprim_filter.evaluation.settings import Choice
 from dirprim_filter.evaluation.splits import SplitBy, split
 from dirprim_filter.evaluation.steps import StepCount
@@ -191,10 +191,8 @@ def score_cases(sample: FloatArray, later: FloatArray) -> FloatArray:
 def _at_horizon(horizon_s: float, first: FloatArray, own: FloatArray, cluster: AnyArray) -> HorizonScore:
     """Of a method beside the first: (n, 5) scores of both, (n,) what is independent."""
     known = np.isfinite(own[:, 0])
-    ones = np.ones(int(known.sum()))
-    sums = clustered(cluster[known], [first[known, 0], ones, own[known, 0], ones])
     means = np.nanmean(own[known], axis=0)  # past a hole in the log there is no mean over the horizons so far
     return HorizonScore(
-        horizon_s=horizon_s, n_cases=ones.size, gain=interval(sums, reduction_of_mean),
+        horizon_s=horizon_s, n_cases=int(known.sum()), gain=paired(cluster, first[:, 0], own[:, 0], reduction_of_mean),
         **{name: float(value) for name, value in zip(SCORES, means, strict=True)},
     )  # fmt: skip

@@ -75,6 +75,13 @@ def interval(sums: FloatArray, statistic: Statistic) -> Interval:
     return Interval(value, value - half, value + half, n)
 
 
+def paired(cluster: AnyArray, first: FloatArray, other: FloatArray, statistic: Statistic) -> Interval:
+    """One method beside another at the rows that both have (not NaN). (n,) each; the statistic is one of the next."""
+    both = np.isfinite(first) & np.isfinite(other)
+    ones = np.ones(int(both.sum()))
+    return interval(clustered(cluster[both], [first[both], ones, other[both], ones]), statistic)
+
+
 def difference_of_means(total: FloatArray) -> FloatArray:
     """Totals (..., 4) of a value and a number of one method and of another -> the first's mean less the other's."""
     return np.asarray(_ratio(total[..., 0], total[..., 1]) - _ratio(total[..., 2], total[..., 3]))

@@ -1,7 +1,7 @@
-"""The Kalman filters that a map is compared with, each with the noise under which training vehicles are likeliest.
+"""What a tracking experiment compares, and the Kalman filters among it, fitted to training vehicles.
 
-All are of filterpy, in `filtering.kalman`. What is maximised is the evidence: the density of each measured position of
-a vehicle, given those before it, with the gaps and misses that the filter will meet.
+The Kalman filters are of filterpy, in `filtering.kalman`. What is maximised is the evidence: the density of each
+measured position of a vehicle, given those before it, with the gaps and misses that the filter will meet.
 """
 
 from __future__ import annotations
@@ -21,6 +21,15 @@ from dirprim_filter.tracks import Tracks
 
 Rival = Literal["constant velocity", "constant turn", "interacting models"]
 RIVALS: tuple[Rival, ...] = get_args(Rival)
+RAW: Literal["raw detections"] = "raw detections"
+"""No filter: what is reported is the estimate."""
+OnMap = Literal["prior", "place-free", "one cell"]
+"""The map, the same filter without the map, and the same learning with a single cell."""
+Method = Literal[OnMap, Rival, "raw detections"]
+METHODS: tuple[Method, ...] = (*get_args(OnMap), *RIVALS, RAW)
+SMOOTHED: tuple[Method, ...] = ("prior", "place-free", "constant velocity")
+"""Those whose smoother is evaluated beside them."""
+MakeFilter = Callable[[], BayesFilter]
 FIRST_TURN = 0.03
 """rad^2/s^3, where the search for the noise of the rate of turn begins."""
 MODELS: dict[Rival, Callable[..., BayesFilter]] = {

@@ -10,7 +10,7 @@ import numpy as np
 
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
-from dirprim_filter.evaluation.methods import METHODS, Method
+from dirprim_filter.evaluation.rivals import METHODS, Method
 from dirprim_filter.evaluation.tracking_report import Scales
 from dirprim_filter.sensor import Sensor
 from dirprim_filter.tracks import Tracks

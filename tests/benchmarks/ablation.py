@@ -34,9 +34,8 @@ from ablation_scenes import SCENES, Outcome
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.evaluation.intervals import (
     Interval,
-    clustered,
     difference_of_means,
-    interval,
+    paired,
     reduction_of_mean,
     reduction_of_rmse,
 )
@@ -144,20 +143,17 @@ def kept_run(task: tuple[str, str, int, Path | None]) -> tuple[str, dict[str, Ou
 
 def without(name: str, seeds: list[dict[str, Outcome]], figure: str) -> Interval | None:
     """By how much worse a figure is without a mechanism: positive where the mechanism gains."""
-    clusters, columns = [], []
+    columns = []
     for number, found in enumerate(seeds):
-        if name not in found or figure not in found[ON] or figure not in found[name]:
-            continue
-        own, other = found[name][figure], found[ON][figure]
-        both = np.isfinite(own.value) & np.isfinite(other.value)
-        if not both.any():
-            continue
-        ones = np.ones(int(both.sum()))
-        clusters.append(own.cluster[both] if own.cluster.dtype.kind == "U" else np.full(ones.size, str(number)))
-        columns.append(np.stack([own.value[both], ones, other.value[both], ones]))
-    if not clusters:
+        if name in found and figure in found[ON] and figure in found[name]:
+            own, other = found[name][figure], found[ON][figure]
+            named = own.cluster if own.cluster.dtype.kind == "U" else np.full(own.value.size, str(number))
+            columns.append((named, own.value, other.value))
+    if not columns:
         return None
-    change = interval(clustered(np.concatenate(clusters), np.concatenate(columns, axis=1)), STATISTICS[figure])
+    change = paired(*(np.concatenate(column) for column in zip(*columns, strict=True)), STATISTICS[figure])
+    if not change.n_clusters:
+        return None
     sign = 1.0 if figure == "lost" else -1.0  # rows lost rise; errors are reduced by less than nothing, the others fall
     low, high = sorted((sign * change.low, sign * change.high))
     return Interval(sign * change.value, low, high, change.n_clusters)

@@ -48,6 +48,7 @@ from dirprim_filter.evaluation.intervals import (
     difference_of_means,
     interval,
     mean,
+    paired,
     reduction_of_mean,
 )
 from dirprim_filter.evaluation.metrics.clear_mot import clear_mot
@@ -244,7 +245,7 @@ def of_buses(_: int) -> list[Table]:
     against = {}
     for rival, values in log_p.items():
         if rival != WITH:
-            against[rival] = interval(clustered(trip, [log_p[WITH], one, values, one]), difference_of_means)
+            against[rival] = paired(trip, log_p[WITH], values, difference_of_means)
     density.gains = {f"{WITH} against {rival}, nat a row": gain for rival, gain in against.items()}
     fair = [rival for rival in against if not rival.endswith("filled")]
     density.says = [note, verdict("Buses, density", {r: against[r] for r in fair}, of="nat a row", percent=False)]
@@ -258,7 +259,10 @@ def of_buses(_: int) -> list[Table]:
             ahead.rows[name] |= {f"{horizon:g} s": of.value, f"{horizon:g} s +-": of.half_width}
     for first in (WITH, f"{WITH}, trips filled"):
         for h, horizon in enumerate(buses.HORIZONS_S):
-            found = {rival: _less_energy(trip, energy[first][:, h], energy[rival][:, h]) for rival in rivals_of(first)}
+            found = {
+                rival: paired(trip, energy[first][:, h], energy[rival][:, h], reduction_of_mean)
+                for rival in rivals_of(first)
+            }
             ahead.gains |= {f"{horizon:g} s, {first} against {rival}, less": gain for rival, gain in found.items()}
             ahead.says.append(verdict(f"Buses, {horizon:g} s ahead, {first}", found))
     return [density, ahead]
@@ -267,12 +271,6 @@ def of_buses(_: int) -> list[Table]:
 def rivals_of(first: str) -> tuple[str, ...]:
     """The same rows without the map, and what needs none."""
     return (first.replace(WITH, WITHOUT), STRAIGHT, "trajectory memory")
-
-
-def _less_energy(trip: Any, first: Any, other: Any) -> Interval:
-    known = np.isfinite(first) & np.isfinite(other)
-    one = np.ones(int(known.sum()))
-    return interval(clustered(trip[known], [first[known], one, other[known], one]), reduction_of_mean)
 
 
 SETS: dict[str, tuple[Path, Callable[[int], Iterable[Table]]]] = {

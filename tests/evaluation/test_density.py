@@ -5,7 +5,6 @@ import pytest
 from scipy import stats
 
 from dirprim_filter.evaluation.baselines import gaussian_process
-from dirprim_filter.evaluation.baselines.uninformative import Uninformative
 from dirprim_filter.evaluation.density import (
     Method,
     all_methods,
@@ -13,7 +12,7 @@ from dirprim_filter.evaluation.density import (
     evaluate_density,
     rows_to_judge,
 )
-from dirprim_filter.evaluation.density_rivals import MotionModel
+from dirprim_filter.evaluation.density_rivals import MotionModel, Uninformative
 from dirprim_filter.evaluation.intervals import Interval
 from dirprim_filter.evaluation.settings import Axis
 from dirprim_filter.tracks import Tracks
