@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
+from dirprim_filter.columns import unknown
 from dirprim_filter.distributions.angles import wrap
-from dirprim_filter.optional_columns import unknown
 
 logger = logging.getLogger(__name__)
 

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dirprim_filter.arrays import AnyArray, ArrayTable, BoolArray, FloatArray, IntArray, as_floats
-from dirprim_filter.optional_columns import chosen, is_held, joined, unknown
-from dirprim_filter.sizes import as_sizes
+from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
+from dirprim_filter.columns import ArrayTable, check_sizes, groups, is_held, optional, required
 from dirprim_filter.track_ids import as_texts, world_names
-from dirprim_filter.tracks import Tracks, as_groups, as_times, check_lengths
+from dirprim_filter.tracks import Tracks
 
 NO_TIME = -(1 << 63)
 """Nanoseconds before every frame's: how far a log has come before its first."""
@@ -45,65 +44,38 @@ class Detections(ArrayTable):
 
     track_id: AnyArray
     time_ns: IntArray
-    position: FloatArray
-    direction: FloatArray = field(default_factory=lambda: np.empty(0))
-    speed: FloatArray = field(default_factory=lambda: np.empty(0))
-    covariance: FloatArray = field(default_factory=lambda: np.empty((0, 2, 2)))
-    size: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
-    cue: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
-    group: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
+    position: FloatArray = required(2)
+    direction: FloatArray = optional()
+    speed: FloatArray = optional()
+    covariance: FloatArray = optional(2, 2)
+    size: FloatArray = optional(3)
+    cue: FloatArray = optional(2)
+    group: IntArray = groups()
 
     def __post_init__(self) -> None:
-        columns = {
-            "track_id": as_texts(np.asarray(self.track_id)),
-            "time_ns": as_times("time_ns", self.time_ns),
-            "position": as_floats("position", self.position, "n 2"),
-        }
-        n = len(columns["position"])
-        for name, rest in (("direction", ()), ("speed", ()), ("covariance", (2, 2)), ("cue", (2,))):
-            columns[name] = _where_known(name, getattr(self, name), (n, *rest))
-        columns["size"] = as_sizes(self.size, n)
-        columns["group"] = as_groups(self.group, n)
-        check_lengths(columns)
-        if (np.abs(columns["direction"]) > LARGEST_ANGLE).any():
-            largest = np.nanmax(np.abs(columns["direction"]))
+        super(Detections, self).__post_init__()
+        if (np.abs(self.direction) > LARGEST_ANGLE).any():
+            largest = np.nanmax(np.abs(self.direction))
             raise ValueError(
                 f"direction: expected radians, at most a turn, got {largest:g}; np.deg2rad converts degrees"
             )
-        if (columns["speed"] < 0).any():
-            raise ValueError(f"speed: expected at least 0 m/s, got {np.nanmin(columns['speed'])}")
-        if is_held(columns["cue"]) and (columns["cue"][:, 1] < 0).any():
-            raise ValueError(f"cue: expected a concentration of at least 0, got {np.nanmin(columns['cue'][:, 1])}")
-        known = ~np.isnan(columns["covariance"][:, 0, 0])
-        if known.any() and not is_covariance(columns["covariance"][known]).all():
+        if (self.speed < 0).any():
+            raise ValueError(f"speed: expected at least 0 m/s, got {np.nanmin(self.speed)}")
+        check_sizes(self.size)
+        if is_held(self.cue) and (self.cue[:, 1] < 0).any():
+            raise ValueError(f"cue: expected a concentration of at least 0, got {np.nanmin(self.cue[:, 1])}")
+        known = ~np.isnan(self.covariance[:, 0, 0])
+        if known.any() and not is_covariance(self.covariance[known]).all():
             raise ValueError("covariance: expected symmetric positive definite matrices, or NaN where unknown")
-        for name, column in columns.items():
-            object.__setattr__(self, name, column)
 
-    def __len__(self) -> int:
-        return int(self.time_ns.size)
-
-    def __getitem__(self, rows: BoolArray | IntArray) -> Detections:
-        """The chosen rows, by mask or indices."""
-        return Detections(**{f.name: chosen(getattr(self, f.name), rows) for f in fields(self)})
+    @staticmethod
+    def _as_ids(value: AnyArray) -> AnyArray:
+        return as_texts(value)
 
     @classmethod
     def of(cls, tracks: Tracks) -> Detections:
         """The positions of tracks, without their direction and speed."""
         return cls(track_id=tracks.track_id, time_ns=tracks.time_ns, position=tracks.position, group=tracks.group)
-
-    @classmethod
-    def none(cls) -> Detections:
-        """No detection."""
-        return cls(track_id=np.empty(0, np.str_), time_ns=np.empty(0, np.int64), position=np.empty((0, 2)))
-
-    @classmethod
-    def concatenate(cls, parts: Iterable[Detections]) -> Detections:
-        """All rows of all parts, in their order."""
-        parts = list(parts)
-        if not parts:
-            return cls.none()
-        return cls(**{f.name: joined([getattr(part, f.name) for part in parts]) for f in fields(cls)})
 
     def in_one_world(self) -> Detections:
         """The same rows as of no group, under the names that `world_names` gives them."""
@@ -159,15 +131,3 @@ def is_covariance(matrix: FloatArray) -> BoolArray:
     xx, xy, yx, yy = (matrix[:, i, j] for i in (0, 1) for j in (0, 1))
     with np.errstate(over="ignore", invalid="ignore"):  # of errors beyond all magnitudes
         return np.asarray(np.isfinite(matrix).all(axis=(1, 2)) & (xy == yx) & (xx > 0) & (xx * yy > xy * xy))
-
-
-def _where_known(name: str, value: FloatArray, shape: tuple[int, ...]) -> FloatArray:
-    """The column, NaN where not reported; a column of no rows stands for one that is not reported at all."""
-    column = np.asarray(value, dtype=np.float64)
-    if column.shape[:1] == (0,) and shape[0]:
-        return unknown(*shape)
-    if column.shape != shape:
-        raise ValueError(f"{name}: expected shape {shape}, got {column.shape}")
-    if np.isinf(column).any():
-        raise ValueError(f"{name}: expected finite numbers, or NaN where unknown, got an infinite one")
-    return column

@@ -9,10 +9,10 @@ from typing import Protocol
 
 import numpy as np
 
-from dirprim_filter.arrays import AnyArray, ArrayTable, ArrayValue, BoolArray, FloatArray, IntArray, as_floats
+from dirprim_filter.arrays import AnyArray, ArrayValue, BoolArray, FloatArray, IntArray
+from dirprim_filter.columns import ArrayTable, optional, required
 from dirprim_filter.detections import Detections
 from dirprim_filter.track_ids import as_texts, as_track_ids
-from dirprim_filter.tracks import as_times, check_lengths
 
 COASTING_FROM_S = 0.5
 """A vehicle that was not measured for longer is coasting: one detection that fails to come says little."""
@@ -44,63 +44,26 @@ class Estimates(ArrayTable):
 
     track_id: AnyArray
     time_ns: IntArray
-    position: FloatArray
-    covariance: FloatArray
-    direction: FloatArray
-    direction_resultant: FloatArray
-    speed: FloatArray
-    speed_std: FloatArray
-    effective_sample_size: FloatArray
-    log_evidence: FloatArray
-    existence: FloatArray = field(default_factory=lambda: np.empty(0))
-    unseen_s: FloatArray = field(default_factory=lambda: np.empty(0))
-    follows_map: FloatArray = field(default_factory=lambda: np.empty(0))
+    position: FloatArray = required(2)
+    covariance: FloatArray = required(2, 2)
+    direction: FloatArray = required()
+    direction_resultant: FloatArray = required()
+    speed: FloatArray = required()
+    speed_std: FloatArray = required()
+    effective_sample_size: FloatArray = required()
+    log_evidence: FloatArray = required()
+    existence: FloatArray = optional(missing=1.0)
+    unseen_s: FloatArray = optional(missing=0.0)
+    follows_map: FloatArray = optional(missing=0.0)
 
-    def __post_init__(self) -> None:
-        columns: dict[str, AnyArray] = {
-            "track_id": as_track_ids(self.track_id),
-            "time_ns": as_times("time_ns", self.time_ns),
-            "position": as_floats("position", self.position, "n 2"),
-            "covariance": as_floats("covariance", self.covariance, "n 2 2"),
-        }
-        n = columns["time_ns"].size
-        for f in fields(self)[len(columns) :]:
-            columns[f.name] = as_floats(f.name, getattr(self, f.name), "n")
-        for name, certain in (("existence", 1.0), ("unseen_s", 0.0), ("follows_map", 0.0)):
-            if columns[name].size == 0:
-                columns[name] = np.full(n, certain)
-        check_lengths(columns)
-        for name, column in columns.items():
-            object.__setattr__(self, name, column)
-
-    def __len__(self) -> int:
-        return int(self.time_ns.size)
+    @staticmethod
+    def _as_ids(value: AnyArray) -> AnyArray:
+        return as_track_ids(value)
 
     @property
     def is_coasting(self) -> BoolArray:
         """(n,) predicted by the motion model alone for some time, because nothing was measured."""
         return np.asarray(self.unseen_s > COASTING_FROM_S)
-
-    def __getitem__(self, rows: BoolArray | IntArray) -> Estimates:
-        """The chosen rows, by mask or indices."""
-        return Estimates(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
-
-    @classmethod
-    def concatenate(cls, parts: Iterable[Estimates]) -> Estimates:
-        """All rows of all parts, in their order; no part gives no row."""
-        parts = list(parts)
-        if not parts:
-            empty = np.empty(0)
-            return cls(
-                track_id=np.empty(0, np.int64), time_ns=np.empty(0, np.int64),
-                position=np.empty((0, 2)), covariance=np.empty((0, 2, 2)),
-                direction=empty, direction_resultant=empty, speed=empty, speed_std=empty,
-                effective_sample_size=empty, log_evidence=empty,
-            )  # fmt: skip
-        mixed = len({p.track_id.dtype.kind for p in parts}) > 1
-        columns = {f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(cls)[1:]}
-        ids = [p.track_id.astype(np.str_) if mixed else p.track_id for p in parts]
-        return cls(track_id=np.concatenate(ids), **columns)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

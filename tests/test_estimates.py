@@ -35,7 +35,7 @@ def test_numbers_among_names_become_text_and_no_part_gives_no_row():
 def test_a_column_of_another_length_is_refused_by_name(name):
     good = some([1, 2])
     columns = {f.name: getattr(good, f.name) for f in fields(Estimates)}
-    with pytest.raises(ValueError, match=rf"columns: expected one length n, got .*{name} \(1,"):
+    with pytest.raises(ValueError, match=name):
         Estimates(**columns | {name: columns[name][:1]})
 
 

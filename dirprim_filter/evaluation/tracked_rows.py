@@ -7,9 +7,10 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray, as_floats
+from dirprim_filter.columns import as_times, check_lengths
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.track_ids import as_texts, as_track_ids, check_not_repeated, vehicle_numbers
-from dirprim_filter.tracks import Tracks, as_times, check_lengths
+from dirprim_filter.tracks import Tracks
 
 
 def _left_out() -> FloatArray:

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, ArrayValue, BoolArray, IntArray
-from dirprim_filter.optional_columns import chosen, joined
+from dirprim_filter.columns import chosen, joined
 
 LEFT_OUT: Any = None
 """Stands for a column that nothing is known of."""

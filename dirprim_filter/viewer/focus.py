@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from dirprim_filter.arrays import BoolArray, FloatArray
+from dirprim_filter.columns import is_held
 from dirprim_filter.distributions.angles import TWO_PI
 from dirprim_filter.estimates import Estimates, TrackedFrame
-from dirprim_filter.optional_columns import is_held
 from dirprim_filter.track_ids import as_texts
 
 KEPT_S = 8.0

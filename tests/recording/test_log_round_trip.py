@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dirprim_filter.columns import is_held
 from dirprim_filter.detections import Detections
-from dirprim_filter.optional_columns import is_held
 from dirprim_filter.recording import read_tracks, write_tracks
 from dirprim_filter.recording.reader import stream_detections
 from dirprim_filter.tracks import Tracks

@@ -15,8 +15,8 @@ from test_osi_sensor_data import sensor_data_class
 from test_ros2_schemas import N_TIMES, NAMES, array_log, carla, detected, detection, marker, point, tracked
 
 from dirprim_filter.cli.main import run
+from dirprim_filter.columns import is_held
 from dirprim_filter.detections import Detections
-from dirprim_filter.optional_columns import is_held
 from dirprim_filter.recording import read_tracks, write_tracks
 from dirprim_filter.recording.foxglove.vehicles import VEHICLE_SIZE
 from dirprim_filter.recording.reader import inspect, stream_detections

@@ -16,13 +16,13 @@ from foxglove.messages import (
 )
 
 from dirprim_filter.arrays import FloatArray
+from dirprim_filter.columns import is_held
 from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.drawing import shapes
 from dirprim_filter.drawing.colors import track_color
 from dirprim_filter.drawing.names import short_name
 from dirprim_filter.drawing.sight import SURE_FROM, may_be_anywhere
 from dirprim_filter.estimates import Estimates
-from dirprim_filter.optional_columns import is_held
 from dirprim_filter.recording.foxglove.scene import HEIGHT, STRIP, entity, fresh_update, line, painted, pose
 from dirprim_filter.recording.foxglove.vehicles import VEHICLE_SIZE
 from dirprim_filter.recording.schemas.scene_update import DRAWN_NOTE

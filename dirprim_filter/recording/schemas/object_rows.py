@@ -9,9 +9,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
+from dirprim_filter.columns import known_sizes
 from dirprim_filter.recording.decoding.field_columns import NO_TIME
 from dirprim_filter.recording.rows import LEFT_OUT, Rows
-from dirprim_filter.sizes import known_sizes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, IntArray
+from dirprim_filter.columns import known_sizes
 from dirprim_filter.detections import Detections
 from dirprim_filter.recording.decoding.field_columns import NO_TIME
 from dirprim_filter.recording.losses import Losses
 from dirprim_filter.recording.transforms.geodesy import FARTHEST_M, Origin
 from dirprim_filter.recording.vehicle_rows import VehicleRows
-from dirprim_filter.sizes import known_sizes
 from dirprim_filter.track_ids import as_track_ids, repeated_rows
 from dirprim_filter.tracks import Tracks
 
