@@ -85,6 +85,7 @@ LEARNED = ("roundabout", "intersection", "Lankershim")
 ONE_PRIOR = LearningConfig(prior_strengths=(0.1,), parameter_costs=(1.0,))
 MECHANISMS: dict[str, Mechanism] = {
     "innovation outliers": Mechanism(filter={"innovation_outlier_rate": 0.0}),
+    "vehicles go their own way": Mechanism(filter={"own_way_rate": 0.0}),
     "measurement outliers": Mechanism(filter={"outlier_probability": 0.0}),
     "carried errors": Mechanism(scenes=("Mcity",), white=True),
     "beliefs begun anew when lost": Mechanism(tracking={"lost_after": PATIENT}),
