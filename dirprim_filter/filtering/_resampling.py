@@ -3,7 +3,7 @@
 Without it the few particles that go with a fast driver, or that a vehicle found again after a gap leaves, soon descend
 from one that is wrong, and the belief is sure of it. With weights w and d numbers to a particle, survivor x becomes
 
-    m + sqrt(1 - h^2) (x - m) + h L xi,    h = k (4 / (n (d + 2)))^(1 / (d + 4)),    L L^T = P
+    m + sqrt(1 - h^2) (x - m) + h L xi,    h = (4 / (n (d + 2)))^(1 / (d + 4)),    L L^T = P
 
 of mean m, covariance P and effective sample size n = 1 / sum w^2: m and P stay as they are. Places stand along and
 across the mean course, so that the belief turns with the world. Where errors last, what a particle carries is among the
@@ -27,8 +27,6 @@ from dirprim_filter.filtering._kernels import Cloud, effective_sample_size
 from dirprim_filter.filtering._measuring import Carried
 from dirprim_filter.primitives._manoeuvres import STANDING_BELOW
 
-KERNEL_SHARE = 0.7
-"""Of the kernel that is best for a Gaussian: beliefs have several modes, which that would blur."""
 FEW = 0.1
 """Share of the particles: where effectively fewer are left, as of a vehicle found again after a gap, they tell how it
 moves, not how it is seen, and the errors of copies are drawn as at birth."""
@@ -93,7 +91,7 @@ def resample(cloud: Cloud, carried: Carried, vehicle: IntArray, at_birth: tuple[
             c, s = states_of(cloud, carried, v, room, mean)
             covariance_of(cloud.weight[v], room, covariance)
             factorise(covariance, root)
-            h = KERNEL_SHARE * (4.0 / (effective * (d + 2.0))) ** (1.0 / (d + 4.0))
+            h = (4.0 / (effective * (d + 2.0))) ** (1.0 / (d + 4.0))
             draw(cloud, carried, v, room, mean, root, h, c, s)
             if d > ERROR:
                 place_errors(cloud, carried, v, room, mean, at_birth, effective < FEW * n)
