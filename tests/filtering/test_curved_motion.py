@@ -11,8 +11,6 @@ from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.filtering.particle_filter import ParticleFilter
 from dirprim_filter.filtering.rollouts import forecast_states
-from dirprim_filter.primitives import _manoeuvres
-from dirprim_filter.primitives.motion_table import motion_table
 from moving import only_places
 from situations import one_cell_map, ring_traffic
 
@@ -103,10 +101,3 @@ def test_a_belief_is_born_of_the_density_of_its_place(place):
     of_center, at_center = bent.direction_log_density(np.zeros(2), theta), bent.speed_log_density(np.zeros(2), v)
     assert stats.kstest(below(theta, of_center, cloud.direction[0]), "uniform").pvalue < FALSE_ALARM
     assert stats.kstest(below(v, at_center, cloud.speed[0]), "uniform").pvalue < FALSE_ALARM
-
-
-def test_beyond_its_cell_a_manoeuvre_bends_no_further():
-    row = motion_table(circling()).row
-    reach = 0.6 * 60.0
-    for x, bound in ((29.0, 29.0), (35.0, 35.0), (37.0, reach), (-500.0, -reach)):
-        assert _manoeuvres.course_at(row, 0, x, 3.0) == pytest.approx(bound / RADIUS)
