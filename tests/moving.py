@@ -8,7 +8,7 @@ import numpy as np
 from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.distributions import _random as random
 from dirprim_filter.primitives import PrimitiveMap, _motion
-from dirprim_filter.primitives.motion import FLOATS, Motion, background_manoeuvres, joined
+from dirprim_filter.primitives.motion import COURSE_RATE, FLOATS, Motion, background_manoeuvres, joined
 from dirprim_filter.primitives.motion_table import motion_table
 from tessellation import GridTessellation
 
@@ -35,10 +35,10 @@ def seeded(key):
     return state
 
 
-def motion_by_hand(cell, *, transitions=(), strength=NOTHING, course_rate=2.0, turning=0.2, **columns):
+def motion_by_hand(cell, *, transitions=(), background_visits=NOTHING, turning=0.2, **columns):
     """Manoeuvres of cells, all alike but for the columns given; (before, after, count) of each transition.
 
-    Vehicles keep 10 m/s, without noise; `strength` is next to nothing, so that no background manoeuvre is taken up.
+    Vehicles keep 10 m/s, without noise; `background_visits` are next to none: the background is not taken up.
     """
     n = len(cell)
     wide = {"bend": 2, "gain": 2, "path": 3, "acceleration": 4}
@@ -63,7 +63,7 @@ def motion_by_hand(cell, *, transitions=(), strength=NOTHING, course_rate=2.0, t
     first = np.searchsorted([before for before, _, _ in pairs], np.arange(n + len(free["cell"]) + 1))
     return Motion(
         **joined(placed, free), first=first, following=np.array([after for _, after, _ in pairs], np.int64),
-        count=np.array([count for _, _, count in pairs], np.float64), strength=strength, course_rate=course_rate,
+        count=np.array([count for _, _, count in pairs], np.float64), background_visits=background_visits,
     )  # fmt: skip
 
 
@@ -106,7 +106,7 @@ def ring_road(radius, *, pace, swing, back, shape, side=4.0):
 
 def only_places(primitive_map):
     """The same map, whose background manoeuvres no vehicle takes up where a cell has its own."""
-    return replace(primitive_map, motion=replace(primitive_map.motion, strength=NOTHING))
+    return replace(primitive_map, motion=replace(primitive_map.motion, background_visits=NOTHING))
 
 
 def settled(table, n, *, place=(0.0, 0.0), direction=0.0, speed=10.0, state):
@@ -119,9 +119,12 @@ def settled(table, n, *, place=(0.0, 0.0), direction=0.0, speed=10.0, state):
     return made
 
 
-def moved(primitive_map, dt_s, *, n=20_000, key=5, n_calls=1, step_s=0.1, own_way_rate=0.0, **start):
+def moved(
+    primitive_map, dt_s, *, n=20_000, key=5, n_calls=1, step_s=0.1, own_way_rate=0.0, course_rate=COURSE_RATE, **start
+):
     """Particles after so many seconds, cut into calls."""
-    table, state = motion_table(primitive_map, step_s=step_s, own_way_rate=own_way_rate), seeded(key)
+    table = motion_table(primitive_map, step_s=step_s, own_way_rate=own_way_rate)._replace(course_rate=course_rate)
+    state = seeded(key)
     particles = settled(table, n, state=state, **start)
     for _ in range(n_calls):
         _motion.move(table, *particles, ALONE, dt_s / n_calls, state)

@@ -5,6 +5,8 @@ from scipy import linalg, sparse, stats
 from scipy.interpolate import CubicHermiteSpline
 from scipy.special import logsumexp
 
+from dirprim_filter.primitives.motion import COURSE_RATE
+
 
 def circular_distance(a, b):
     """Absolute turn between angles, by the cosine."""
@@ -254,7 +256,7 @@ def moved_without_noise(motion, z, center, extent, place, direction, speed, push
     turn = (motion.bend[z] @ heading + motion.curvature[z]) * way
     if motion.cell[z] >= 0 and motion.start_rate[z] == 0:
         off = np.angle(np.exp(1j * (direction - motion.course[z] - motion.bend[z] @ offset)))
-        turn -= (1 - np.exp(-motion.course_rate * h)) * off
+        turn -= (1 - np.exp(-COURSE_RATE * h)) * off
     left = np.array([-heading[1], heading[0]])
     place = place + way * ((1 - turn**2 / 8) * heading + turn / 2 * left)  # to the middle direction, to second order
     return place, np.angle(np.exp(1j * (direction + turn))), later, push * np.exp(-0.5 * h)

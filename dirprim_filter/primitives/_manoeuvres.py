@@ -68,7 +68,7 @@ class MotionTable(NamedTuple):
     most: int  # eights of a cell, or of background ones
     course_rate: float
     push_rate: float
-    strength: float
+    background_visits: float
     own_way_rate: float  # 1/s, at which vehicles leave what they follow and go their own way
     step_s: float
 
@@ -150,7 +150,7 @@ def take_up(
     stands, total = speed < STANDING_BELOW, 0.0
     if cell >= 0:
         total = weigh_candidates(table.candidates, cell, stands, x, y, direction, speed, rate, weight)
-    share = table.strength / (total + table.strength)
+    share = table.background_visits / (total + table.background_visits)
     drawn = random.uniform(state)
     if total > 0.0 and drawn >= share:
         may, at = table.candidates, 2 * cell + stands

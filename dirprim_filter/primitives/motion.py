@@ -19,6 +19,8 @@ from dirprim_filter.primitives.leader import LeaderResponse
 
 CREEP = 0.3
 """m/s, added to speeds before their logarithm is taken, so that slow vehicles are similar."""
+COURSE_RATE = 2.0
+"""1/s: rate at which a vehicle's deviation from the course of its manoeuvre decays."""
 PUSH_RATE = 0.5
 """1/s: rate at which a vehicle's own acceleration decays."""
 JUMP_S = 1.0
@@ -66,8 +68,7 @@ class Motion:
         first: (z + 1,) transitions of manoeuvre z are those from first[z] to first[z + 1].
         following: (t,) the manoeuvre that followed: in the next cell, or of background ones `JUMP_S` later.
         count: (t,) how often.
-        course_rate: 1/s, rate at which a vehicle's deviation from the course of its manoeuvre decays.
-        strength: weight of a background manoeuvre against those of a cell, in visits.
+        background_visits: pseudo-count of the background's manoeuvres against those of a cell.
         leader: the response to leaders; None where it was not learned, or improves no prediction.
 
     Raises:
@@ -97,8 +98,7 @@ class Motion:
     first: IntArray
     following: IntArray
     count: FloatArray
-    course_rate: float = 2.0
-    strength: float = 1.0
+    background_visits: float = 1.0
     leader: LeaderResponse | None = None
 
     def __post_init__(self) -> None:
@@ -121,9 +121,8 @@ class Motion:
         for name in AMOUNTS:
             if (getattr(self, name) < 0).any():
                 raise ValueError(f"{name}: expected no negative numbers, got {getattr(self, name).min()}")
-        for name in ("course_rate", "strength"):
-            if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0):
-                raise ValueError(f"{name}: expected a positive number, got {getattr(self, name)}")
+        if not (np.isfinite(self.background_visits) and self.background_visits > 0):
+            raise ValueError(f"background_visits: expected a positive number, got {self.background_visits}")
 
     def __len__(self) -> int:
         return self.cell.size

@@ -43,8 +43,8 @@ FEWEST_VISITS = 3
 """Of a manoeuvre from which the usual spread is estimated."""
 MOST_REVERSION = 2.0
 """1/s, of the speed to the mean."""
-STRENGTH = 30.0
-"""Visits, by which the background's manoeuvres count against those of a cell. Of 5, 30, 200 and 1000 held-out
+BACKGROUND_VISITS = 30.0
+"""Pseudo-count of the background's manoeuvres against those of a cell. Of 5, 30, 200 and 1000 held-out
 forecasts chose this one on every log."""
 SPREAD = 1.8
 """By how much vehicles stray further than those that a manoeuvre was fitted to. On five logs the 90 % region of
@@ -165,7 +165,7 @@ def motion_of(sums: MotionSums, labels: Labels, primitives: PrimitiveMap, backgr
     return Motion(
         **joined(placed, background.manoeuvres), first=transition.indptr.astype(np.int64),
         following=transition.indices.astype(np.int64), count=transition.data.astype(np.float64),
-        strength=STRENGTH,
+        background_visits=BACKGROUND_VISITS,
     )  # fmt: skip
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.primitives._manoeuvres import LANES, N_FIELDS, OWN_WAY, PUSH, TURNING, Candidates, MotionTable
-from dirprim_filter.primitives.motion import ANYWHERE_PUSH, ANYWHERE_TURNING, PUSH_RATE
+from dirprim_filter.primitives.motion import ANYWHERE_PUSH, ANYWHERE_TURNING, COURSE_RATE, PUSH_RATE
 from tessellation.locate import locator_of
 
 if TYPE_CHECKING:
@@ -46,9 +46,9 @@ def motion_table(primitives: PrimitiveMap, *, step_s: float = 0.1, own_way_rate:
         following=motion.following,
         count=motion.count,
         most=max(int(np.diff(may.begin).max(initial=0)), may.free.shape[1]),
-        course_rate=motion.course_rate,
+        course_rate=COURSE_RATE,
         push_rate=PUSH_RATE,
-        strength=motion.strength,
+        background_visits=motion.background_visits,
         own_way_rate=own_way_rate,
         step_s=step_s,
     )

@@ -147,8 +147,8 @@ def _motion(
     joint: dict[str, Any] = {name: np.concatenate([column, getattr(free, name)]) for name, column in placed.items()}
     return Motion(
         **joint, first=total.indptr.astype(np.int64), following=total.indices.astype(np.int64),
-        count=total.data.astype(np.float64), strength=free.strength, leader=free.leader,
-        course_rate=free.course_rate,
+        count=total.data.astype(np.float64), background_visits=free.background_visits,
+        leader=free.leader,
     )  # fmt: skip
 
 

@@ -49,8 +49,7 @@ def column(motion, name, value, *, at=0):
         (lambda m: {"following": np.array([-1, 3, 4])}, "first, following: expected transitions to manoeuvres 0 to 4"),
         (lambda m: column(m, "visits", -1.0), "visits: expected no negative numbers, got -1.0"),
         (lambda m: {"count": np.array([-2.0, 1.0, 1.0])}, "count: expected no negative numbers, got -2.0"),
-        (lambda _: {"strength": 0.0}, "strength: expected a positive number, got 0.0"),
-        (lambda _: {"course_rate": np.inf}, "course_rate: expected a positive number, got inf"),
+        (lambda _: {"background_visits": 0.0}, "background_visits: expected a positive number, got 0.0"),
     ],
 )
 def test_columns_that_do_not_fit_are_refused_by_name(change, message):

@@ -24,7 +24,7 @@ def random_map(rng, *, noise=1.0, n_moving=4):
         visits=rng.gamma(2.0, 5.0, n), seconds=rng.gamma(2.0, 5.0, n), course=rng.uniform(-3, 3, n),
         bend=rng.normal(0, 0.05, (n, 2)), course_spread=noise * rng.gamma(2.0, 0.2, n),
         log_pace=rng.normal(2.0, 0.3, n), turning=0.2 * noise,
-        gain=rng.normal(0, 0.02, (n, 2)), log_pace_spread=rng.gamma(2.0, 0.3, n), strength=3.0,
+        gain=rng.normal(0, 0.02, (n, 2)), log_pace_spread=rng.gamma(2.0, 0.3, n), background_visits=3.0,
         path=rng.normal(0, [1.0, 0.1, 0.01], (n, 3)),
         path_spread=rng.gamma(2.0, 1.0, n), path_direction=rng.uniform(-3, 3, n),
         acceleration=rng.normal(0, [1.0, 0.05, 0.05, 0.1], (n, 4)), push=rng.gamma(2.0, 0.5, n),
@@ -65,14 +65,14 @@ def test_weights_of_manoeuvres_are_what_the_slow_twin_says(rate, n_moving):
                 assert is_close.all() if quicker == 0.0 else not is_close.all()
 
 
-def test_manoeuvres_are_taken_up_by_their_weights_against_the_strength_of_no_place():
+def test_manoeuvres_are_taken_up_by_their_weights_against_those_of_the_background():
     rng = np.random.default_rng(5)
     random = random_map(rng)
     place, direction, speed = np.array([12.0, 8.0]), 0.3, 8.0
     weight = manoeuvre_weights(random.motion, 0, random.centers[0], EXTENT, place, direction, speed, by_time=True)
     for free in (1 / 3, 0.7):
         table = motion_table(
-            replace(random, motion=replace(random.motion, strength=free / (1.0 - free) * weight.sum()))
+            replace(random, motion=replace(random.motion, background_visits=free / (1.0 - free) * weight.sum()))
         )
         given = (*place, direction, speed, _manoeuvres.BY_TIME, np.empty((3, 8), np.float32), seeded(4))
         found = [_manoeuvres.take_up(table, -1, 0, *given) for _ in range(N)]
@@ -109,8 +109,8 @@ def test_a_step_that_nothing_disturbs_is_the_slow_twins():
 
 def test_a_step_follows_the_arc():
     """The way to the middle direction, to second order: over a turn of 0.1 rad off by less than 0.1^3 / 48."""
-    turns = motion_by_hand([0], bend=[[0.1, 0.0]], course_rate=1e-9)
-    found = moved(squares(1, 1, turns), 0.1, n=1, place=(10.0, 10.0))
+    turns = motion_by_hand([0], bend=[[0.1, 0.0]])
+    found = moved(squares(1, 1, turns), 0.1, n=1, place=(10.0, 10.0), course_rate=1e-9)
     np.testing.assert_allclose(found.position[0] - 10.0, [np.cos(0.05), np.sin(0.05)], atol=0.1**3 / 48 + 1e-9)
 
 
@@ -150,9 +150,9 @@ def test_vehicles_go_where_the_counts_say_and_back_off_where_nothing_was_counted
 
 def test_who_is_beside_the_course_stays_so_in_the_next_cell_less_what_is_forgotten():
     for into, rate in ((0.5, 0.3), (-1.0, 0.3), (3.0, 1e-9)):
-        ahead = squares(2, 1, motion_by_hand([0, 1], course=[0.0, into], course_rate=rate))
+        ahead = squares(2, 1, motion_by_hand([0, 1], course=[0.0, into]))
         for beside in (0.05, -0.2):
-            start = {"n": 3, "place": (17.0, 10.0), "direction": beside}
+            start = {"n": 3, "place": (17.0, 10.0), "direction": beside, "course_rate": rate}
             before, after = (moved(ahead, t, **start) for t in (0.2, 0.4))
             np.testing.assert_allclose(before.direction, beside * np.exp(-0.2 * rate), rtol=1e-9)
             assert (before.cell == 0).all()
@@ -163,7 +163,7 @@ def test_who_is_beside_the_course_stays_so_in_the_next_cell_less_what_is_forgott
 
 def test_who_fits_no_manoeuvre_of_the_cell_entered_keeps_its_own_until_it_looks_again():
     """A cell of oncoming traffic alone: the road does not end there, and a second later who drives there is asked."""
-    ahead = squares(2, 1, motion_by_hand([0, 1], course=[0.0, np.pi], course_spread=0.02, strength=1e-6))
+    ahead = squares(2, 1, motion_by_hand([0, 1], course=[0.0, np.pi], course_spread=0.02, background_visits=1e-6))
     start = {"n": N, "place": (18.0, 10.0), "step_s": 0.1}
     inside, entered = moved(ahead, 0.1, **start), moved(ahead, 0.4, **start)
     np.testing.assert_array_equal(inside.cell, 0)
@@ -178,8 +178,8 @@ def test_who_fits_no_manoeuvre_of_the_cell_entered_keeps_its_own_until_it_looks_
 
 
 def test_who_drives_by_no_place_keeps_its_direction_in_the_next_cell():
-    ahead = squares(2, 1, motion_by_hand([1], course=[0.5], course_rate=1e-9, turning=0.0))
-    found = moved(ahead, 0.4, n=3, place=(17.0, 10.0), direction=0.05, step_s=0.4)
+    ahead = squares(2, 1, motion_by_hand([1], course=[0.5], turning=0.0))
+    found = moved(ahead, 0.4, n=3, place=(17.0, 10.0), direction=0.05, step_s=0.4, course_rate=1e-9)
     assert (found.cell == 1).all()
     assert (found.manoeuvre == 0).all()
     np.testing.assert_allclose(found.direction, 0.05, rtol=1e-9)

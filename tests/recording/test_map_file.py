@@ -62,7 +62,7 @@ def some_motion(n_cells, n_modes, rng):
         cell=np.append(cell, [-1] * 3), mode=rng.integers(n_modes, size=n), first=first,
         **{name: rng.gamma(2.0, size=(n, wide[name]) if name in wide else n) for name in FLOATS},
         following=rng.integers(max(cell.size, 1), size=first[-1]), count=rng.gamma(2.0, size=first[-1]),
-        course_rate=rng.gamma(2.0), strength=rng.gamma(2.0),
+        background_visits=rng.gamma(2.0),
         leader=LEADER if n_cells else None,
     )  # fmt: skip
 
@@ -244,8 +244,7 @@ TILE = [
     (number("cell_size", 5e-324), "cell_size: expected a positive"),
     (number("origin_x", -1e300), "origin: expected places within"),
     (number("n_background_modes", 9), "n_background_modes: expected 0 to 3"),
-    *((number(name, value), f"{name}: expected a positive") for name in ("strength", "course_rate")
-      for value in (0.0, -1.0, np.nan)),
+    *((number("background_visits", value), "background_visits: expected a positive") for value in (0.0, -1.0, np.nan)),
     (without("background"), "background: expected once"),
     (without("cell", "weight"), "cell.weight: expected it"),
     (without("manoeuvre", "push"), "manoeuvre.push: expected it"),

@@ -30,9 +30,9 @@ MOST_MODES = 4096
 ROW = ("weight", "mean_direction", "concentration", "shape", "rate", "bend", "gain")
 """Columns of the modes of each cell."""
 LEADER = ("gain", "push", "trust", "start_rate")
-MOTION = ("course_rate", "strength")
 SHARED = (
-    "version", "n_tiles", "n_background_modes", "kind", "origin_x", "origin_y", "cell_size", "n_x", "n_y", *MOTION,
+    "version", "n_tiles", "n_background_modes", "kind", "origin_x", "origin_y", "cell_size", "n_x", "n_y",
+    "background_visits",
     "background", "background_manoeuvre", "background_transition", "leader",
 )  # fmt: skip
 """What every tile repeats."""
@@ -53,7 +53,7 @@ def encoded_tiles(primitive_map: PrimitiveMap) -> Iterator[bytes]:
         "version": VERSION, "n_tiles": n_tiles, "n_background_modes": primitive_map.n_background_modes,
         "kind": "grid" if grid is cells else "voronoi", "origin_x": float(grid.origin[0]),
         "origin_y": float(grid.origin[1]), "cell_size": float(grid.cell_size), "n_x": grid.n_x, "n_y": grid.n_y,
-        **{name: float(getattr(motion, name)) for name in MOTION},
+        "background_visits": float(motion.background_visits),
     }  # fmt: skip
     free, after_free = _manoeuvres(motion, motion.n_placed, len(motion))
     leaders = [motion.leader] if motion.leader else []
@@ -181,7 +181,7 @@ def _motion(tiles: list[ArrowMessage]) -> Motion:
         {name: column[i] if column.ndim > 1 else float(column[i]) for name, column in leaders.items()}
         for i in range(len(leaders["trust"]))
     ]
-    made: dict[str, Any] = {**columns, **after, **{name: shared.scalar(name, float) for name in MOTION}}
+    made: dict[str, Any] = {**columns, **after, "background_visits": shared.scalar("background_visits", float)}
     return Motion(
         **made, first=np.append(0, np.cumsum(n)),
         leader=LeaderResponse(**of_leader[0]) if of_leader else None,
