@@ -15,12 +15,9 @@ from dirprim_filter.arrays import AnyArray
 from tessellation._compiling import COMPILED
 
 MESSAGE = 5
-MESSAGE_INDEX = 7
 HEAD = 9
 MESSAGE_HEAD = 31
 MIN_MESSAGE = 22
-MIN_INDEX = 6
-ENTRY = 16
 
 
 @njit(**COMPILED)
@@ -117,26 +114,6 @@ def message_run(buffer: AnyArray, at: Any, max_bytes: int) -> tuple[int, Any, An
         latest = max(latest, time)
         at = end
     return at, earliest, latest
-
-
-@njit(**COMPILED)
-def index_run(buffer: AnyArray, at: Any) -> tuple[int, int]:
-    """The message indexes that stand one after the other from `at` on: the byte after them, and their entries.
-
-    Only those whose two lengths agree; of others one is wrong.
-    """
-    size = len(buffer)
-    n_entries = 0
-    while at < size and buffer[at] == MESSAGE_INDEX:
-        end = _end(buffer, at, size)
-        if end < at + HEAD + MIN_INDEX:
-            break
-        n_bytes: Any = np.int64(_u32(buffer, at + HEAD + 2))
-        if n_bytes % ENTRY != 0 or at + HEAD + MIN_INDEX + n_bytes != end:
-            break
-        n_entries += n_bytes // ENTRY
-        at = end
-    return at, n_entries
 
 
 @njit(**COMPILED)

@@ -12,11 +12,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import lz4.frame
-import numpy as np
 import zstandard
 from mcap.opcode import Opcode
 
-from dirprim_filter.recording.container._kernels import index_run
 from dirprim_filter.recording.container.damage import Damage, DamageKind
 from dirprim_filter.recording.container.file_bytes import FileBytes
 from dirprim_filter.recording.container.records import (
@@ -37,6 +35,8 @@ COMPRESSIONS = {b"": "", b"zstd": "zstd", b"lz4": "lz4"}
 FIXED_SIZE = CHUNK.size + U64.size
 """Bytes of a chunk record besides the compression's name and the data."""
 NAME_AT = RECORD_HEADER_SIZE + CHUNK.size
+ENTRY_SIZE = 16
+"""Of a message index: log time and place."""
 HEAD_SIZE = NAME_AT + max(map(len, COMPRESSIONS)) + U64.size
 """A chunk's record has at most so many bytes before its data."""
 
@@ -105,16 +105,11 @@ def indexes_after(file: FileBytes, at: int) -> tuple[int, int]:
     Only those whose two lengths agree; of others one is wrong.
     """
     n_entries, smallest = 0, RECORD_HEADER_SIZE + MESSAGE_INDEX.size
-    while (window := file.window(at, smallest))[:1] == bytes([Opcode.MESSAGE_INDEX]):
-        length, n = index_run(np.frombuffer(window, np.uint8), 0)
-        if not length and len(window) >= smallest:  # the first is longer than the window, or wrong
-            n_bytes = MESSAGE_INDEX.unpack_from(window, RECORD_HEADER_SIZE)[1]
-            length, n = record_end(window, 0), n_bytes // 16
-            if length != smallest + n_bytes or n_bytes % 16 or not file.has(at + length):
-                break
-        if not length:
+    while len(head := file.peek(at, smallest)) == smallest and head[0] == Opcode.MESSAGE_INDEX:
+        n_bytes = MESSAGE_INDEX.unpack_from(head, RECORD_HEADER_SIZE)[1]
+        if record_end(head, 0) != smallest + n_bytes or n_bytes % ENTRY_SIZE or not file.has(at + smallest + n_bytes):
             break
-        at, n_entries = at + int(length), n_entries + int(n)
+        at, n_entries = at + smallest + n_bytes, n_entries + n_bytes // ENTRY_SIZE
     return at, n_entries
 
 
