@@ -94,21 +94,8 @@ def undefine(data):
         data[at] = 9
 
 
-def cut_by_zeros(data):
-    data[chunks(data)[4][0] :] = bytes(50_000)
-
-
-def flip_in_chunk(data):
-    flip(data, chunks(data)[2][1] - 30, 16)
-
-
 BARE = {"use_chunking": False, "enable_data_crcs": True}
 HARMS = {  # how the log is laid out, what is done to it, the damage, and messages lost
-    "zstd": ({}, flip_in_chunk, {"chunk_crc", "chunk_data"}, range(10, 40)),
-    "lz4": ({"compression": CompressionType.LZ4}, flip_in_chunk, {"chunk_crc", "chunk_data"}, range(10, 40)),
-    "plain": ({"compression": CompressionType.NONE}, flip_in_chunk, {"chunk_crc"}, range(10, 40)),
-    "a tail of zeros": ({}, cut_by_zeros, {"record"}, range(50, 150)),
-    "sizes that are not allocated": ({}, lambda data: claim(data, 25, 1 << 60), {"chunk_header"}, [0]),
     "a start that is too late": ({}, lambda data: claim(data, 9, 150_000, slice(3)), {"chunk_times"}, [0]),
     "a channel defined nowhere": ({"use_chunking": False}, undefine, {"summary", "unknown_channel"}, [67]),
     "a flip in a bare message": (BARE, lambda data: flip(data, data.index(b"199" * 9)), {"data_crc"}, [1]),

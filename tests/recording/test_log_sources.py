@@ -47,13 +47,6 @@ def test_a_fifo(tmp_path):
     assert rows(scan(fifo)) == SENT  # a pipe gives its bytes once; the copy stays
 
 
-def test_standard_input(tmp_path, monkeypatch):
-    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(log_bytes(SENT)[:-40])))
-    log = scan("-")
-    assert rows(log) == SENT
-    assert log.damage
-
-
 def test_the_command_line_reads_a_pipe(tmp_path):
     done = subprocess.run(
         [sys.executable, "-m", "dirprim_filter.cli", "info", "-"],
@@ -262,6 +255,21 @@ def test_a_signed_url_is_no_pattern_and_its_signature_is_nowhere(tmp_path, capsy
     assert "127.0.0.1:1/log.mcap" in said
     assert "secret" not in said
     assert "pattern" not in said
+
+
+@pytest.mark.parametrize("has_summary", [True, False])
+@pytest.mark.parametrize(
+    "command", [["info"], ["learn", "-o", "map.mcap", "--tessellation", "grid", "--cell-size", "8"]]
+)
+def test_a_command_decompresses_each_chunk_of_a_short_log_once(tmp_path, ring, monkeypatch, command, has_summary):
+    monkeypatch.chdir(tmp_path)
+    write_tracks(ring[ring.track_id < 6], tmp_path / "log.mcap")
+    if not has_summary:
+        (tmp_path / "log.mcap").write_bytes((tmp_path / "log.mcap").read_bytes()[:-30])
+    read, seen = scans.read_contents, []
+    monkeypatch.setattr(scans, "read_contents", lambda file, chunk: seen.append(chunk.offset) or read(file, chunk))
+    assert run([command[0], "log.mcap", *command[1:]]) == (0 if has_summary else 3)
+    assert 1 <= len(seen) == len(set(seen))
 
 
 class Pipe(io.FileIO):

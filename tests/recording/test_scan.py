@@ -11,7 +11,6 @@ from mcap.writer import CompressionType, IndexType
 from mcap_files import CHUNK, DATA, log_bytes, records
 
 from dirprim_filter.recording.container import file_bytes, merge, source
-from dirprim_filter.recording.container import log as scans
 from dirprim_filter.recording.container.merge import HELD_BYTES
 from dirprim_filter.recording.container.message_columns import SHORT_BYTES
 from dirprim_filter.recording.scan import scan
@@ -93,13 +92,6 @@ def test_channels_are_known_before_the_first_message(log_file, layout):
     assert sorted(channel.topic for channel in log.channels()) == ["/topic0", "/topic1", "/topic2"]
 
 
-def test_can_be_iterated_again(log_file):
-    log = scan(log_file(log_bytes(jittered())[:-60]))
-    first, damage = list(log), list(log.damage)
-    assert list(log) == first
-    assert log.damage == damage != []
-
-
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_iterations_at_once_know_nothing_of_each_other(log_file, layout):
     """Begun, left and taken up in turn, and one within another; a channel's index differs from one to the other."""
@@ -141,30 +133,6 @@ def test_a_chunk_may_use_channels_that_a_later_one_in_time_defines(log_file):
     log = scan(log_file(data))
     assert [(m.topic, m.log_time_ns) for m in log] == [("/a", 10), ("/a", 10_000)]
     assert log.damage == []
-
-
-def test_holds_no_more_than_the_chunks_that_overlap(log_file, monkeypatch):
-    sent = [("/a", i, b"z" * 90) for i in range(2000)]
-    log = scan(log_file(log_bytes(sent, chunk_size=1000)))
-    opened = []
-    read = scans.read_contents
-    monkeypatch.setattr(scans, "read_contents", lambda file, chunk: opened.append(chunk) or read(file, chunk))
-    messages = iter(log)
-    for _ in range(20):
-        next(messages)
-    assert 0 < len(opened) <= 4
-
-
-def test_metadata_records(tmp_path):
-    from mcap.writer import Writer
-
-    path = tmp_path / "log.mcap"
-    with path.open("wb") as file:
-        writer = Writer(file)
-        writer.start()
-        writer.add_metadata("dirprim", {"seed": "3"})
-        writer.finish()
-    assert scan(path).metadata == [("dirprim", {"seed": "3"})]
 
 
 def test_equals_the_stock_reader_on_real_logs():

@@ -34,6 +34,8 @@ UNSEEN, UNKNOWN, UNWANTED = -3, -2, -1
 """What stands for a channel id in place of an index into the list of channels."""
 N_CHANNEL_IDS = 1 << 16
 NO_TIMES = (0, 1 << 64)
+KEPT_BYTES = 1 << 24
+"""Of a log's contents, while it is open: its topics, transforms and objects are passes of their own."""
 
 
 def scan(
@@ -323,7 +325,7 @@ class FilePass:
 
     def messages(self, chunk: Chunk, position: int = 0) -> MessageColumns:
         """The wanted messages of a chunk, the `position`-th of the log, sorted by log time, stably."""
-        contents, damage = read_contents(self._file.bytes_of, chunk)
+        contents, damage = self._contents(chunk)
         if damage:
             self._report(damage)
         buffer = np.frombuffer(contents, np.uint8)
@@ -344,6 +346,16 @@ class FilePass:
             detail = f"expected no message before {chunk.start_ns} ns, got one at {first_ns} ns; it may come late"
             self._damaged("chunk_times", chunk, 0, detail)
         return columns
+
+    def _contents(self, chunk: Chunk) -> tuple[bytes, Damage | None]:
+        """See `read_contents`; the first ones are kept for passes to come."""
+        kept = self._file.kept
+        if chunk.offset in kept:
+            return kept[chunk.offset]
+        contents, damage = read_contents(self._file.bytes_of, chunk)
+        if len(contents) + sum(len(other) for other, _ in kept.values()) <= KEPT_BYTES:
+            kept[chunk.offset] = contents, damage
+        return contents, damage
 
     def _resolved(
         self, chunk: Chunk, contents: bytes, channel_id: AnyArray, start: AnyArray, others: AnyArray

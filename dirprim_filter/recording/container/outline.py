@@ -88,6 +88,7 @@ class LogFile:
 
     Attributes:
         outline: where everything stands in it, and what of that is broken; of a live pipe as far as it has come.
+        kept: contents of chunks by their offset, with what is wrong with them.
 
     Raises:
         NotInPartsError: by its summary, which is not whole or does not say so.
@@ -95,6 +96,7 @@ class LogFile:
 
     def __init__(self, name: str, bytes_of: FileBytes, *, by_summary: bool = False) -> None:
         self.name, self.bytes_of = name, bytes_of
+        self.kept: dict[int, tuple[bytes, Damage | None]] = {}
         self._walk = None if by_summary else _Walk(bytes_of)
         self.outline = outline_by_summary(bytes_of) if self._walk is None else self._walk.outline
 
