@@ -13,29 +13,19 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from numba.core.event import Event
 
-SECONDS = {
-    "demo": 45.0,
-    "learn": 30.0,
-    "track": 30.0,
-    "forecast": 30.0,
-    "tracking": 60.0,
-    "density": 60.0,
-    "cues": 60.0,
-}
-"""Of compiling all kernels of a command, on the machine of two cores that the documents name."""
-OTHERS_S = 10.0
-"""The same for the other commands, and where an earlier command has compiled most kernels."""
 UNNOTICED_S = 1.0
 """Seconds without a message; a run that finds most kernels in the cache has compiled the rest by then."""
 
 
+NOTICE = "compiling, which takes up to a minute: once per installation, the next run starts at once\n"
+
+
 @contextmanager
-def compiling_notice(command: str) -> Iterator[None]:
-    """Within, a line on stderr says once that kernels are compiled and for how long still, on a terminal only."""
+def compiling_notice() -> Iterator[None]:
+    """Within, a line on stderr says once that kernels are compiled, on a terminal only."""
     if not sys.stderr.isatty():
         yield
         return
-    seconds = OTHERS_S if has_kernels() else SECONDS.get(command, OTHERS_S)
     from numba.core.event import Listener, install_listener
 
     class Clock(Listener):
@@ -55,7 +45,7 @@ def compiling_notice(command: str) -> Iterator[None]:
                 self.spent_s += time.monotonic() - self.began_s
                 if self.spent_s > UNNOTICED_S and not self.has_said:
                     self.has_said = True
-                    sys.stderr.write(notice(seconds - self.spent_s))
+                    sys.stderr.write(NOTICE)
 
     with install_listener("numba:compile", Clock()):
         yield
@@ -84,9 +74,3 @@ def mend_cache() -> None:
 def _is_pickled(path: Path) -> bool:
     with path.open("rb") as file:
         return file.read(1) == b"\x80"
-
-
-def notice(left_s: float) -> str:
-    """The line, with the seconds left, to the next five."""
-    shown_s = 5 * round(max(left_s, 5.0) / 5)
-    return f"compiling for about {shown_s} s more: once per installation, the next run starts at once\n"

@@ -38,7 +38,7 @@ def checked(command: Callable[..., Result]) -> Callable[..., Result]:
             if FIGURE in marks[name]:
                 check_figure_name(path)
         mend_cache()
-        with compiling_notice(command.__name__):
+        with compiling_notice():
             return command(*positional, **given)
 
     return check

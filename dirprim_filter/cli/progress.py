@@ -110,13 +110,7 @@ def learning_progress() -> Iterator[LearningProgress]:
 @contextmanager
 def working(what: str) -> Iterator[None]:
     """On a terminal, a line that says what is being done, and for how long already."""
-    if not sys.stderr.isatty():
-        yield
-        return
-    from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
-
-    with _on_stderr(SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn()) as progress:
-        progress.add_task(what, total=None)
+    with step_progress(what, ""):
         yield
 
 
@@ -131,8 +125,8 @@ def _bar(counted: str, done: str) -> Progress:
 
     class Rate(TextColumn):
         def render(self, task: Task) -> Text:
-            rate = (task.fields["done"] or task.completed) / max(task.elapsed or 0.0, 1e-3)
-            return Text(f"{rate:.3g}/s")
+            done = task.fields["done"] or task.completed
+            return Text(f"{done / max(task.elapsed or 0.0, 1e-3):.3g}/s" if done else "")
 
     return _on_stderr(
         SpinnerColumn(), TextColumn("{task.description}"), BarColumn(bar_width=24), Count(counted), TextColumn(done),

@@ -7,7 +7,7 @@ import pytest
 from numba import njit
 
 from dirprim_filter.cli import compiling, demo
-from dirprim_filter.cli.compiling import compiling_notice, notice
+from dirprim_filter.cli.compiling import compiling_notice
 from dirprim_filter.cli.main import app
 
 
@@ -22,39 +22,15 @@ def test_it_is_said_once_on_a_terminal_where_compiling_is_noticed(
 ):
     monkeypatch.setattr(sys.stderr, "isatty", lambda: is_terminal)
     monkeypatch.setattr(compiling, "UNNOTICED_S", unnoticed_s)
-    with compiling_notice("demo"):
+    with compiling_notice():
         compile_two()
     compile_two()  # nothing is said to others
     assert capsys.readouterr().err.count("once per installation") == n_lines
 
 
-def test_it_says_what_is_left():
-    assert "about 40 s more" in notice(39.0)
-    assert "about 5 s more" in notice(-1000.0)
-
-
-@pytest.mark.parametrize(("command", "is_fresh", "left_s"), [
-    ("demo", True, 45), ("learn", True, 30), ("track", True, 30), ("info", True, 10), ("track", False, 10),
-])  # fmt: skip
-def test_what_is_left_is_that_of_the_command_unless_another_compiled_before(
-    command, is_fresh, left_s, tmp_path, capsys
-):
-    (tmp_path / "kernels").mkdir()
-    if not is_fresh:
-        (tmp_path / "kernels" / "move.nbi").touch()
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys.stderr, "isatty", lambda: True)
-        patch.setattr(compiling, "UNNOTICED_S", 0.0)
-        patch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-        with compiling_notice(command):
-            compile_two()
-    assert f"about {left_s} s more" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize("command", ["demo", "learn", "track"])
 def test_the_long_commands_say_it(command):
     """Each runs within the notice: `checked` wraps what is registered."""
-    assert command in compiling.SECONDS
     (registered,) = [own for own in app.registered_commands if (own.callback or print).__name__ == command]
     assert registered.callback.__wrapped__.__name__ == command
 
