@@ -8,7 +8,7 @@ import pytest
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import EstimateList
-from dirprim_filter.filtering import ConstantVelocityKalman, Tracker
+from dirprim_filter.filtering import Tracker
 from dirprim_filter.replay import replay
 from situations import TRUSTING
 
@@ -81,38 +81,3 @@ def test_an_empty_stream_is_no_frame(ring_map):
     kept = EstimateList()
     assert replay([], Tracker(ring_map, rng=np.random.default_rng(0)), [kept]) == 0
     assert len(kept.all()) == 0
-
-
-@pytest.mark.parametrize("filter_of", ["particles", "kalman"])
-def test_time_going_backwards_is_refused_by_every_filter(ring_map, detections, filter_of):
-    tracker = (
-        Tracker(ring_map, rng=np.random.default_rng(0))
-        if filter_of == "particles"
-        else Tracker(ConstantVelocityKalman(acceleration_density=1.0), rng=np.random.default_rng(0))
-    )
-    frames = list(detections.frames())
-    with pytest.raises(ValueError, match="expected times after 900000000 ns, got 800000000"):
-        replay([frames[9], frames[8]], tracker, [])
-
-
-@pytest.mark.parametrize("filter_of", ["particles", "kalman"])
-def test_a_repeated_stamp_is_refused_and_the_beliefs_stay_as_they_were(ring_map, detections, filter_of):
-    def tracker_of():
-        model = ring_map if filter_of == "particles" else ConstantVelocityKalman(acceleration_density=1.0)
-        return Tracker(model, tracking=TRUSTING, rng=np.random.default_rng(0))
-
-    frames = list(detections.frames())
-    again, twice = frames[1], Detections.concatenate([frames[2], frames[2]])
-    disturbed, calm = tracker_of(), tracker_of()
-    kept = {tracker: EstimateList() for tracker in (disturbed, calm)}
-    for tracker, sink in kept.items():
-        replay(frames[:2], tracker, [sink])
-    with pytest.raises(ValueError, match="expected times after 100000000 ns, got 100000000"):
-        disturbed.predict(again)
-    with pytest.raises(ValueError, match="expected one instant and each track id once"):
-        disturbed.predict(twice)
-    for tracker, sink in kept.items():
-        replay(frames[2:4], tracker, [sink])
-    for name in ("position", "direction", "speed", "log_evidence"):
-        one, other = (getattr(sink.all(), name) for sink in kept.values())
-        np.testing.assert_array_equal(one, other)

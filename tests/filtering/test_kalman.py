@@ -69,10 +69,6 @@ def test_after_the_gap_it_restarts_and_before_it_it_does_not():
     np.testing.assert_array_equal(found.position[5:], fresh.position)
 
 
-def test_an_empty_frame_gives_no_estimate():
-    assert len(run([Detections.none()])) == 0
-
-
 def test_the_density_of_known_white_acceleration_is_found():
     rng = np.random.default_rng(5)
     n, dt_s, density = 20_000, 0.2, 1.5
