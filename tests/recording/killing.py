@@ -26,8 +26,8 @@ from situations import ring_traffic
 STEP_NS = 100_000_000
 CHUNK_NS = 1_000_000_000
 N_ROWS = 4000
-LATEST_S = 1.0
-"""A kill comes at most so long after the first frame was handed over; the whole log takes longer."""
+LATEST_FRAME = 100
+"""A kill comes when at most so many frames were handed over, of a thousand: on a busy machine too."""
 
 TRACKER = """
 import os, sys
@@ -79,7 +79,7 @@ class Trackers:
     def kill_one(self, name: str, rng: np.random.Generator) -> Kill:
         """Track, kill at a random moment, recover, and hold what is left against what was handed over."""
         output = self.folder / f"{name}.mcap"
-        last_ns = self._killed(output, float(rng.uniform(0.0, LATEST_S)))
+        last_ns = self._killed(output, int(rng.integers(LATEST_FRAME)))
         assert not output.exists(), "the tracker had ended before it was killed"
         (partial,) = self.folder.glob(f"{name}.mcap.*.partial")
         recover(partial, output)
@@ -94,18 +94,21 @@ class Trackers:
         assert lost_ns <= CHUNK_NS, "more than the chunk that was open is lost"
         return Kill(n_handed_over=last_ns // STEP_NS + 1, n_recovered=len(frames), lost_ns=max(lost_ns, 0))
 
-    def _killed(self, output: Path, after_s: float) -> int:
+    def _killed(self, output: Path, after: int) -> int:
         """-> the time of the last frame that a tracker had handed over when it was killed."""
         reported = output.with_name(output.name + ".reported")
         print(self.folder / "log.mcap", self.folder / "map.mcap", output, sep="\t", file=self._server.stdin, flush=True)
         assert self._server.stdout is not None
         pid = int(self._server.stdout.readline())
-        while not reported.exists() or reported.stat().st_size < 8:
-            time.sleep(0.005)
-        time.sleep(after_s)
+        while not reported.exists() or not (last := reported.read_bytes()) or _time_of(last) < after * STEP_NS:
+            time.sleep(0.001)
         os.kill(pid, signal.SIGKILL)
         assert self._server.stdout.readline() == "gone\n"
-        return int.from_bytes(reported.read_bytes(), "little")
+        return _time_of(reported.read_bytes())
+
+
+def _time_of(reported: bytes) -> int:
+    return int.from_bytes(reported, "little")
 
 
 @contextmanager
