@@ -63,7 +63,8 @@ class FileBytes:
         if i < 0 or i + n > len(self._window):
             if self._supply:
                 self._supply(at, at + n)
-            self._at, self._window, i = at, self._there(at, at + max(n, WINDOW_BYTES)), 0
+            n_held = max(n, WINDOW_BYTES) if self.is_live or not self._supply else n  # what was not fetched is zeros
+            self._at, self._window, i = at, self._there(at, at + n_held), 0
         return i
 
     def _there(self, start: int, stop: int) -> bytes:

@@ -380,13 +380,9 @@ class FilePass:
         return index
 
     def _indices(self, channel_id: AnyArray) -> AnyArray:
-        index = self._lookup[channel_id]
-        unseen = np.unique(channel_id[index == UNSEEN]).tolist()
-        if unseen:
-            for one in unseen:
-                self._lookup[one] = self._index(one)
-            index = self._lookup[channel_id]
-        return index
+        for one in np.unique(channel_id[self._lookup[channel_id] == UNSEEN]).tolist():
+            self._lookup[one] = self._index(one)
+        return np.asarray(self._lookup[channel_id])
 
     def _index(self, channel_id: int) -> int:
         channel = self.definitions.channel(channel_id)
