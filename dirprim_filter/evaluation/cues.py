@@ -37,7 +37,7 @@ from dirprim_filter.evaluation.splits import Fold, SplitBy, honest_split, split
 from dirprim_filter.evaluation.steps import StepCount
 from dirprim_filter.primitives import PrimitiveMap, learn_primitives
 from dirprim_filter.primitives.cues import Cue
-from dirprim_filter.primitives.recipe import CellsRule
+from dirprim_filter.primitives.learning import CellsRule
 from dirprim_filter.track_ids import vehicle_numbers
 from dirprim_filter.tracks import Tracks
 

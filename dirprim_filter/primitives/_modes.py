@@ -42,6 +42,7 @@ class Bounds(NamedTuple):
     parameter_cost: float  # of a parameter, in those of BIC
     tolerance: float  # of the objective per vehicle: a step that gains less is the last
     thorough: bool  # whether more modes are tried than the first number that is one too many
+    standing_speed: float  # m/s; slower rows are no members
     with_speed: bool = True  # whether speeds have a say in whose a row is
     max_iterations: int = MAX_ITERATIONS  # of one climb
 

@@ -85,7 +85,7 @@ def learn_background(rows: TrackRows, config: LearningConfig, *, rng: np.random.
         k = config.max_background_modes
         bounds = bounds_of(config, prior_strength=PRIOR_VEHICLES, max_modes=k, speed_spread=spread)
         unplaced = CellRows.one(moving.direction, moving.speed, weight=weighed, n_vehicles=moving.n_vehicles)
-        found = Modes(*(column[0] for column in fit_all(unplaced, bounds, at_once=True)))
+        found = Modes(*(column[0] for column in fit_all(unplaced, bounds)))
     standing = (n_standing + 1) / (float(weight.sum()) + 2)
     anywhere = 1.0 / (moving.n_vehicles + 1)  # the next vehicle may do what none has done
     used = np.flatnonzero(found.weight)

@@ -8,16 +8,13 @@ import numpy as np
 
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions import von_mises
-from dirprim_filter.primitives._modes import Modes
+from dirprim_filter.primitives._modes import Bounds, Modes
 from dirprim_filter.primitives.background import Background
 from dirprim_filter.primitives.fitting import fit_all
 from dirprim_filter.primitives.mode_table import ModeTable
-from dirprim_filter.primitives.recipe import Recipe, Usual
 from dirprim_filter.primitives.rows import CellRows, TrackRows
 from tessellation.protocols import Members
 
-BACKGROUND_VEHICLES = 1.0
-"""Pseudo-vehicles with which the background model enters a cell while the cells are looked for."""
 LEAST_SPEED = 1e-3
 """m/s; slower rows are taken for so fast, for at 0 a gamma's density is 0 or without bound."""
 MIN_MODE_VEHICLES = 3.0
@@ -65,21 +62,20 @@ class PrimitiveCells(NamedTuple):
 class PrimitiveModel(NamedTuple):
     """Directional primitives of cells, leaning on the background one."""
 
-    recipe: Recipe
+    bounds: Bounds
     background: Background
+    background_vehicles: float
     background_log_density: FloatArray  # (n,) log density of each row by the background model
 
     @classmethod
-    def of(cls, rows: TrackRows, recipe: Recipe, background: Background) -> PrimitiveModel:
+    def of(cls, rows: TrackRows, bounds: Bounds, background: Background, background_vehicles: float) -> PrimitiveModel:
         """The model of these rows' cells."""
-        return cls(recipe, background, background.log_density(rows, np.maximum(rows.speed, LEAST_SPEED)))
+        of_background = background.log_density(rows, np.maximum(rows.speed, LEAST_SPEED))
+        return cls(bounds, background, background_vehicles, of_background)
 
     def fit(self, position: FloatArray, data: TrackRows, members: Members) -> PrimitiveCells:
         """Every cell's modes; see `tessellation.CellModel`. `position` may be from another origin than the rows'."""
-        return fitted(self._gathered(position, data, members), self.recipe)
-
-    def _gathered(self, position: FloatArray, data: TrackRows, members: Members) -> CellRows:
-        return CellRows.of(data, members, position, standing_speed=self.recipe.config.standing_speed)
+        return fitted(CellRows.of(data, members, position, standing_speed=self.bounds.standing_speed), self.bounds)
 
     def refit(self, position: FloatArray, data: TrackRows, members: Members, cells: PrimitiveCells) -> PrimitiveCells:
         """Every cell's modes, from those before its members changed a little; see `tessellation.RefittingModel`."""
@@ -89,7 +85,8 @@ class PrimitiveModel(NamedTuple):
             mean=before.mean + before.bend_east * east + before.bend_north * north,
             rate=before.rate * np.exp(-before.gain_east * east - before.gain_north * north),
         )
-        return fitted(self._gathered(position, data, members), self.recipe, near)
+        rows = CellRows.of(data, members, position, standing_speed=self.bounds.standing_speed)
+        return fitted(rows, self.bounds, near)
 
     def log_density(
         self, cells: PrimitiveCells, position: FloatArray, data: TrackRows, row: IntArray, cell: IntArray
@@ -97,14 +94,14 @@ class PrimitiveModel(NamedTuple):
         """Of direction and speed of each row in a cell, with the background model's part."""
         speed = np.maximum(data.speed[row], LEAST_SPEED)
         own = cells.log_density(cell, position[row], data.direction[row], speed, float(self.background.rate[-1]))
-        share = BACKGROUND_VEHICLES / (cells.n_vehicles + BACKGROUND_VEHICLES)
+        share = self.background_vehicles / (cells.n_vehicles + self.background_vehicles)
         with np.errstate(divide="ignore"):
             return np.logaddexp(np.log1p(-share)[cell] + own, np.log(share)[cell] + self.background_log_density[row])
 
 
-def fitted(cells: CellRows, recipe: Recipe, near: Modes | None = None) -> PrimitiveCells:
+def fitted(cells: CellRows, bounds: Bounds, near: Modes | None = None) -> PrimitiveCells:
     """Every cell's modes, from those of nearly the same rows where there are any."""
-    modes = fit_all(cells, recipe.bounds, at_once=recipe.modes == "bic", near=near)
+    modes = fit_all(cells, bounds, near=near)
     n_rows = cells.n_moving + cells.n_standing
     return PrimitiveCells(
         *modes,
@@ -115,25 +112,25 @@ def fitted(cells: CellRows, recipe: Recipe, near: Modes | None = None) -> Primit
     )
 
 
-def usual_of(cells: PrimitiveCells, recipe: Recipe) -> Usual:
-    """The median spreads of the modes that several vehicles drive: empirical Bayes (Efron and Morris 1973).
+def with_usual(cells: PrimitiveCells, bounds: Bounds) -> Bounds:
+    """Bounds whose priors are the median spreads of the modes that several vehicles drive.
 
-    What the fit is bounded by is left out; where too few modes are left, nothing is usual but what `recipe` says.
+    That is empirical Bayes (Efron and Morris 1973). What the fit is bounded by is left out; where too few modes are
+    left, nothing is usual but what `bounds` say.
     """
-    config = recipe.config
     vehicles = cells.n_vehicles[:, None] * cells.weight
     is_inner = (
         (vehicles >= MIN_MODE_VEHICLES)
         & (cells.concentration > 0)
-        & (cells.concentration < 0.99 * config.max_concentration)
+        & (cells.concentration < 0.99 * bounds.max_concentration)
         & (cells.shape > 1.0 + 1e-4)
-        & (cells.shape < 0.99 * config.max_shape)
+        & (cells.shape < 0.99 * bounds.max_shape)
     )
     if is_inner.sum() < 5:
-        return recipe.usual
+        return bounds
     variance = _weighted_median(von_mises.circular_variance(cells.concentration[is_inner]), vehicles[is_inner])
     spread = _weighted_median(0.5 / cells.shape[is_inner], vehicles[is_inner])
-    return Usual(1.0 - variance, spread)
+    return bounds._replace(usual_resultant=1.0 - variance, speed_spread=spread)
 
 
 def _weighted_median(value: FloatArray, weight: FloatArray) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -43,7 +44,8 @@ FINE = 2048
 FINISHING_ITERATIONS = 10
 TOLERANCE = 1e-7
 """Of the objective per vehicle."""
-ROUGH_TOLERANCE = 1e-3
+ROUGH: dict[str, Any] = {"thorough": False, "tolerance": 1e-3, "parameter_cost": 1.0}
+"""Of bounds, while cells are looked for: such fits are compared, not kept, and cells of fewer modes last."""
 SHARE = 8192
 """Threads take cells of so many rows at a time: few enough to level out what cells cost, and a thread is worth it."""
 ROWS_OF_A_CELL = 32
@@ -59,14 +61,13 @@ def bounds_of(
     speed_spread: float = 1.0,
     curved: bool = False,
     parameter_cost: float = 1.0,
-    thorough: bool = True,
 ) -> Bounds:
     """The priors and bounds of a fit, as the kernels take them."""
     return Bounds(
         config.max_modes if max_modes is None else max_modes, prior_strength, usual_resultant, speed_spread,
         config.max_concentration, config.max_shape, config.dbscan_eps, config.dbscan_share,
         config.bend_scale, config.gain_scale, curved, parameter_cost,
-        TOLERANCE if thorough else ROUGH_TOLERANCE, thorough,
+        TOLERANCE, True, config.standing_speed,
     )  # fmt: skip
 
 
@@ -74,7 +75,6 @@ def fit_all(
     in_cells: CellRows,
     bounds: Bounds,
     *,
-    at_once: bool,
     near: Modes | None = None,
     merged_from: int = MERGED_FROM,
     n_threads: int | None = None,
@@ -83,9 +83,9 @@ def fit_all(
 
     Args:
         in_cells: the rows of each cell.
-        bounds: priors and bounds.
-        at_once: direction and speed together and modes by BIC, or else the paper's two steps.
-        near: (n_cells, max_modes) modes of nearly the same rows: with `at_once` cells that have any keep their number,
+        bounds: priors and bounds; `with_speed`: direction and speed together and modes by BIC, or else the paper's two
+            steps.
+        near: (n_cells, max_modes) modes of nearly the same rows: fitted at once, cells that have any keep their number,
             and climb from there.
         merged_from: rows from which on a cell's are merged.
         n_threads: as many as there are cores if absent.
@@ -93,7 +93,8 @@ def fit_all(
     Returns:
         (n_cells, max_modes) each; of weight 0 where a cell has no rows or fewer modes.
     """
-    bounds = bounds._replace(with_speed=at_once, curved=at_once and bounds.curved)
+    at_once = bounds.with_speed
+    bounds = bounds._replace(curved=at_once and bounds.curved)
     whole, whole_start = columns_of(in_cells)
     merged = (np.diff(whole_start) > merged_from) & at_once
     columns, start = _with_merged(whole, whole_start, merged, CURVED_BINS if bounds.curved else BINS)

@@ -2,7 +2,7 @@
 
 Source: Senanayake et al. 2020, section III. Beyond it: direction and speed are fitted together, the number of modes by
 BIC; cells are learned jointly with what happens in them (the paper's section VI); modes that few vehicles drive lean on
-what is usual, and cells that know little on the background model, by strengths learned from held-out vehicles.
+what is usual, and cells that know little on the background model.
 """
 
 from __future__ import annotations
@@ -17,13 +17,12 @@ import numpy as np
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.primitives.assembly import assemble, fit_cells
-from dirprim_filter.primitives.background import Background, learn_background
-from dirprim_filter.primitives.choice import choose
-from dirprim_filter.primitives.layouts import TRIAL_ROWS, Progress, layouts_of
+from dirprim_filter.primitives.background import learn_background
+from dirprim_filter.primitives.fitting import bounds_of
+from dirprim_filter.primitives.layouts import TRIAL_ROWS, Progress, lay_out, leaning
 from dirprim_filter.primitives.leader_learning import learn_leader
 from dirprim_filter.primitives.motion_learning import learn_motion
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.primitives.recipe import CellsRule, ModesRule, Recipe, Usual
 from dirprim_filter.primitives.rows import TrackRows
 from dirprim_filter.tracks import Tracks
 from tessellation import Tessellation
@@ -31,7 +30,8 @@ from tessellation.gates import residents
 
 logger = logging.getLogger(__name__)
 
-
+CellsRule = Literal["joint", "voronoi", "grid"]
+ModesRule = Literal["bic", "dbscan"]
 STAGES = ("cells", "how much each leans on what is usual", "primitives", "how vehicles go on")
 """What is learned, one after the other."""
 
@@ -86,19 +86,18 @@ def learn_primitives(
     background = learn_background(rows, config, rng=rng.spawn(1)[0])  # what it draws changes no cell
     begin = stage or (lambda _: None)
     begin(0)
-    recipe = _first_recipe(modes, primitive, background, config)
-    layouts = layouts_of(
-        rows, tessellation, recipe, background, cell_size=cell_size, n_cells=n_cells, progress=progress, rng=rng
+    bounds = bounds_of(
+        config, prior_strength=config.prior_strength, speed_spread=background.speed_spread,
+        curved=primitive == "curved" and modes == "bic", parameter_cost=config.parameter_cost,
+    )._replace(with_speed=modes == "bic")  # fmt: skip
+    layout = lay_out(
+        rows, tessellation, bounds, background, config, cell_size=cell_size, n_cells=n_cells, progress=progress, rng=rng
     )
     begin(1)
-    few = rows.some(TRIAL_ROWS, rng=rng)
-    layout, recipe, strength = choose(few, layouts, recipe, background, rng=rng)
+    bounds = leaning(rows.some(TRIAL_ROWS, rng=rng), layout, bounds, background)
     begin(2)
-    learned = assemble(layout.cells, fit_cells(rows, layout, recipe), background, strength)
-    logger.info(
-        "learned %d cells from %d vehicles, the background model as %.3g vehicles",
-        layout.cells.n_cells, rows.n_vehicles, strength,
-    )  # fmt: skip
+    learned = assemble(layout.cells, fit_cells(rows, layout, bounds), background, config)
+    logger.info("learned %d cells from %d vehicles", layout.cells.n_cells, rows.n_vehicles)
     n_rows = residents(layout.cells.cell_of(rows.position), layout.cells.centers).start
     begin(3)
     return replace(
@@ -106,12 +105,6 @@ def learn_primitives(
         motion=replace(learn_motion(learned, rows, background, rng=rng), leader=learn_leader(tracks)),
         n_rows=np.append(np.diff(n_rows), len(rows)),
     )
-
-
-def _first_recipe(modes: ModesRule, primitive: str, background: Background, config: LearningConfig) -> Recipe:
-    """How modes are fitted, before held-out vehicles choose."""
-    is_curved = primitive == "curved" and modes == "bic"
-    return Recipe(modes, is_curved, config.prior_strengths[0], Usual(0.0, background.speed_spread), config)
 
 
 def _check_options(

@@ -67,8 +67,8 @@ class PrimitiveMap:
         direction: (n_cells + 1, M) mixture of directions.
         speed: (n_cells + 1, M) speeds of each mode.
         n_rows: (n_cells + 1,) how many observations each row was learned from.
-        n_background_modes: how many of the last modes are the background model's, in every row: what a cell leans
-            on where it knows little. They say where vehicles go at large, not here, so motion is not drawn to them.
+        n_background_modes: how many of the last modes are tails, or the background model's: what a cell leans on
+            where it knows little. They say where vehicles go at large, not here, so motion is not drawn to them.
         bend: (n_cells + 1, M, 2) rad/m, how a mode's mean direction turns towards the east and the north of its cell;
             left out: none, the primitives are flat.
         gain: (n_cells + 1, M, 2) 1/m, how the logarithm of a mode's mean speed grows; left out: none.

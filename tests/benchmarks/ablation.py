@@ -82,7 +82,7 @@ def without_ends(bayes: Any) -> None:
 
 UNNAMED = ("dense intersection", "dense highway", "autoferry")
 LEARNED = ("roundabout", "intersection", "Lankershim")
-ONE_PRIOR = LearningConfig(prior_strengths=(0.1,), parameter_costs=(1.0,))
+WITHOUT_TAILS = LearningConfig(broad_share=0.0)
 MECHANISMS: dict[str, Mechanism] = {
     "innovation outliers": Mechanism(filter={"innovation_outlier_rate": 0.0}),
     "vehicles go their own way": Mechanism(filter={"own_way_rate": 0.0}),
@@ -94,7 +94,7 @@ MECHANISMS: dict[str, Mechanism] = {
     "ends by the map": Mechanism(scenes=UNNAMED, strip=without_ends),
     "curved primitives": Mechanism(scenes=LEARNED, learning={"primitive": "flat"}),
     "joint cells (even ones instead)": Mechanism(scenes=LEARNED, learning={"tessellation": "voronoi"}),
-    "choice of prior weights": Mechanism(scenes=LEARNED, learning={"config": ONE_PRIOR}),
+    "tails of modes": Mechanism(scenes=LEARNED, learning={"config": WITHOUT_TAILS}),
 }  # fmt: skip
 STATISTICS = {
     "in sight": reduction_of_rmse, "in gaps": reduction_of_rmse, "energy at 1 s": reduction_of_mean,

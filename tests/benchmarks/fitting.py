@@ -65,7 +65,7 @@ def fitted(direction, speed):
     spread = float(np.log(speed.mean()) - np.log(speed).mean())
     bounds = bounds_of(LearningConfig(), prior_strength=0.02, speed_spread=spread)
     cell = CellRows.one(direction, speed, n_vehicles=speed.size)
-    return Modes(*(column[0] for column in fit_all(cell, bounds, at_once=True, merged_from=0)))
+    return Modes(*(column[0] for column in fit_all(cell, bounds, merged_from=0)))
 
 
 def least(work, seconds=1.0):
@@ -97,7 +97,7 @@ def against_numpy():
             theirs = min(theirs, least(partial(em_in_numpy, direction), 0.5))
         modes = fitted(direction, speed)
         bounds = bounds_of(LearningConfig(), prior_strength=0.02, speed_spread=0.025)
-        exact = fit_all(CellRows.one(direction, speed, n_vehicles=n), bounds, at_once=True, merged_from=10**9)
+        exact = fit_all(CellRows.one(direction, speed, n_vehicles=n), bounds, merged_from=10**9)
         loss = density([column[0] for column in exact], direction, speed) - density(modes, direction, speed)
         print(
             f"{n:>8,} angles  {1e3 * ours:8.3f} ms {1e3 * theirs:11.1f} ms {theirs / ours:6.0f}x (asked {asked:,}x)"
@@ -123,7 +123,7 @@ def by_rows(most):
         one = CellRows.one(direction, speed, n_vehicles=n)
         bounds = bounds_of(LearningConfig(), prior_strength=0.02, speed_spread=0.025)
         begin = time.perf_counter()
-        fit_all(one, bounds, at_once=True, merged_from=0)
+        fit_all(one, bounds, merged_from=0)
         in_one = time.perf_counter() - begin
         del one
         side = 310.0  # 31 x 32 cells of 10 m
@@ -139,7 +139,6 @@ def by_rows(most):
                 rows, residents(cells.cell_of(rows.position), cells.centers), rows.position, standing_speed=0.3
             ),
             bounds,
-            at_once=True,
         )
         in_many = time.perf_counter() - begin
         peak = tracemalloc.get_traced_memory()[1]
@@ -150,7 +149,7 @@ def by_rows(most):
         del rows
         begin = time.perf_counter()
         tracemalloc.start()
-        config = LearningConfig(prior_strengths=(0.02,), parameter_costs=(1.0,))
+        config = LearningConfig(prior_strength=0.02, parameter_cost=1.0)
         learn_primitives(tracks, tessellation=cells, config=config, rng=np.random.default_rng(0))
         whole, whole_peak = time.perf_counter() - begin, tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()

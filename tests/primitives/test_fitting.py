@@ -129,7 +129,7 @@ def fitted(direction, speed, weight=None, *, prior_strength=0.02):
     rows = CellRows.one(direction, speed, weight=weight, n_vehicles=speed.size if weight is None else weight.sum())
     spread = max(np.log(np.average(speed, weights=weight)) - np.average(np.log(speed), weights=weight), 1e-3)
     bounds = bounds_of(LearningConfig(), prior_strength=prior_strength, speed_spread=spread)
-    return Modes(*(column[0] for column in fit_all(rows, bounds, at_once=True, merged_from=0)))
+    return Modes(*(column[0] for column in fit_all(rows, bounds, merged_from=0)))
 
 
 def count(modes):
@@ -170,7 +170,7 @@ def test_merging_rows_costs_less_than_a_thousandth_of_a_nat(kind):
     direction = wrap(direction + place @ [0.05, -0.04])
     rows = replace(CellRows.one(direction, speed, n_vehicles=n), position=place)
     bounds = bounds_of(LearningConfig(), prior_strength=0.02, speed_spread=0.1, curved=bent)
-    fits = [fit_all(rows, bounds, at_once=True, merged_from=least) for least in (0, NEVER)]
+    fits = [fit_all(rows, bounds, merged_from=least) for least in (0, NEVER)]
     merged, exact = (log_density(Modes(*(c[0] for c in fit)), rows).mean() for fit in fits)
     assert merged > exact - 1e-3
 
@@ -208,8 +208,10 @@ def test_any_number_of_threads_fits_the_identical_modes(at_once):
         CellRows.one(direction, speed, n_vehicles=n),
         start=start, center=np.zeros((n_cells, 2)), n_vehicles=np.diff(start).astype(float),
     )  # fmt: skip
-    bounds = bounds_of(LearningConfig(), prior_strength=0.02, speed_spread=0.05, curved=at_once)
-    one, *others = (fit_all(rows, bounds, at_once=at_once, n_threads=threads) for threads in (1, 2, 5))
+    bounds = bounds_of(LearningConfig(), prior_strength=0.02, speed_spread=0.05, curved=at_once)._replace(
+        with_speed=at_once
+    )
+    one, *others = (fit_all(rows, bounds, n_threads=threads) for threads in (1, 2, 5))
     for other in others:
         for mine, theirs in zip(one, other, strict=True):
             np.testing.assert_array_equal(mine, theirs)
@@ -225,10 +227,10 @@ def test_a_fit_from_the_modes_of_like_rows_finds_its_own_and_keeps_their_number(
         n_vehicles=np.array([600.0, 600.0]), position=rng.uniform(-5, 5, (1200, 2)),
     )  # fmt: skip
     bounds = bounds_of(LearningConfig(), prior_strength=0.02, speed_spread=0.05, curved=True)
-    alone = fit_all(rows, bounds, at_once=True)
+    alone = fit_all(rows, bounds)
     np.testing.assert_allclose(Modes.of(alone.table(), bounds), alone, rtol=1e-12, atol=1e-300)
     exchanged = Modes(*(column[::-1].copy() for column in alone))
-    near = fit_all(rows, bounds, at_once=True, near=exchanged)
+    near = fit_all(rows, bounds, near=exchanged)
     np.testing.assert_array_equal(np.sort(near.weight > 0), np.sort(exchanged.weight > 0))
     for cell, half in enumerate((slice(0, 600), slice(600, 1200))):
         own, of_near, of_other = (

@@ -162,6 +162,22 @@ def test_kept_rows_are_the_interval_apart_and_no_vehicle_is_lost(ring):
     assert len(TrackRows.thinned(ring, interval_s=0.1)) == len(ring)
 
 
+def test_modes_have_tails_of_the_share_asked_for(two_cells):
+    """Four deviations off a mode of its own direction the density is that of the tail; without one it is e^-8."""
+    at, off = np.array([-5.0, 5.0]), 0.3 + np.array([0.0, 4.0 / np.sqrt(60.0)])
+    found = {}
+    for share in (0.0, 0.05, 0.2):
+        config = LearningConfig(broad_share=share, background_vehicles=1e-9)
+        learned = learn_primitives(
+            two_cells, tessellation="grid", cell_size=10.0, config=config, rng=np.random.default_rng(0)
+        )
+        found[share] = np.exp(learned.direction_log_density(at, off))
+    for share in (0.05, 0.2):
+        assert found[share][0] == pytest.approx((1 - 0.75 * share) * found[0.0][0], rel=0.03)
+        tail = 0.6 * np.sqrt(60.0 / 16 / (2 * np.pi)) * np.exp(-0.5)
+        assert found[share][1] - found[0.0][1] == pytest.approx(share * tail, rel=0.25)
+
+
 def still(n, speed=0.0):
     return rows_of(np.linspace(-3, 3, n), np.full(n, speed), position=(1.0, 1.0))
 

@@ -26,7 +26,7 @@ def lankershim_map(real_data):
         direction=heading,
         speed=speed,
     )
-    config = LearningConfig(prior_strengths=(0.002,))
+    config = LearningConfig(prior_strength=0.002)
     return learn_primitives(tracks, tessellation="grid", cell_size=7.0, config=config, rng=np.random.default_rng(0))
 
 
