@@ -16,8 +16,8 @@ autoferry, why not: boats go where they like; 60 % of a held-out scenario is out
 gives its motion no more density than no map does. What is wrong is the sensor: offsets of 2 to 10 m that last from turn
 to turn, on which a filter of white noise is sure of itself.
 
-Buses: the density gains much. Forecasts gain where trips are filled to a row each second; as they are, no motion is
-learned from steps above 1.5 s, with the map or without it, and any straight line is better.
+Buses: the density gains much, forecasts are a quarter to two fifths nearer than constant velocity; remembered trips are
+nearer still.
 """
 
 from __future__ import annotations
