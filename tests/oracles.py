@@ -18,6 +18,14 @@ def von_mises_mixture_density(direction, weight, mean, concentration):
     return sum(w * stats.vonmises.pdf(direction, k, loc=m) for w, m, k in zip(weight, mean, concentration, strict=True))
 
 
+def sample_by_rejection(log_target, proposal, *, log_envelope, n, rng):
+    """The paper's sampler of Eq. 4: those of n proposals that stand under the target, which k proposal covers."""
+    theta, _ = proposal.sample(n_samples=n, rng=rng)
+    log_ratio = log_target(theta) - log_envelope - proposal.log_density(theta)
+    assert (log_ratio <= 1e-9).all()
+    return theta[np.log(rng.random(n)) < log_ratio]
+
+
 def kuiper_p_value(uniform):
     """Kuiper's test (1960) that numbers are even on a circle of length one, wherever it is cut; Stephens (1970)."""
     u, n = np.sort(np.mod(uniform, 1.0)), len(uniform)

@@ -16,7 +16,7 @@ import numpy as np
 from scipy import stats
 
 from dirprim_filter.distributions import VonMisesMixture
-from dirprim_filter.distributions.product import multiply_mixtures, sample_by_rejection
+from dirprim_filter.distributions.product import multiply_mixtures
 
 
 def mixture(*modes: tuple[float, float, float]) -> VonMisesMixture:
@@ -57,7 +57,12 @@ def main() -> None:
         return multiply_mixtures(PRIOR, SIGNAL).mixture.sample(n_samples=n, rng=rng)[0]
 
     def rejected() -> np.ndarray:
-        return sample_by_rejection(log_target, BROAD, log_envelope=envelope, n_samples=n, rng=rng).direction
+        kept: list[np.ndarray] = []
+        while sum(map(len, kept)) < n:
+            theta, _ = BROAD.sample(n_samples=2 * n, rng=rng)
+            log_ratio = log_target(theta) - envelope - BROAD.log_density(theta)
+            kept.append(theta[np.log(rng.random(2 * n)) < log_ratio])
+        return np.concatenate(kept)[:n]
 
     ours, theirs = seconds(exact, 15), seconds(rejected, 3)
     agree = stats.ks_2samp(exact(), rejected()).pvalue
