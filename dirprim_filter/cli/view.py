@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 import typer
 
 from dirprim_filter.cli import losses
-from dirprim_filter.cli.options import WRITTEN, Connect, Force, Save, Spawn
+from dirprim_filter.cli.options import WRITTEN, Connect, Force, Save, Serve, Spawn
 from dirprim_filter.cli.reading import Reading, reads_logs
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def view(
     save: Save = None,
     spawn: Spawn = False,
     connect: Connect = None,
-    serve: Annotated[bool, typer.Option("--serve", help="Serve the web viewer until Ctrl-C; see --bind.")] = False,
+    serve: Serve = False,
     bind: Annotated[
         str, typer.Option("--bind", help="With --serve: the address; 0.0.0.0: reachable from other machines.")
     ] = "127.0.0.1",

@@ -1,9 +1,7 @@
 """The real viewer, without a screen: no view reports an error, and north-east is up and to the right."""
 
 import io
-import os
 import socket
-import subprocess
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -149,20 +147,3 @@ def test_every_kind_of_recording_opens_without_a_complaint(
         names = {view.name for view in viewer.get_state().views}
         assert expected <= names, name
         assert reports_of(viewer) == [], name
-
-
-def test_the_rerun_program_takes_a_picture(
-    tmp_path: Path, scene_map: PrimitiveMap, scene_frames: list[TrackedFrame]
-) -> None:
-    with open_stream(save=tmp_path / "run.rrd") as sink:
-        sink.log_map(scene_map)
-        for frame in scene_frames:
-            sink.write(frame)
-    picture = tmp_path / "run.png"
-    viewer, port = viewer_program() or "rerun", str(free_port())
-    subprocess.run(
-        [viewer, "--headless", "--window-size", "1400x900", "--port", port, "--screenshot-to", picture,
-         tmp_path / "run.rrd"],
-        check=True, capture_output=True, timeout=60, env=os.environ | {"XDG_RUNTIME_DIR": str(tmp_path)},
-    )  # fmt: skip
-    assert (imread(picture)[..., :3].std(axis=-1) > 0.1).sum() > 1000  # coloured, not one grey
