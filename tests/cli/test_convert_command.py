@@ -88,7 +88,7 @@ def test_a_time_before_the_epoch_names_the_file_and_the_way_out(tmp_path, capsys
     assert convert(table, "-o", tmp_path / "log.mcap") == 1
     said = capsys.readouterr().err
     assert f"{tmp_path / 'log.mcap'}: expected times from 0 ns on" in said
-    assert "add as many seconds" in said
+    assert "shift all times of the input by as many seconds" in said
 
 
 @pytest.mark.parametrize("options", [("--noise", "0"), ("--noise", "-1"), ("--forecast", "-3")])

@@ -131,7 +131,7 @@ def test_exports_are_whole_or_not_there_and_overwrite_nothing(tracked, tmp_path,
     assert dirprim("export", tracked, "-o", out, "--force") == DONE
     assert dirprim("export", tracked, "-o", tmp_path / "out.xls") == FAILED
     assert "expected a name that ends in .csv, .parquet, .txt, got .xls" in capsys.readouterr().err
-    assert dirprim("export", tracked, "-o", out, "--frames-of", tracked) == USAGE
+    assert dirprim("export", tracked, "-o", tmp_path / "new.csv", "--frames-of", tracked) == USAGE
     assert [path.name for path in tmp_path.iterdir()] == ["out.csv"]
 
 
