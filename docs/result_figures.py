@@ -87,12 +87,12 @@ def peers(output: str) -> dict[str, Any]:
 
 def real_sensors(output: str) -> dict[str, Any]:
     """The methods of every table of `real_sensors.py`, each with what the map gains on it."""
-    found = {}
+    found: dict[str, dict[str, Any]] = {}
     for title, table in json.loads(output).items():
         where = title.partition(":")[0].partition(", drives")[0]
         for name, row in table["rows"].items():
             gains = [gain for of, gain in table["gains"].items() if of.startswith(f"with the map against {name}, less")]
-            found[f"{where}: {name}"] = row | {"gain": gains[0] if gains else None}
+            found.setdefault(f"{where}: {name}", {}).update(row | {"gain": gains[0] if gains else None})
     return found
 
 
