@@ -157,7 +157,7 @@ TABLES: dict[str, Table] = {
     ),
     "no_ids": Table(
         command="dirprim evaluate tracking {logs} --no-ids --set miss_rate=0.2 --set false_per_frame=10 "
-        f"--particles 300{TRACKERS} {{options}} --json",
+        f"--set n_particles=300{TRACKERS} {{options}} --json",
         runs=(
             Run(name="Lankershim", logs=("lankershim.mcap",), options="--set learn=0.9 --gap 0 --seeds 5"),
             Run(

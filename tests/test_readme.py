@@ -49,7 +49,7 @@ def test_the_commands_run(beside_recordings):
 
 def test_the_pictures_exist():
     pictures = re.findall(r"!\[[^]]+\]\(([^)]+)\)", README)
-    assert len(pictures) == 3
+    assert len(pictures) == 2
     for picture in pictures:
         assert (ROOT / picture).stat().st_size > 0
 
