@@ -209,8 +209,8 @@ def residuals(
     """
     place, direction, mean, x, y = cloud.position[v], cloud.direction[v], carried.mean[v], z[X], z[Y]
     kept, other = math.exp(-carried.since_s[v] * errors.forgets[0]), math.exp(-carried.since_s[v] * errors.forgets[1])
-    precision = 1.0 / error_variance(carried, v, z, errors, 0)
-    precision_across = 1.0 / error_variance(carried, v, z, errors, 1)
+    precision = 1.0 / (z[WHITE] + lasting_variance(carried, v, errors, 0))
+    precision_across = 1.0 / (z[WHITE + 1] + lasting_variance(carried, v, errors, 1))
     bias, bias_across = errors.bias[0], errors.bias[1]
     if math.isnan(z[AXIS]):
         for p in range(direction.size):
@@ -231,12 +231,6 @@ def residuals(
     for p in range(direction.size):
         fit[p] = precision * off[0, p] * off[0, p] + precision_across * off[1, p] * off[1, p]
     return math.sqrt(precision * precision_across) / (2.0 * math.pi)
-
-
-@njit(cache=True, inline="always")
-def error_variance(carried: Carried, v: int, z: FloatArray, errors: Errors, a: int) -> float:
-    """Of a residual along an axis: white, and what lasts."""
-    return float(z[WHITE + a] + lasting_variance(carried, v, errors, a))
 
 
 @njit(cache=True, inline="always")
@@ -277,7 +271,8 @@ def move_outliers(
 ) -> None:  # fmt: skip
     """Fill (P,) likelihoods of the mixture, and move the particles that are its outliers; `off` stays what is left."""
     k, state = PLACE_M * PLACE_M, cloud.state[v].copy()
-    s, s_across = error_variance(carried, v, z, errors, 0), error_variance(carried, v, z, errors, 1)
+    s = z[WHITE] + lasting_variance(carried, v, errors, 0)
+    s_across = z[WHITE + 1] + lasting_variance(carried, v, errors, 1)
     gain, gain_across = k / (k + s), k / (k + s_across)
     scale = (1.0 - share) * noise.kept / (2.0 * math.pi * math.sqrt(s * s_across))
     wide = share * noise.kept / (2.0 * math.pi * math.sqrt((k + s) * (k + s_across)))

@@ -21,18 +21,10 @@ MIN_MESSAGE = 22
 
 
 @njit(**COMPILED)
-def _u64(buffer: AnyArray, at: Any) -> Any:
+def _unsigned(buffer: AnyArray, at: Any, n_bytes: int) -> Any:
     value = np.uint64(0)
-    for i in range(8):
+    for i in range(n_bytes):
         value |= np.uint64(buffer[at + i]) << np.uint64(8 * i)
-    return value
-
-
-@njit(**COMPILED)
-def _u32(buffer: AnyArray, at: Any) -> Any:
-    value = np.uint32(0)
-    for i in range(4):
-        value |= np.uint32(buffer[at + i]) << np.uint32(8 * i)
     return value
 
 
@@ -41,7 +33,7 @@ def _end(buffer: AnyArray, at: Any, size: int) -> Any:
     """The byte after the record at `at`; -1 where it does not fit."""
     if at + HEAD > size:
         return -1
-    length = _u64(buffer, at + 1)
+    length = _unsigned(buffer, at + 1, 8)
     if length > np.uint64(size - at - HEAD) or (buffer[at] == MESSAGE and length < np.uint64(MIN_MESSAGE)):
         return -1
     return at + HEAD + np.int64(length)
@@ -87,9 +79,9 @@ def read_records(buffer: AnyArray, n_messages: int, n_others: int) -> tuple[AnyA
         end = _end(buffer, at, size)
         if buffer[at] == MESSAGE:
             channel[i] = np.uint16(buffer[at + 9]) | (np.uint16(buffer[at + 10]) << np.uint16(8))
-            sequence[i] = _u32(buffer, at + 11)
-            log_time[i] = _u64(buffer, at + 15)
-            publish_time[i] = _u64(buffer, at + 23)
+            sequence[i] = _unsigned(buffer, at + 11, 4)
+            log_time[i] = _unsigned(buffer, at + 15, 8)
+            publish_time[i] = _unsigned(buffer, at + 23, 8)
             start[i] = at + MESSAGE_HEAD
             stop[i] = end
             i += 1
@@ -109,7 +101,7 @@ def message_run(buffer: AnyArray, at: Any, max_bytes: int) -> tuple[int, Any, An
         end = _end(buffer, at, size)
         if end < 0:
             break
-        time = _u64(buffer, at + 15)
+        time = _unsigned(buffer, at + 15, 8)
         earliest = min(earliest, time)
         latest = max(latest, time)
         at = end
