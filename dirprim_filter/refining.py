@@ -7,7 +7,7 @@ that it broke are joined first, where the map leads from the end of one to the b
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -49,7 +49,7 @@ def is_measured(rows: Detections) -> BoolArray:
 
 
 def refine(
-    rows: Detections, primitive_map: PrimitiveMap, sinks: Iterable[Callable[[TrackedFrame], None]], *, noise_m: float,
+    rows: Detections, primitive_map: PrimitiveMap, sinks: Sequence[Callable[[TrackedFrame], None]], *, noise_m: float,
     config: FilterConfig, tracking: TrackingConfig, rng: Callable[[], np.random.Generator],
 ) -> int:  # fmt: skip
     """Smooth what another tracker reported, at each of its instants, from a vehicle's first measured row to its last.
@@ -76,8 +76,15 @@ def refine(
         _smoothed, instants=_instants(rows), model=primitive_map, config=config, tracking=tracking,
         sensor=Sensor(along=axis, across=axis), rng=rng,
     )  # fmt: skip
-    joined = made(bare, Smoother(max_gap_s=config.max_gap_s, joins_labelled=True)).joined
-    made(_renamed(bare, joined), Smoother(max_gap_s=config.max_gap_s, sinks=list(sinks)))
+    frames: list[TrackedFrame] = []
+    first = Smoother(max_gap_s=config.max_gap_s, sinks=[frames.append], joins_labelled=True)
+    made(bare, first)
+    if first.joined:  # under one id a vehicle keeps its belief across the break
+        frames.clear()
+        made(_renamed(bare, first.joined), Smoother(max_gap_s=config.max_gap_s, sinks=[frames.append]))
+    for frame in frames:
+        for sink in sinks:
+            sink(frame)
     return int(measured.sum())
 
 
@@ -89,8 +96,8 @@ def _instants(rows: Detections) -> list[tuple[int, list[int]]]:
 def _smoothed(
     rows: Detections, smoother: Smoother, *, instants: list[tuple[int, list[int]]], model: PrimitiveMap,
     config: FilterConfig, tracking: TrackingConfig, sensor: Sensor, rng: Callable[[], np.random.Generator],
-) -> Smoother:  # fmt: skip
-    """The smoother, once it has passed on all frames."""
+) -> None:  # fmt: skip
+    """Track the rows, and let the smoother pass on all frames."""
 
     def tracker_of(group: int) -> Tracker:
         return smoother.tracker(group, model, config=config, tracking=tracking, sensor=sensor, rng=rng())
@@ -103,7 +110,6 @@ def _smoothed(
             worlds.weigh()
             smoother.write(worlds.frame())
             worlds.resample()
-    return smoother
 
 
 def _renamed(rows: Detections, joined: Iterable[tuple[str, str]]) -> Detections:

@@ -1,6 +1,7 @@
 """Makes the pictures of README and the site from the recordings that ship: `python docs/make_pictures.py`, in the root.
 
-`recordings/roundabout.png` is what `dirprim demo` draws; `make_animation.py` makes that of its blind scene.
+The animation of the blind scene is made by `make_animation.py`.
+
 `recordings/viewer.png` is the rerun viewer, without a screen, in the middle of a tracked intersection; it needs a
 Vulkan driver (Debian: mesa-vulkan-drivers). `recordings/gap.png` compares filter and smoother on vehicles that are out
 of sight for three seconds.
@@ -15,7 +16,6 @@ from __future__ import annotations
 import io
 import os
 import shlex
-import shutil
 import socket
 import subprocess
 import tempfile
@@ -53,9 +53,8 @@ MOST_LOOKS = 60
 
 
 def demo(folder: Path) -> None:
-    """The picture of the demo."""
+    """The demo, in Foxglove."""
     succeed("demo", "-o", folder / "demo")
-    shutil.copy(folder / "demo" / "demo.png", RECORDINGS / "roundabout.png")
     foxglove(folder / "demo" / "tracks.mcap", folder / "demo" / "layout.json")
 
 

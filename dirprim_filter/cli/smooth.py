@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -63,8 +64,8 @@ def smooth(
     if (rows.track_id == NO_ID).any():
         raise RecordingError(f"{estimates}: expected tracks with ids, got detections; `dirprim track` makes tracks")
     said = provenance(
-        "smooth", inputs=[estimates, map_file], config=config, seed=seed, tracking=str(asdict(tracking)),
-        **reading.said(),
+        "smooth", inputs=[estimates, map_file], config=config, seed=seed,
+        tracking=json.dumps(asdict(tracking), sort_keys=True), **reading.said(),
     )  # fmt: skip
     found = EstimateList()
     with (

@@ -74,25 +74,25 @@ def columns(drawn: Sequence[Drawn], *, primitives: PrimitiveMap | None, depth: f
         depth: metres of ground in view: labels and rings keep their size on the screen.
     """
     times = time_column([one.frame.time_ns for one in drawn])
-    believed = Estimates.concatenate([one.frame.estimates for one in drawn])
+    estimates = Estimates.concatenate([one.frame.estimates for one in drawn])
     n_each = [len(one.frame.estimates) for one in drawn]
     frame = np.repeat(np.arange(len(drawn)), n_each)
     in_full = np.concatenate([one.in_full for one in drawn])
     prominence = np.where(in_full, 1.0, marks.in_crowd(np.array(n_each))[frame])
-    yield "/tracks/estimates", times, marks.estimates(believed, prominence).partition(n_each)
-    yield "/tracks/motion", times, marks.motion(believed, prominence).partition(n_each)
-    unseen = believed.is_coasting
+    yield "/tracks/estimates", times, marks.estimates(estimates, prominence).partition(n_each)
+    yield "/tracks/motion", times, marks.motion(estimates, prominence).partition(n_each)
+    unseen = estimates.is_coasting
     for entity, chosen, shown in (
-        ("/tracks/ids", in_full, marks.ids(believed[in_full], depth=depth)),
-        ("/tracks/covariance", mask := in_full & ~unseen, marks.covariance(believed[mask])),
-        ("/tracks/unseen", mask := in_full & unseen & ~may_be_anywhere(believed), marks.covariance(believed[mask])),
+        ("/tracks/ids", in_full, marks.ids(estimates[in_full], depth=depth)),
+        ("/tracks/covariance", mask := in_full & ~unseen, marks.covariance(estimates[mask])),
+        ("/tracks/unseen", mask := in_full & unseen & ~may_be_anywhere(estimates), marks.covariance(estimates[mask])),
     ):
         yield entity, times, shown.partition(np.bincount(frame[chosen], minlength=len(drawn)))
     detected = [one.frame.detections.position for one in drawn]
     yield "/detections", times, marks.detections(np.concatenate(detected), [len(part) for part in detected])
     particles = [one.particles for one in drawn]
     yield "/tracks/particles", times, marks.particles(particles).partition([len(part) for part in particles])
-    yield "/tracks/trails", times, _trails(believed, n_each, [one.steps for one in drawn], prominence)
+    yield "/tracks/trails", times, _trails(estimates, n_each, [one.steps for one in drawn], prominence)
     yield from _of_focus(times, [one.look for one in drawn], primitives, depth)
     for entity in sorted({entity for one in drawn for entity in one.metrics}):
         rows = [(one.frame.time_ns, one.metrics[entity]) for one in drawn if entity in one.metrics]
@@ -103,20 +103,20 @@ def smoothed_columns(frames: Sequence[tuple[TrackedFrame, Step]]) -> Iterator[Co
     """What smoothed frames show beside those of the filter: bold paths and thin ellipses."""
     times = time_column([frame.time_ns for frame, _ in frames])
     n_each = [len(frame.estimates) for frame, _ in frames]
-    believed = Estimates.concatenate([frame.estimates for frame, _ in frames])
+    estimates = Estimates.concatenate([frame.estimates for frame, _ in frames])
     of_each = [steps for _, steps in frames]
-    yield "/smoothed/trails", times, _trails(believed, n_each, of_each, np.ones(len(believed)), width=BOLD)
-    yield "/smoothed/covariance", times, marks.covariance(believed).partition(n_each)
+    yield "/smoothed/trails", times, _trails(estimates, n_each, of_each, np.ones(len(estimates)), width=BOLD)
+    yield "/smoothed/covariance", times, marks.covariance(estimates).partition(n_each)
 
 
 def _trails(
-    believed: Estimates, n_each: list[int], steps: list[Step], prominence: FloatArray, *, width: float = 1.0
+    estimates: Estimates, n_each: list[int], steps: list[Step], prominence: FloatArray, *, width: float = 1.0
 ) -> rr.ComponentColumnList:
     """The steps of each frame's vehicles; its rows count from its own first."""
     first = np.cumsum([0, *n_each[:-1]])
     rows = np.concatenate([start + own for start, (own, _) in zip(first, steps, strict=True)])
     path = np.concatenate([part for _, part in steps])
-    drawn = marks.trails(believed.track_id[rows], path, prominence[rows], width=width)
+    drawn = marks.trails(estimates.track_id[rows], path, prominence[rows], width=width)
     return drawn.partition([len(own) for own, _ in steps])
 
 

@@ -90,18 +90,18 @@ class Metrics:
 
     def of(self, frame: TrackedFrame) -> Mapping[str, tuple[float, ...]]:
         """The values of one frame, by entity; NaN, a gap in the curve, where there is none."""
-        believed, nis = frame.estimates, np.nan
-        is_measured = believed.unseen_s == 0
-        ess = believed.effective_sample_size if len(frame.particles) else np.empty(0)
+        estimates, nis = frame.estimates, np.nan
+        is_measured = estimates.unseen_s == 0
+        ess = estimates.effective_sample_size if len(frame.particles) else np.empty(0)
         rows: dict[str, tuple[float, ...]] = {
             "/metrics/existence": (
-                len(believed),
-                float(believed.existence.sum()),
+                len(estimates),
+                float(estimates.existence.sum()),
                 int(is_measured.sum()),
-                float(believed.follows_map[is_measured].sum()),
+                float(estimates.follows_map[is_measured].sum()),
             ),
             "/metrics/ess": (_mean(ess), float(ess.min()) if ess.size else np.nan),
-            "/metrics/log_evidence": (_mean(believed.log_evidence[is_measured]),),
+            "/metrics/log_evidence": (_mean(estimates.log_evidence[is_measured]),),
         }
         if frame.innovations is not None:
             distance, nis = frame.innovations.distance, _mean(frame.innovations.squared)

@@ -76,7 +76,7 @@ class Focus:
         That is everybody, unless they are a crowd: then the few, and the vehicle to look at. Vehicles in the box,
         (2, 2) metres, come first, and each is one of the few for `KEPT_S` at most.
         """
-        names, believed = frame.names, frame.estimates
+        names, estimates = frame.names, frame.estimates
         self._choose(frame, box)
         name = self._chosen or next(iter(self._few), "")
         self._is_crowd = len(names) > (STILL_CROWD if self._is_crowd else CROWD)
@@ -88,36 +88,36 @@ class Focus:
         mine = frame.particles.of(row)
         bins = np.floor(mine.direction % TWO_PI / TWO_PI * (360 // BIN_DEG)).astype(np.int64)
         look = Look(
-            name, believed.position[row], (float(believed.speed[row]), float(believed.speed_std[row])),
-            float(believed.direction[row]), _signal(frame, row) or self._course(name),
+            name, estimates.position[row], (float(estimates.speed[row]), float(estimates.speed_std[row])),
+            float(estimates.direction[row]), _signal(frame, row) or self._course(name),
             np.bincount(bins, mine.weight, 360 // BIN_DEG).astype(np.float64) if len(mine) else np.empty(0),
         )  # fmt: skip
         return look, in_full
 
     def _choose(self, frame: TrackedFrame, box: FloatArray) -> None:
         """Of those measured now, and seen before, the ones of the lowest log evidence take the free places."""
-        names, believed, before = frame.names, frame.estimates, self._evidence
-        self._remember(frame.time_ns, names, believed)
+        names, estimates, before = frame.names, frame.estimates, self._evidence
+        self._remember(frame.time_ns, names, estimates)
         if frame.time_ns >= self._since_ns + KEPT_S * 1e9 or not self._few:
             self._few, self._since_ns = [], frame.time_ns
         self._few = [name for name in self._few if name in self._evidence]
-        is_out = ((believed.position < box[0]) | (believed.position > box[1])).any(axis=1)
+        is_out = ((estimates.position < box[0]) | (estimates.position > box[1])).any(axis=1)
         rank = {
             name: (out, self._evidence[name])
-            for name, out, unseen_s in zip(names, is_out.tolist(), believed.unseen_s.tolist(), strict=True)
+            for name, out, unseen_s in zip(names, is_out.tolist(), estimates.unseen_s.tolist(), strict=True)
             if unseen_s == 0 and name in before and name not in self._few
         }
         self._few += nsmallest(DRAWN_IN_FULL - len(self._few), rank, key=rank.__getitem__)
 
-    def _remember(self, time_ns: int, names: list[str], believed: Estimates) -> None:
+    def _remember(self, time_ns: int, names: list[str], estimates: Estimates) -> None:
         last_ns = self._past[-1][0] if self._past else time_ns
         kept = float(np.exp((last_ns - time_ns) * 1e-9 / MEMORY_S))
         self._evidence = {
             name: kept * self._evidence.get(name, now) + (1.0 - kept) * now
-            for name, now in zip(names, believed.log_evidence.tolist(), strict=True)
+            for name, now in zip(names, estimates.log_evidence.tolist(), strict=True)
         }
-        spread = np.sqrt(0.5 * np.trace(believed.covariance, axis1=1, axis2=2))
-        places = np.column_stack([believed.position, spread]).tolist()
+        spread = np.sqrt(0.5 * np.trace(estimates.covariance, axis1=1, axis2=2))
+        places = np.column_stack([estimates.position, spread]).tolist()
         self._past.append((time_ns, dict(zip(names, places, strict=True))))
         while self._past[0][0] < time_ns - 1.5e9 * COURSE_S:
             self._past.popleft()

@@ -1,7 +1,7 @@
 """What `peers.py` shows to every tracker: unlabelled detections with their truth, and other traffic of the same place.
 
 A scene is a function in `SCENES`, of the number of seeds: `Part`s to be judged, others that settings are chosen by,
-tracks that a map is learned from, and what is known of the sensor, which every tracker is told.
+tracks that a map is learned from, and what is known of the sensor, which every tracker is given.
 """
 
 from __future__ import annotations
