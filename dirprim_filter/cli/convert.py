@@ -26,20 +26,17 @@ class Format(StrEnum):
     SUMO_FCD = "sumo-fcd"
     SDD = "sdd"
     TRAJNET = "trajnet"
-    KITTI = "kitti"
-    ARGOVERSE2 = "argoverse2"
-    NUSCENES = "nuscenes"
 
 
 def convert(
-    source: Annotated[Path, typer.Argument(help="The table: a file, or a data set's folder.", exists=True)],
+    source: Annotated[Path, typer.Argument(help="The table.", exists=True, dir_okay=False)],
     output: Output,
     form: Annotated[
         Format | None, typer.Option("--format", help="Format of the table. Default: recognised, else csv.")
     ] = None,
     metres_per_pixel: Annotated[float | None, typer.Option(help="sdd: scale of the video.")] = None,
     frames_per_second: Annotated[
-        float | None, typer.Option(help="sdd, trajnet, kitti: rate of the frames. Default: 30 of sdd, 10 of kitti.")
+        float | None, typer.Option(help="sdd, trajnet: rate of the frames. Default: 30 of sdd.")
     ] = None,
     columns: Annotated[
         str | None,
@@ -67,9 +64,6 @@ def convert(
     json is an array of frames, or has a frame in each line. --fields names the paths of time_s (or time, nanoseconds),
     id, x and y (or latitude and longitude), and what else there is of speed, heading, label, length, width, ...
 
-    argoverse2 is the folder of a log of the sensor data set, nuscenes the folder of the tables, such as v1.0-mini;
-    kitti is a label_02/0000.txt of the tracking benchmark, with oxts and calib, or poses, beside label_02.
-
     Example: dirprim convert tracks.csv -o tracks.mcap
 
     Example: dirprim convert survey.csv.gz -o tracks.mcap --columns x_m=Easting,y_m=Northing,track_id=Id
@@ -94,7 +88,7 @@ def convert(
     with working(f"reading {source.name}"):
         table = _read(source, known, {name: value for name, value in options.items() if value is not None})
     said = provenance(
-        "convert", inputs=table.files or [source], format=known, metres_per_pixel=metres_per_pixel,
+        "convert", inputs=[source], format=known, metres_per_pixel=metres_per_pixel,
         frames_per_second=frames_per_second, columns=columns, fields=fields, origin=origin,
     )  # fmt: skip
     with step_progress(f"writing {output.name}", "instants") as progress:

@@ -7,53 +7,29 @@ from inspect import Parameter, signature
 from pathlib import Path
 
 from dirprim_filter.recording.container.other_formats import READ_BYTES
-from dirprim_filter.recording.errors import RecordingError
-from dirprim_filter.recording.tables.datasets import (
-    ANNOTATIONS,
-    NUSCENES,
-    read_argoverse,
-    read_nuscenes,
-    read_sdd,
-    read_trajnet,
-)
+from dirprim_filter.recording.tables.datasets import read_sdd, read_trajnet
 from dirprim_filter.recording.tables.files import PARQUET
 from dirprim_filter.recording.tables.json_table import read_json
-from dirprim_filter.recording.tables.kitti import read_kitti
 from dirprim_filter.recording.tables.named_columns import read_arrow, read_csv
 from dirprim_filter.recording.tables.sumo_fcd import read_sumo_fcd
 from dirprim_filter.recording.tables.table import Table
 
 FORMATS: Mapping[str, Callable[..., Table]] = {
     "csv": read_csv, "parquet": read_arrow, "feather": read_arrow, "json": read_json, "sumo-fcd": read_sumo_fcd,
-    "sdd": read_sdd, "trajnet": read_trajnet, "kitti": read_kitti, "argoverse2": read_argoverse,
-    "nuscenes": read_nuscenes,
+    "sdd": read_sdd, "trajnet": read_trajnet,
 }  # fmt: skip
 OF_FILE = {PARQUET: "parquet", b"ARROW1": "feather", b"FEA1": "feather"}
 """Of how a file begins, its format."""
-OF_FOLDER = {ANNOTATIONS: "argoverse2", f"{NUSCENES}.json": "nuscenes"}
-"""Of a file that a folder has, its format."""
 
 
 def recognised(path: str | Path) -> str:
-    """The format of a file by how it begins, of a folder by what it holds; csv where a file begins otherwise.
+    """The format of a file by how it begins; csv where it begins otherwise.
 
     Raises:
-        RecordingError: a folder that is none of these.
         OSError: it cannot be read.
     """
-    path = Path(path)
-    if path.is_dir():
-        form = next((form for name, form in OF_FOLDER.items() if (path / name).exists()), None)
-        if form is None:
-            raise RecordingError(
-                f"{path}: expected a folder with {' or '.join(OF_FOLDER)}, got one without; give the file, or the "
-                "folder in which these are"
-            )
-        return form
-    with path.open("rb") as file:
+    with Path(path).open("rb") as file:
         opening = file.read(READ_BYTES)
-    if path.name in OF_FOLDER:
-        return OF_FOLDER[path.name]
     return next((form for start, form in OF_FILE.items() if opening.startswith(start)), "csv")
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -31,7 +30,6 @@ class Table:
         losses: how many rows were left out, by reason; and what was put right without a loss.
         labels: what each vehicle is, by its id; of those that the table gives a label.
         unused: the columns of which nothing was read.
-        files: all that were read, where the table is a folder.
         origin: of the plane, where places were latitudes and longitudes.
     """
 
@@ -40,7 +38,6 @@ class Table:
     losses: Losses = field(default_factory=Losses)
     labels: Mapping[int | str, str] = field(default_factory=dict)
     unused: Sequence[str] = ()
-    files: Sequence[Path] = ()
     origin: Origin | None = None
 
     def rows(self) -> VehicleRows:
@@ -59,7 +56,6 @@ def table_of(
     sensor: AnyArray | None = None,
     losses: Losses | None = None,
     unused: Sequence[str] = (),
-    files: Sequence[Path] = (),
 ) -> Table:
     """The table of rows: bad ones dropped and counted, times in order, ids unique.
 
@@ -75,7 +71,6 @@ def table_of(
         sensor: (n,) str, what detected it; None where the table has none.
         losses: what the reader left out, or put right, before.
         unused: the columns of which nothing was read.
-        files: all that were read.
     """
     losses = losses or Losses()
     finite = (rows.time_ns != NO_TIME) & (np.abs(rows.position) <= FARTHEST_M).all(axis=1)
@@ -105,7 +100,7 @@ def table_of(
     if len(tracks) and seen.size == np.count_nonzero(good & is_named) and np.isnan(as_read.cue).all():
         seen = seen[:0]
     detections = _detections(as_read, seen, sensor)
-    return Table(tracks=tracks, detections=detections, losses=losses, labels=labels, unused=unused, files=files)
+    return Table(tracks=tracks, detections=detections, losses=losses, labels=labels, unused=unused)
 
 
 def _detections(rows: VehicleRows, seen: IntArray, sensor: AnyArray | None) -> dict[str, Detections]:
