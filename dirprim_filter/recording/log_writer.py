@@ -18,7 +18,7 @@ from google.protobuf.message import Message
 
 from dirprim_filter.partial_file import PartialFile
 from dirprim_filter.recording.container.interrupts import uninterrupted
-from dirprim_filter.recording.container.mcap_writer import LEVEL, McapWriter
+from dirprim_filter.recording.container.mcap_writer import McapWriter
 from dirprim_filter.recording.container.records import Channel, Schema
 
 PRODUCER = "dirprim-filter"
@@ -61,7 +61,6 @@ class LogWriter:
         metadata: goes into the `dirprim` metadata record, beside the producer.
         max_chunk_ns: a chunk and the instant after it, which may still be under way when a tracker is killed, span at
             most this much log time, whatever their size. Short chunks compress less well; None leaves them at 1 MiB.
-        level: of the compression: 1 takes half the time of 3, -3 half of that.
         force: overwrite an existing file.
         keep_when_interrupted: Ctrl-C ends the log as the end of the body does: of a log that grows with time, what is
             there is whole; of one that holds a given thing, it is a part that looks like the whole. Another exception
@@ -78,7 +77,6 @@ class LogWriter:
         *,
         metadata: Mapping[str, str],
         max_chunk_ns: int | None = None,
-        level: int = LEVEL,
         force: bool = False,
         keep_when_interrupted: bool = False,
     ) -> None:
@@ -86,7 +84,6 @@ class LogWriter:
         self._partial = PartialFile(path, force=force, keep=keep_when_interrupted)
         self._keep_when_interrupted = keep_when_interrupted
         self._metadata = metadata
-        self._level = level
         self._channel: dict[str, int] = {}
         self._n_messages: dict[int, int] = {}
         self._max_chunk_ns = max_chunk_ns
@@ -95,7 +92,7 @@ class LogWriter:
 
     def __enter__(self) -> Self:
         with ExitStack() as opened:
-            self._writer = McapWriter(opened.enter_context(self._partial), library=PRODUCER, level=self._level)
+            self._writer = McapWriter(opened.enter_context(self._partial), library=PRODUCER)
             said = {"producer": PRODUCER, "version": producer_version(), **self._metadata}
             self._writer.add_metadata(METADATA_NAME, said)
             self._opened = opened.pop_all()
@@ -142,7 +139,7 @@ class LogWriter:
     def end_chunk(self) -> None:
         """Have the next message begin a chunk, so that what came before can be read without it."""
         with uninterrupted():
-            self._writer.close_chunk()
+            self._writer.flush()
 
     def _append(self, topic: str, schema: Schema, data: bytes, time_ns: int) -> None:
         channel = self._channel.get(topic)
@@ -154,12 +151,12 @@ class LogWriter:
             elif time_ns > self._newest_ns and (  # what comes late, as of a smoother, joins the chunk at hand
                 time_ns - self._chunk_start_ns + (time_ns - self._newest_ns) >= self._max_chunk_ns
             ):
-                self._writer.close_chunk()
+                self._writer.flush()
                 self._chunk_start_ns = time_ns
             self._newest_ns = max(self._newest_ns, time_ns)
         sequence = self._n_messages[channel]
         self._n_messages[channel] = sequence + 1
-        self._writer.add(channel, sequence, time_ns, time_ns, data)
+        self._writer.add_message(channel, time_ns, data, time_ns, sequence)
 
     def _register(self, topic: str, schema: Schema) -> int:
         encoding = "cdr" if schema.encoding == "ros2msg" else schema.encoding

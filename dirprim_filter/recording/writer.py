@@ -33,9 +33,6 @@ from dirprim_filter.tracks import Tracks
 MAX_CHUNK_NS = 1_000_000_000
 """A chunk of estimates and the instant after it span at most this much log time: what a killed tracker loses."""
 
-PARTICLES_LEVEL = -3
-"""Of compression: particles, most of such a log, hardly compress; 1 takes twice the time for 3 % less."""
-
 LIFETIME_INTERVALS = 1.5
 """A drawn vehicle lasts this many sampling intervals: longer than one, so that it does not flicker."""
 
@@ -139,7 +136,7 @@ class EstimateWriter:
         if particle_stride is not None and particle_stride < 1:
             raise ValueError(f"particle_stride: expected at least 1, got {particle_stride}")
         self._log = LogWriter(
-            path, metadata=metadata, max_chunk_ns=MAX_CHUNK_NS, level=PARTICLES_LEVEL, force=force,
+            path, metadata=metadata, max_chunk_ns=MAX_CHUNK_NS, force=force,
             keep_when_interrupted=True,
         )  # fmt: skip
         self._particle_stride, self._also_as = particle_stride, also_as

@@ -59,7 +59,7 @@ def test_a_log_that_cannot_begin_leaves_nothing(good):
 class Interrupt:
     """Sends SIGINT when so many lines of the writer's modules have run; None: never."""
 
-    MODULES = ("log_writer.py", "mcap_writer.py", "records.py")
+    MODULES = ("log_writer.py", "mcap_writer.py", "writer.py")
 
     def __init__(self, after):
         self.after = after

@@ -1,4 +1,4 @@
-"""The records of an MCAP file, read, checked and written by the `mcap` package.
+"""The records of an MCAP file, read and checked by the `mcap` package.
 
 Source: the MCAP specification, version 0 (https://mcap.dev/spec): little endian; a record is an opcode, a
 length of 64 bits, and that many bytes; strings and maps carry a length of 32 bits in front.
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, cast
 
 from mcap import records as fields
-from mcap.data_stream import ReadDataStream, RecordBuilder
+from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
 from mcap.well_known import MessageEncoding
@@ -137,11 +137,6 @@ class Message(NamedTuple):
         return self.channel.schema.data
 
 
-def record_header(opcode: int, length: int) -> bytes:
-    """What stands in front of a record's fields."""
-    return bytes([opcode]) + U64.pack(length)
-
-
 def record_end(buffer: bytes, at: int) -> int:
     """The byte after the record at `at`, by its length alone."""
     length: int = U64.unpack_from(buffer, at + 1)[0]
@@ -238,26 +233,4 @@ def parse_attachment(file: FileBytes, at: int) -> Attachment:
     return Attachment(
         name=name, media_type=media_type, log_time_ns=log_ns, create_time_ns=create_ns, data_offset=start,
         size=size, offset=at, end=end,
-    )  # fmt: skip
-
-
-def written(*records: fields.McapRecord) -> bytes:
-    """Records as they stand in a file."""
-    builder = RecordBuilder()
-    for record in records:
-        record.write(builder)
-    data: bytes = builder.end()  # type: ignore[no-untyped-call]
-    return data
-
-
-def schema_record(schema_id: int, schema: Schema) -> fields.Schema:
-    """A schema to be written."""
-    return fields.Schema(id=schema_id, name=schema.name, encoding=schema.encoding, data=schema.data)
-
-
-def channel_record(channel_id: int, schema_id: int, channel: Channel) -> fields.Channel:
-    """A channel to be written; schema id 0 is none."""
-    return fields.Channel(
-        id=channel_id, topic=channel.topic, message_encoding=channel.message_encoding,
-        metadata=dict(channel.metadata), schema_id=schema_id,
     )  # fmt: skip

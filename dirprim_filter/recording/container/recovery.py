@@ -89,19 +89,21 @@ def recover(
             for log_ns, publish_ns, sequence, channel, data in columns.messages():
                 if channel not in ids:
                     ids[channel] = writer.define(channel)
-                writer.add(ids[channel], sequence, log_ns, publish_ns, data)
-            writer.close_chunk()
+                writer.add_message(ids[channel], log_ns, data, publish_ns, sequence)
+            writer.flush()
             saved += len(columns)
             if progress is not None:
                 progress(done, len(opened.chunks))
         _check(log, strict=strict)
         n_attachments = 0
         for one in opened.files:
-            for attachment in one.outline.attachments:
-                writer.add_attachment(attachment, one.bytes_of.read(attachment.offset, attachment.end))
+            for of in one.outline.attachments:
+                data = one.bytes_of.read(of.data_offset, of.data_offset + of.size)
+                writer.add_attachment(of.create_time_ns, of.log_time_ns, of.name, of.media_type, data)
                 n_attachments += 1
             for start, end in one.outline.private:
-                writer.add_private(one.bytes_of.read(start, end))
+                writer.flush()
+                file.write(one.bytes_of.read(start, end))
         writer.finish()
         return Recovery(saved=saved, attachments=n_attachments, metadata=len(log.metadata), damage=tuple(log.damage))
 

@@ -22,8 +22,6 @@ ROS_1 = ".bag"
 HEADER = "std_msgs/msg/Header"
 METADATA = "metadata.yaml"
 MAX_METADATA_BYTES = 1 << 26
-FASTEST = 1
-"""Level of the compression of what is read once."""
 
 
 def files_of(folder: Path) -> list[Path]:
@@ -65,7 +63,7 @@ def as_mcap(bag: Path) -> Callable[[FileIO], None]:
         from rosbags import rosbag1, rosbag2  # noqa: PLC0415
 
         is_old = bag.suffix == ROS_1
-        writer = McapWriter(file, profile="ros2", library="rosbags", level=FASTEST)
+        writer = McapWriter(file, profile="ros2", library="rosbags")
         try:
             with (rosbag1 if is_old else rosbag2).Reader(bag) as reader:
                 streams = {}
@@ -74,7 +72,7 @@ def as_mcap(bag: Path) -> Callable[[FileIO], None]:
                     streams[one.id] = writer.define(_channel(one, *definition)), as_cdr
                 for connection, time_ns, data in reader.messages():
                     channel, as_cdr = streams[connection.id]
-                    writer.add(channel, 0, max(time_ns, 0), max(time_ns, 0), as_cdr(data))
+                    writer.add_message(channel, max(time_ns, 0), as_cdr(data), max(time_ns, 0))
         except (rosbag1.ReaderError, rosbag2.ReaderError, SqliteError) as error:
             way = "`sqlite3 OLD.db3 .recover | sqlite3 NEW.db3` saves what is left"
             way = f"of a broken one {'`rosbag reindex` makes its index anew' if is_old else way}"
