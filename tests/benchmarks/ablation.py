@@ -3,8 +3,8 @@
 Decides what stays. Each mechanism of filter, association and learning is off alone, on every scene that it can matter
 on, over five seeds. Beside "all on" stand the shares by which errors rise without it, paired row by row, with 95 %
 intervals over vehicles (groups, drives, scenarios where there are several; runs where tracks have no ids): a mechanism
-whose interval holds 0 everywhere gains nothing that can be shown. Made on two cores by two processes; what is done is
-kept in `--kept FOLDER` and not done again.
+whose interval holds 0 everywhere gains nothing that can be shown. Made on two cores by two processes. What a clean commit
+has done is kept in `.cache/ablation/COMMIT`, so that a run may be stopped and begun again, or made in pieces.
 
 Scenes: the town's roundabout and intersection and Lankershim (with ids, each vehicle out of sight once for 3 s); dense
 traffic without ids (a fifth missed, ten false a frame); vehicles that misbehave; Mcity's and autoferry's real sensors.
@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -40,6 +41,7 @@ from dirprim_filter.evaluation.intervals import (
     reduction_of_rmse,
 )
 
+ROOT = Path(__file__).parents[2]
 ON = "all on"
 PATIENT = 10**9
 
@@ -83,6 +85,7 @@ def without_ends(bayes: Any) -> None:
 UNNAMED = ("dense intersection", "dense highway", "autoferry")
 LEARNED = ("roundabout", "intersection", "Lankershim")
 WITHOUT_TAILS = LearningConfig(broad_share=0.0)
+ONE_MODE = LearningConfig(max_modes=1)
 MECHANISMS: dict[str, Mechanism] = {
     "innovation outliers": Mechanism(filter={"innovation_outlier_rate": 0.0}),
     "vehicles go their own way": Mechanism(filter={"own_way_rate": 0.0}),
@@ -92,8 +95,11 @@ MECHANISMS: dict[str, Mechanism] = {
     "occlusion": Mechanism(scenes=UNNAMED, tracking={"occlusion_rate": 0.0}),
     "births by the map": Mechanism(scenes=UNNAMED, strip=without_births),
     "ends by the map": Mechanism(scenes=UNNAMED, strip=without_ends),
+    "departures": Mechanism(scenes=UNNAMED, tracking={"departure_rate": 0.0}),
     "curved primitives": Mechanism(scenes=LEARNED, learning={"primitive": "flat"}),
     "joint cells (even ones instead)": Mechanism(scenes=LEARNED, learning={"tessellation": "voronoi"}),
+    "several modes of a cell": Mechanism(scenes=LEARNED, learning={"config": ONE_MODE}),
+    "modes by BIC (by DBSCAN instead)": Mechanism(scenes=LEARNED, learning={"modes": "dbscan"}),
     "tails of modes": Mechanism(scenes=LEARNED, learning={"config": WITHOUT_TAILS}),
 }  # fmt: skip
 STATISTICS = {
@@ -128,18 +134,30 @@ def run(scene: str, part: str, seed: int) -> dict[str, Outcome]:
     return found
 
 
-def kept_run(task: tuple[str, str, int, Path | None]) -> tuple[str, dict[str, Outcome]]:
-    """The same, from where it was kept, or kept there."""
+def kept_run(task: tuple[str, str, int, Path | None]) -> tuple[str, dict[str, Outcome], float]:
+    """The same, from where it was kept, or kept there, and the processor's seconds that it took."""
     scene, part, seed, folder = task
     path = None if folder is None else folder / f"{scene.replace(' ', '_')}_{part}_{seed}.npz"
     if path is not None and path.exists():
-        return scene, ablation_scenes.unpacked(path)
-    began = time.perf_counter()
+        return scene, *ablation_scenes.unpacked(path)
+    began = time.process_time()
     found = run(scene, part, seed)
+    seconds = time.process_time() - began
     if path is not None:
-        ablation_scenes.pack(path, found)
-    sys.stderr.write(f"{scene}, {part}, seed {seed}: {time.perf_counter() - began:.0f} s\n")
-    return scene, found
+        ablation_scenes.pack(path, found, seconds)
+    sys.stderr.write(f"{scene}, {part}, seed {seed}: {seconds:.0f} s of processor\n")
+    return scene, found, seconds
+
+
+def folder_of_commit() -> Path | None:
+    """Where this commit keeps what it has done; none where code differs from it."""
+    git, root = ["git", "-C", str(ROOT)], ROOT / ".cache" / "ablation"
+    status = [*git, "status", "--porcelain", "--untracked-files=no", "--", ".", ":!docs"]
+    if subprocess.run(status, capture_output=True, text=True, check=True).stdout.strip():
+        return None
+    name = subprocess.run([*git, "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=True).stdout
+    (root / name.strip()).mkdir(parents=True, exist_ok=True)
+    return root / name.strip()
 
 
 def without(name: str, seeds: list[dict[str, Outcome]], figure: str) -> Interval | None:
@@ -163,9 +181,7 @@ def without(name: str, seeds: list[dict[str, Outcome]], figure: str) -> Interval
 def rows(seeds: list[dict[str, Outcome]]) -> Iterator[tuple[str, dict[str, Any]]]:
     """A row for all on, with its figures, and one for each mechanism."""
     yield ON, {figure: level(seeds, ON, figure) for figure in (*STATISTICS, "NEES in sight", "NEES in gaps")}
-    for name in MECHANISMS:
-        if not any(name in found for found in seeds):
-            continue
+    for name in dict.fromkeys(name for found in seeds for name in found if name != ON):
         changes = {figure: without(name, seeds, figure) for figure in STATISTICS}
         row: dict[str, Any] = {
             figure: None if change is None else change._asdict() for figure, change in changes.items()
@@ -189,28 +205,28 @@ def main() -> None:
     parser.add_argument("--part", action="append", choices=PARTS, help="may be repeated; default: both")
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--processes", type=int, default=2)
-    parser.add_argument("--kept", type=Path, help="folder of what is done already")
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
-    if given.kept is not None:
-        given.kept.mkdir(parents=True, exist_ok=True)
+    kept = folder_of_commit()
     chosen = given.scene or list(SCENES)
     absent = {scene: why for scene in chosen if (why := ablation_scenes.absent(scene))}
     for scene, why in absent.items():
         sys.stderr.write(f"{scene}: left out, no {why}\n")
     parts = given.part or PARTS
     tasks = [
-        (scene, part, seed, given.kept)
-        for part, seed, scene in product(parts, range(given.seeds), chosen) if scene not in absent
+        (scene, part, seed, kept)
+        for seed, part, scene in product(range(given.seeds), parts, chosen) if scene not in absent
     ]  # fmt: skip
     done: dict[str, list[dict[str, Outcome]]] = {}
+    total = 0.0
     with ProcessPoolExecutor(given.processes) as pool:
-        for scene, found in pool.map(kept_run, tasks):
+        for scene, found, seconds in pool.map(kept_run, tasks):
+            total += seconds
             if found:
                 done.setdefault(scene, []).append(found)
     table = {scene: dict(rows(seeds)) for scene, seeds in done.items()}
     if given.json:
-        sys.stdout.write(json.dumps({"seeds": given.seeds, "rows": table}) + "\n")
+        sys.stdout.write(json.dumps({"seeds": given.seeds, "processor_s": total, "rows": table}) + "\n")
         return
     for scene, found_rows in table.items():
         print(f"\n{scene}: without it, worse by")
