@@ -3,7 +3,7 @@
 Decides what stays. Each mechanism of filter, association and learning is off alone, on every scene that it can matter
 on, over five seeds. Beside "all on" stand the shares by which errors rise without it, paired row by row, with 95 %
 intervals over vehicles (groups, drives, scenarios where there are several; runs where tracks have no ids): a mechanism
-whose interval holds 0 everywhere gains nothing that can be shown. Made on two cores by two processes. What a clean commit
+whose interval holds 0 everywhere gains nothing that can be shown. Two processes. What a clean commit
 has done is kept in `.cache/ablation/COMMIT`, so that a run may be stopped and begun again, or made in pieces.
 
 Scenes: the town's roundabout and intersection and Lankershim (with ids, each vehicle out of sight once for 3 s); dense
