@@ -419,14 +419,14 @@ def test_ids_that_are_no_numbers_stay_as_they_are(few, tmp_path):
     assert set(read_estimates(tmp_path / "o").track_id) == set(named.track_id)
 
 
-def test_lankershim_from_table_to_estimates(real_data, tmp_path):
-    truth_table = real_data / "lankershim" / "lankershim.csv"
+def test_a_real_junction_from_table_to_estimates(tmp_path):
+    truth_table = Path(__file__).parents[1] / "data" / "junction.csv"
     assert dirprim("convert", truth_table, "-o", tmp_path / "truth.mcap") == DONE
     truth = read_tracks(tmp_path / "truth.mcap")
     some = np.isin(truth.track_id, np.unique(truth.track_id)[::20])
     noisy = csv_of(truth[some], tmp_path / "noisy.csv", noise_m=0.5, rng=np.random.default_rng(1))
     assert dirprim("convert", noisy, "-o", tmp_path / "noisy.mcap") == DONE
-    assert dirprim("learn", tmp_path / "truth.mcap", "-o", tmp_path / "map.mcap", "--set", "group=2", *GRID) == DONE
+    assert dirprim("learn", tmp_path / "truth.mcap", "-o", tmp_path / "map.mcap", "--set", "group=15", *GRID) == DONE
     assert (
         dirprim(
             "track", tmp_path / "noisy.mcap", "--map", tmp_path / "map.mcap", "-o", tmp_path / "out.mcap", *NEVER_ERRS

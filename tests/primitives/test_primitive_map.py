@@ -1,36 +1,29 @@
 """A map answers with a proper density at every place."""
 
 from dataclasses import fields
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from dirprim_filter import learn_primitives
+from dirprim_filter import learn_primitives, read_tracks
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.distributions.angles import wrap
-from dirprim_filter.tracks import Tracks
 from tessellation import GridTessellation
 
+JUNCTION = Path(__file__).parents[1] / "data" / "junction.csv"
 # A periodic trapezoid errs on a von Mises by 2 I_N(k) / I_0(k) < 2 exp(-N^2 / 2 k): 2e-10 at the bound k = 1e4.
 DIRECTIONS = (np.arange(684) - 341.5) * (2 * np.pi / 684)
 
 
 @pytest.fixture(scope="module")
-def lankershim_map(real_data):
-    columns = np.loadtxt(real_data / "lankershim" / "lankershim.csv", delimiter=",", skiprows=1)
-    group, number, time_s, x, y, heading, speed = columns.T
-    tracks = Tracks(
-        track_id=(group * 10_000 + number).astype(np.int64),
-        time_ns=(time_s * 1e9).round().astype(np.int64),
-        position=np.column_stack([x, y]),
-        direction=heading,
-        speed=speed,
-    )
+def junction_map():
+    tracks = read_tracks(JUNCTION)
     config = LearningConfig(prior_strength=0.002)
     return learn_primitives(tracks, tessellation="grid", cell_size=7.0, config=config, rng=np.random.default_rng(0))
 
 
-@pytest.fixture(params=["ring_map", "lankershim_map"])
+@pytest.fixture(params=["ring_map", "junction_map"])
 def learned(request):
     return request.getfixturevalue(request.param)
 

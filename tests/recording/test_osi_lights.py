@@ -1,18 +1,16 @@
+from pathlib import Path
+
 import numpy as np
-import pytest
 from mcap.reader import make_reader
-from mcap_files import DATA
 from mcap_protobuf.decoder import DecoderFactory
 
 from dirprim_filter.recording.reader import stream_detections
 
-LOG = DATA / "mcap_osi" / "testBrakeAndIndicatorLights.mcap"
+LOG = Path(__file__).parents[1] / "data" / "indicator_lights.mcap"
 TURN = {"INDICATOR_STATE_LEFT": np.pi / 2, "INDICATOR_STATE_RIGHT": -np.pi / 2}
 
 
 def test_every_indicator_light_that_the_stock_decoder_finds_is_a_cue():
-    if not LOG.exists():
-        pytest.skip(f"real logs are not at {LOG.parent}")
     expected = []
     with LOG.open("rb") as file:
         for _, _, _, view in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
