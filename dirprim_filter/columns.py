@@ -180,7 +180,7 @@ def check_sizes(size: FloatArray) -> None:
 
 def known_sizes(reported: FloatArray) -> FloatArray:
     """(n, 3) as a file reports it; what is not positive and finite is unknown, as are unset fields."""
-    return np.where((reported > 0) & (reported < np.inf), reported, np.nan)
+    return np.where((reported > 0) & (reported < np.inf), reported, np.nan) if is_held(reported) else reported
 
 
 def as_times(name: str, value: npt.ArrayLike) -> IntArray:

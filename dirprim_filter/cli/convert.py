@@ -72,7 +72,7 @@ def convert(
     from dirprim_filter.cli.provenance import provenance
     from dirprim_filter.recording import write_tracks
     from dirprim_filter.recording.container.errors import one_line
-    from dirprim_filter.recording.schemas.field_mapping import FieldMapping
+    from dirprim_filter.recording.schemas.family import FieldMapping
     from dirprim_filter.recording.tables.formats import recognised
     from dirprim_filter.recording.tables.named_columns import parse_columns
     from dirprim_filter.recording.transforms.geodesy import Origin

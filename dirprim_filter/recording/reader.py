@@ -23,13 +23,12 @@ from dirprim_filter.recording.objects.observations import Observations
 from dirprim_filter.recording.objects.options import EVERYTHING, Reading, ReadOptions, TimeSource
 from dirprim_filter.recording.objects.topics import choose_topics
 from dirprim_filter.recording.objects.tracks import TrackResult, rows_of_log, rows_of_logs
+from dirprim_filter.recording.rows import Rows
 from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
 from dirprim_filter.recording.schemas.dirprim import decode_estimates
-from dirprim_filter.recording.schemas.field_mapping import FieldMapping
-from dirprim_filter.recording.schemas.object_rows import ObjectRows
+from dirprim_filter.recording.schemas.family import FieldMapping
 from dirprim_filter.recording.summary import LogSummary, TopicSummary
 from dirprim_filter.recording.transforms.geodesy import Origin
-from dirprim_filter.recording.vehicle_rows import VehicleRows
 from dirprim_filter.track_ids import repeated_rows
 from dirprim_filter.tracks import Tracks
 
@@ -86,7 +85,7 @@ def read_track_logs(
     if not sources:
         raise ValueError("source: expected at least one log, got none")
     losses = Losses()
-    parts: list[VehicleRows] = []
+    parts: list[Rows] = []
     names: list[str] = []
     frame = ""
     options = replace(options, **changes)
@@ -98,7 +97,7 @@ def read_track_logs(
             if table.detections and not len(table.tracks):
                 way = "`dirprim track --no-ids` tracks them"
                 raise RecordingError(f"{one}: expected tracks, got detections without ids; {way}")
-            parts.append(table.rows())
+            parts.append(Rows.of_tracks(table.tracks))
             names.append(Path(one).name.partition(".")[0])
             losses += table.losses
             options = replace(options, origin=table.origin or options.origin)
@@ -109,7 +108,7 @@ def read_track_logs(
             observations = Observations(scan, own)
             rows = observations if progress is None else _reporting(observations, scan.end_ns, progress)
             read = rows_of_log(rows)
-            repeated = repeated_rows(read.vehicle, read.time_ns)
+            repeated = repeated_rows(read.track_id, read.time_ns)
             observations.losses.drop(REPEATED, repeated)
             parts.append(read[~repeated])
             names.append(log.path.stem)
@@ -122,8 +121,8 @@ def read_track_logs(
 
 
 def _reporting(
-    observations: Iterable[ObjectRows], end_ns: int | None, progress: Callable[[int, int], None]
-) -> Iterator[ObjectRows]:
+    observations: Iterable[Rows], end_ns: int | None, progress: Callable[[int, int], None]
+) -> Iterator[Rows]:
     """The same, and after each part how far that is."""
     first_ns: int | None = None
     for part in observations:

@@ -1,32 +1,72 @@
-"""Rows of objects as columns of one length; of most columns many sources know nothing."""
+"""Rows of objects, as the messages of logs and the lines of tables report them, and the tracks that they make."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import fields, replace
-from typing import Any, ClassVar, Self
+from dataclasses import dataclass, fields, replace
+from typing import Any, ClassVar
 
 import numpy as np
 
-from dirprim_filter.arrays import AnyArray, ArrayValue, BoolArray, IntArray
+from dirprim_filter.arrays import AnyArray, ArrayValue, BoolArray, FloatArray, IntArray
 from dirprim_filter.columns import chosen, joined
+from dirprim_filter.recording.decoding.field_columns import NO_TIME
+from dirprim_filter.recording.losses import ALONE, Losses
+from dirprim_filter.track_ids import as_track_ids, numbered, vehicle_numbers
+from dirprim_filter.tracks import Tracks
 
 LEFT_OUT: Any = None
-"""Stands for a column that nothing is known of."""
+"""Stands for a column that nothing is known of: one row then stands for all."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rows(ArrayValue):
-    """A frozen dataclass of columns.
+    """Objects, those of a message together and in its order. Of most columns many sources know nothing.
 
     Attributes:
-        NOTHING: of the columns that may be left out, a row that says nothing: one then stands for all.
-        OF_ALL: fields that are no columns.
+        position: (n, 2) metres; not finite where unknown.
+        track_id: (n,) str, empty where the source knows the object by no name; or int64, the place of its name among
+            `names`: a column of text is as wide as its longest.
+        names: (m,) str, of the vehicles; those of several groups may share one. Left out where `track_id` is of text.
+        message: (n,) which message of the batch each is of, ascending.
+        stamp_ns: (n,) the time that the message itself carries, nanoseconds; `NO_TIME` where it carries none.
+        time_ns: (n,) the time that counts; `NO_TIME` until it is known.
+        frame_id: (n,) str, in whose axes position and direction are; empty where unknown, so the map's.
+        height: (n,) metres, the third coordinate; 0 where unknown.
+        direction: (n,) course over ground, radians; NaN where unknown.
+        speed: (n,) over ground, m/s; NaN where unknown.
+        climb: (n,) velocity along the third axis, m/s; 0 where unknown.
+        group: (n,) int64; 0 where the source knows no groups.
+        covariance: (n, 2, 2) of the position's error, square metres; NaN where unknown.
+        label: (n,) str, what the object is in the words of its source; empty where unknown.
+        size: (n, 3) length, width and height of the body, metres; NaN where unknown.
+        heading: (n,) yaw of the body, radians; NaN where unknown.
+        cue: (n, 2) what it signals of its next turn, as in `Detections`; NaN where it signals nothing.
     """
 
-    __slots__ = ()
-    NOTHING: ClassVar[Mapping[str, Any]]
-    OF_ALL: ClassVar[tuple[str, ...]] = ()
-    position: AnyArray
+    position: FloatArray
+    track_id: AnyArray = LEFT_OUT
+    names: AnyArray = LEFT_OUT
+    message: IntArray = LEFT_OUT
+    stamp_ns: IntArray = LEFT_OUT
+    time_ns: IntArray = LEFT_OUT
+    frame_id: AnyArray = LEFT_OUT
+    height: FloatArray = LEFT_OUT
+    direction: FloatArray = LEFT_OUT
+    speed: FloatArray = LEFT_OUT
+    climb: FloatArray = LEFT_OUT
+    group: IntArray = LEFT_OUT
+    covariance: FloatArray = LEFT_OUT
+    label: AnyArray = LEFT_OUT
+    size: FloatArray = LEFT_OUT
+    heading: FloatArray = LEFT_OUT
+    cue: FloatArray = LEFT_OUT
+
+    NOTHING: ClassVar[Mapping[str, Any]] = {
+        "track_id": "", "message": np.int64(0), "stamp_ns": np.int64(NO_TIME), "time_ns": np.int64(NO_TIME),
+        "frame_id": "", "height": 0.0, "direction": np.nan, "speed": np.nan, "climb": 0.0, "group": np.int64(0),
+        "covariance": [[np.nan] * 2] * 2, "label": "", "size": [np.nan] * 3, "heading": np.nan, "cue": [np.nan] * 2,
+    }  # fmt: skip
 
     def __post_init__(self) -> None:
         for name, nothing in self.NOTHING.items():
@@ -36,18 +76,63 @@ class Rows(ArrayValue):
     def __len__(self) -> int:
         return len(self.position)
 
-    def __getitem__(self, rows: BoolArray | IntArray) -> Self:
+    def __getitem__(self, rows: BoolArray | IntArray) -> Rows:
         """The rows of a mask or of indices; the same rows where a mask leaves out none."""
         if rows.dtype == np.bool_ and rows.all():
             return self
-        return replace(self, **{name: chosen(getattr(self, name), rows) for name in self._columns()})  # type: ignore[type-var]
+        return replace(self, **{name: chosen(getattr(self, name), rows) for name in ("position", *self.NOTHING)})
 
     @classmethod
-    def concatenate(cls, parts: Iterable[Self], **of_all: AnyArray) -> Self:
-        """All rows of all parts, of which there is at least one."""
-        whole = list(parts)
-        return cls(**{name: joined([getattr(part, name) for part in whole]) for name in cls._columns()}, **of_all)
+    def concatenate(cls, parts: Iterable[Rows], names: AnyArray = LEFT_OUT) -> Rows:
+        """All rows of all parts; `names` are those of all their vehicles."""
+        whole = [*parts] or [cls(position=np.empty((0, 2)))]
+        columns = {name: joined([getattr(part, name) for part in whole]) for name in ("position", *cls.NOTHING)}
+        return cls(names=names, **columns)
 
     @classmethod
-    def _columns(cls) -> list[str]:
-        return [f.name for f in fields(cls) if f.name not in cls.OF_ALL]  # type: ignore[arg-type]
+    def named(cls, track_id: AnyArray, **columns: Any) -> Rows:
+        """Rows by the (n,) ids of their vehicles, each name once."""
+        names, vehicle = numbered(track_id)
+        return cls(names=np.array(names, np.str_), track_id=vehicle, **columns)
+
+    @classmethod
+    def of_tracks(cls, tracks: Tracks) -> Rows:
+        """Tracks as rows, to be joined with others."""
+        return cls.named(**{f.name: getattr(tracks, f.name) for f in fields(tracks)})
+
+    def by_group(self) -> Rows:
+        """The same, of which an id that stands in several groups is a vehicle in each."""
+        vehicle = vehicle_numbers(self.track_id, self.group)
+        _, first = np.unique(vehicle, return_index=True)
+        return replace(self, names=self.names[self.track_id[first]], track_id=vehicle)
+
+    def has_motion(self) -> BoolArray:
+        """(n,) where both course and speed are known."""
+        return np.asarray(np.isfinite(self.direction) & np.isfinite(self.speed) & (self.speed >= 0))
+
+    def is_known_throughout(self) -> BoolArray:
+        """(n,) rows of vehicles, by number, of which all rows have motion."""
+        of_vehicle = np.ones(int(self.track_id.max(initial=-1)) + 1, np.bool_)
+        of_vehicle[self.track_id[~self.has_motion()]] = False
+        return of_vehicle[self.track_id]
+
+    def to_tracks(self, losses: Losses) -> Tracks:
+        """The tracks of rows with `names`; those that are alone in time are left out, and added to the losses.
+
+        Direction and speed are taken where all rows of a vehicle have them, and else derived from its positions. Where
+        only the speed is known, or the heading of the body, both stay, and the direction is derived.
+        """
+        whole, ids = self.is_known_throughout(), as_track_ids(self.names)
+        known, rest = self[whole], self[~whole]
+        taken, derived = (
+            make(
+                track_id=ids[rows.track_id], time_ns=rows.time_ns, position=rows.position, group=rows.group,
+                size=rows.size, heading=rows.heading, **motion,
+            )
+            for make, rows, motion in (
+                (Tracks, known, {"direction": known.direction, "speed": known.speed}),
+                (Tracks.from_positions, rest, {"speed": np.where(rest.speed >= 0, rest.speed, np.nan)}),
+            )
+        )  # fmt: skip
+        losses.drop(ALONE, len(rest) - len(derived))
+        return Tracks.concatenate([part for part in (taken, derived) if len(part)] or [taken])

@@ -100,7 +100,7 @@ def _named(table: Columns) -> dict[str, AnyArray]:
     if "group" in table.names:
         columns["group"] = table.whole_numbers("group")
     if all(name in table.names for name in COVARIANCE):
-        columns["covariance"] = matrices(*table.numbers(COVARIANCE).T)
+        columns["covariance"] = matrices(table.numbers(COVARIANCE))
     return columns | {ours: table.floats(name) for name, ours in OPTIONAL.items() if name in table.names}
 
 

@@ -21,7 +21,7 @@ from dirprim_filter.estimates import EstimateList, Estimates
 from dirprim_filter.evaluation.calibration import calibrate, self_calibrate
 from dirprim_filter.evaluation.calibration.pairing import Scene
 from dirprim_filter.filtering import BayesFilter, ConstantVelocityKalman, InteractingModels, Tracker
-from dirprim_filter.recording.schemas.field_mapping import FieldMapping
+from dirprim_filter.recording.schemas.family import FieldMapping
 from dirprim_filter.recording.tables import read_json
 from dirprim_filter.recording.transforms.geodesy import Origin
 from dirprim_filter.replay import replay

@@ -18,7 +18,7 @@ from dirprim_filter.cli.main import run
 from dirprim_filter.recording.errors import MissingExtraError, NoTracksError
 from dirprim_filter.recording.losses import INVALID, UNDECODABLE
 from dirprim_filter.recording.reader import inspect, read_track_logs, read_tracks
-from dirprim_filter.recording.schemas.field_mapping import FieldMapping
+from dirprim_filter.recording.schemas.family import FieldMapping
 from dirprim_filter.recording.transforms.geodesy import Origin
 
 START_NS = 1_700_000_000_000_000_000

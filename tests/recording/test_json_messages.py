@@ -18,7 +18,7 @@ from dirprim_filter.recording.decoding.json_plan import JsonPlan
 from dirprim_filter.recording.reader import read_track_logs
 from dirprim_filter.recording.schemas.decoders import Decoders
 from dirprim_filter.recording.schemas.families import FAMILIES
-from dirprim_filter.recording.schemas.field_mapping import FieldMapping
+from dirprim_filter.recording.schemas.family import FieldMapping
 
 S = 10**9
 HUGE = int("9" * 400)

@@ -20,7 +20,7 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.recording import read_tracks, write_tracks
 from dirprim_filter.recording.foxglove.vehicles import VEHICLE_SIZE
 from dirprim_filter.recording.reader import inspect, stream_detections
-from dirprim_filter.recording.schemas.field_mapping import FieldMapping
+from dirprim_filter.recording.schemas.family import FieldMapping
 from dirprim_filter.recording.tables import read_csv
 from dirprim_filter.recording.writer import EstimateWriter
 from dirprim_filter.tracks import Tracks

@@ -13,7 +13,7 @@ from dirprim_filter.recording.container.log import Scan
 from dirprim_filter.recording.losses import BACKWARD, REPEATED, Losses
 from dirprim_filter.recording.objects.observations import Observations
 from dirprim_filter.recording.objects.options import ReadOptions
-from dirprim_filter.recording.schemas.object_rows import ObjectRows
+from dirprim_filter.recording.rows import Rows
 from dirprim_filter.track_ids import repeated_rows, vehicle_numbers
 
 LATEST_NS = 1_000_000_000
@@ -70,7 +70,7 @@ class DetectionStream:
         yield from rest.frames()
         self.losses.log(self._scan.path)
 
-    def _detections(self, rows: ObjectRows) -> Detections:
+    def _detections(self, rows: Rows) -> Detections:
         """What of a batch may be believed: covariances that are none, or of zeros, leave the filter its own noise."""
         is_one_world = self._options.group is not None  # the group that was asked for goes under its own ids
         known_cue = np.isfinite(rows.cue).all(axis=1) & (rows.cue[:, 1] >= 0) & (rows.cue[:, 1] <= SHARPEST)

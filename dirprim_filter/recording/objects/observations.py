@@ -15,8 +15,8 @@ from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError
 from dirprim_filter.recording.losses import INVALID, LONG_STEP_NS, UNPLACED, UNTIMED, Clock, Losses
 from dirprim_filter.recording.name_patterns import matching
 from dirprim_filter.recording.objects.options import ReadOptions
+from dirprim_filter.recording.rows import Rows
 from dirprim_filter.recording.schemas.decoders import Decoders, batches, by_schema
-from dirprim_filter.recording.schemas.object_rows import ObjectRows
 from dirprim_filter.recording.transforms.frame_change import FrameChange
 from dirprim_filter.recording.transforms.geodesy import FARTHEST_M, Origin
 
@@ -52,7 +52,7 @@ class Observations:
             return "plane at {:.9f},{:.9f}".format(*self._frame.origin)
         return self._frame.target
 
-    def __iter__(self) -> Iterator[ObjectRows]:
+    def __iter__(self) -> Iterator[Rows]:
         """Objects in order of log time; messages of other schemas are passed over.
 
         Raises:
@@ -78,7 +78,7 @@ class Observations:
         if self._options.strict and self.losses.damage:
             raise DamagedRecordingError(self._scan.path, self.losses.damage)
 
-    def _timed(self, batch: MessageColumns) -> ObjectRows:
+    def _timed(self, batch: MessageColumns) -> Rows:
         """The valid objects of a batch within the wanted time."""
         parts = []
         for places, messages in by_schema(batch):
@@ -91,7 +91,7 @@ class Observations:
             self.losses.clock = self._clock.faults
             names = _by_topic(messages, rows) if self._are_several else rows.track_id
             parts.append(replace(rows, time_ns=time_ns, track_id=names, message=places[rows.message]))
-        rows = ObjectRows.concatenate(parts)
+        rows = Rows.concatenate(parts)
         if len(parts) > 1:
             rows = rows[np.argsort(rows.message, kind="stable")]
         rows = rows[self._wanted(rows)]
@@ -103,7 +103,7 @@ class Observations:
         self.losses.drop(INVALID, placed & ~near)
         return rows[placed & near]
 
-    def _times(self, messages: MessageColumns, rows: ObjectRows) -> IntArray:
+    def _times(self, messages: MessageColumns, rows: Rows) -> IntArray:
         """(n,) the time of each row; `NO_TIME` where it has none that fits into int64."""
         times = messages.publish_time_ns if self._options.time_source == "publish" else messages.log_time_ns
         time_ns = signed(times)[rows.message]
@@ -120,7 +120,7 @@ class Observations:
         is_unset = (rows.stamp_ns == 0) & (begun > LONG_STEP_NS)  # the clock does not run on from 0
         return np.where(begun == NO_TIME, time_ns, np.where(is_unset, NO_TIME, rows.stamp_ns))
 
-    def _wanted(self, rows: ObjectRows) -> BoolArray:
+    def _wanted(self, rows: Rows) -> BoolArray:
         timed = rows.time_ns != NO_TIME
         self.losses.drop(UNTIMED, np.unique(rows.message[~timed]).size)
         wanted: BoolArray = timed
@@ -135,7 +135,7 @@ class Observations:
             wanted = wanted & (rows.group == self._options.group)
         return wanted
 
-    def _valid(self, rows: ObjectRows) -> BoolArray:
+    def _valid(self, rows: Rows) -> BoolArray:
         valid = _is_near(rows.position)
         if rows.track_id.dtype.itemsize // 4 > MAX_NAME_LENGTH:
             valid &= np.asarray(np.strings.str_len(rows.track_id) <= MAX_NAME_LENGTH)
@@ -143,7 +143,7 @@ class Observations:
         return valid
 
 
-def _by_topic(messages: MessageColumns, rows: ObjectRows) -> AnyArray:
+def _by_topic(messages: MessageColumns, rows: Rows) -> AnyArray:
     """(n,) str, the ids of objects with their topics in front: each vehicle of a fleet calls itself `base_link`."""
     topic = messages.topic[rows.message]
     is_own = (rows.track_id == "") | np.strings.startswith(rows.track_id, topic)  # none, or made of the topic

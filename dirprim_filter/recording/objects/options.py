@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal, Self, TypedDict
 
-from dirprim_filter.recording.schemas.field_mapping import FieldMapping
+from dirprim_filter.recording.schemas.family import FieldMapping
 from dirprim_filter.recording.transforms.geodesy import Origin
 
 TimeSource = Literal["log", "publish", "header"]

@@ -17,10 +17,9 @@ from dirprim_filter.recording.decoding.field_columns import FieldColumns
 from dirprim_filter.recording.decoding.fields import SchemaError
 from dirprim_filter.recording.decoding.json_plan import JsonPlan
 from dirprim_filter.recording.decoding.protobuf_plan import protobuf_plan
+from dirprim_filter.recording.rows import Rows
 from dirprim_filter.recording.schemas.families import FAMILIES, KINDS
-from dirprim_filter.recording.schemas.family import Family
-from dirprim_filter.recording.schemas.field_mapping import FieldMapping
-from dirprim_filter.recording.schemas.object_rows import NO_ROWS, ObjectRows
+from dirprim_filter.recording.schemas.family import Family, FieldMapping
 
 BATCH_MESSAGES = 1 << 14
 BATCH_BYTES = 1 << 21
@@ -96,23 +95,23 @@ class Decoders:
     def _family(self, channel: Channel) -> Family:
         return self._mapped or FAMILIES[schema_name(channel)]
 
-    def rows(self, messages: MessageColumns) -> tuple[ObjectRows, dict[int, str]]:
+    def rows(self, messages: MessageColumns) -> tuple[Rows, dict[int, str]]:
         """The objects of messages, and by number why a message cannot be read.
 
         Args:
             messages: of one schema and encoding, that it `reads`; of one channel or of several.
         """
-        parts, failures = [NO_ROWS], dict[int, str]()
+        parts, failures = list[Rows](), dict[int, str]()
         for first, own, columns in self.columns(messages):
             if isinstance(columns, SchemaError):
-                return NO_ROWS, dict.fromkeys(range(len(messages)), str(columns))
+                return Rows.concatenate(()), dict.fromkeys(range(len(messages)), str(columns))
             with np.errstate(all="ignore"):  # numbers of any origin; where rows are checked, only finite ones stay
                 rows = self._family(own.first_channel).objects(columns, own.topic)
             if columns.failures:
                 rows = rows[~np.isin(rows.message, list(columns.failures))]
                 failures |= {first + message: reason for message, reason in columns.failures.items()}
             parts.append(replace(rows, message=rows.message + first) if first else rows)
-        return parts[-1] if len(parts) == 2 else ObjectRows.concatenate(parts), failures
+        return parts[0] if len(parts) == 1 else Rows.concatenate(parts), failures
 
     def columns(self, messages: MessageColumns) -> Iterator[tuple[int, MessageColumns, FieldColumns | SchemaError]]:
         """The wanted fields of messages, of one schema and encoding: so many at a time that memory stays bounded.

@@ -115,7 +115,7 @@ def decode_estimates(data: bytes) -> Estimates:
             track_id=np.array(message.track_id, dtype=np.str_),
             time_ns=np.full(n, time_ns, np.int64),
             position=np.column_stack([_floats(message, name, n) for name in _PLACE]),
-            covariance=matrices(*(_floats(message, name, n) for name in _COVARIANCE)),
+            covariance=matrices(np.column_stack([_floats(message, name, n) for name in _COVARIANCE])),
             **{name: _floats(message, name, n) for name in estimated},
         )
     except ValueError as error:

@@ -17,10 +17,11 @@ from typing import Any, Literal
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
+from dirprim_filter.columns import is_held, known_sizes, unknown
 from dirprim_filter.recording.decoding.field_columns import NANOSECONDS, NO_TIME, FieldColumns
-from dirprim_filter.recording.decoding.fields import Field, Kind
+from dirprim_filter.recording.decoding.fields import Field, Kind, steps_of
+from dirprim_filter.recording.rows import LEFT_OUT, Rows
 from dirprim_filter.recording.schemas.attitude import course, heading, rotated
-from dirprim_filter.recording.schemas.object_rows import ObjectRows, rows_of
 
 NAMES: dict[str, str] = {
     "x": "metres; or longitude and latitude in its place and that of y", "y": "metres", "z": "metres",
@@ -52,6 +53,12 @@ GROUPS: dict[str, dict[str, str]] = {
     "covariance3": {"cxx": "[0]", "cxy": "[1]", "cyy": "[4]"},
 }
 """Names that stand for several below one path."""
+UNITS = {
+    "speed": ("speed_kmh", 1 / 3.6),
+    "direction": ("direction_deg", np.pi / 180),
+    "heading": ("heading_deg", np.pi / 180),
+}
+"""What else a name may be given as, and by which factor."""
 _KINDS: dict[str, Kind] = {
     **dict.fromkeys(("id", "frame", "label", "space", "key", "value", "host", "mover"), "name"),
     **dict.fromkeys(("time", "measured"), "time"),
@@ -62,11 +69,11 @@ REQUIRED = frozenset({"x", "y", "longitude", "latitude", "time", "frame", "place
 _KNOWN_BY = {"heading": ("turned", "is_turned"), "motion": ("moves", "has_twist"), "covariance": ("is_measured",)}
 """Presence of a message, or a number: where it is not set, or 0, the quantity means nothing."""
 SIZE, QUATERNION, VELOCITY = ("length", "width", "height"), ("qx", "qy", "qz", "qw"), ("vx", "vy", "vz")
+GLOBE, COVARIANCE, CUE = ("longitude", "latitude"), ("cxx", "cxy", "cyy"), ("cue_turn", "cue_concentration")
 GEODETIC = "WGS 84"
 """The frame of positions (longitude, latitude) in degrees and a height above the ellipsoid in metres."""
 UNLABELLED = -1
 """The number of an object whose class is unknown; as an index, the last of the names."""
-KMH = 3.6
 FARTHEST_S = float(1 << 63) / NANOSECONDS
 """Seconds from here on do not fit into int64 nanoseconds."""
 Shape = tuple[tuple[int, int, int], tuple[float, float, float]]
@@ -87,8 +94,8 @@ class Family:
         labels: the words for the numbers in `label`.
         only: values of fields that the rows must have to be objects.
         shapes: what the three numbers of the size mean, by the number in `shape`; of others the size is unknown.
-        amend: changes what was read, from the rows' (n,) messages and the columns of `ObjectRows` by name; the rows of
-            which it returns False are no objects.
+        amend: changes what was read, from the rows' (n,) messages and the columns of `Rows` by name, with `place`
+            (n, 3) for the position; the rows of which it returns False are no objects.
     """
 
     schemas: tuple[str, ...]
@@ -98,71 +105,60 @@ class Family:
     labels: Sequence[str] = ()
     only: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     shapes: Mapping[int, Shape] = field(default_factory=dict)
-    amend: Callable[[FieldColumns, IntArray, dict[str, Any]], BoolArray | None] | None = None
+    amend: Callable[[FieldColumns, IntArray, dict[str, Any]], BoolArray] | None = None
 
-    def objects(self, columns: FieldColumns, topics: AnyArray) -> ObjectRows:
-        """The objects of the fields' columns and (n_messages,) topics; may mark messages as failed."""
+    def objects(self, columns: FieldColumns, topics: AnyArray) -> Rows:
+        """The objects of the fields' columns and (n_messages,) topics; may mark messages as failed.
+
+        A size that is not positive is unknown, as a field that was not set reads as 0.
+        """
         of = _Objects(columns)
-        message, is_geodetic = of.message, "longitude" in self.fields
-        facing = self._heading(of)
+        is_geodetic, size = GLOBE[0] in of, of.vectors(SIZE)
+        facing = of.known("heading", heading(of.vectors(QUATERNION)) if "qw" in of else of.read("heading"))
         known: dict[str, Any] = {
-            "place": of.vectors(("longitude", "latitude", "z") if is_geodetic else ("x", "y", "z")),
+            "place": of.vectors((*GLOBE, "z") if is_geodetic else ("x", "y", "z")),
             "track_id": self._names(of, topics),
             "stamp_ns": of.times(),
-            "frame_id": np.full(message.size, GEODETIC) if is_geodetic else of.names("frame"),
+            "frame_id": np.full(of.message.size, GEODETIC) if is_geodetic else of.read("frame", ""),
+            "group": of.read("group", 0),
+            "covariance": of.known("covariance", matrices(of.vectors(COVARIANCE))) if "cxx" in of else LEFT_OUT,
+            "label": of.labels(self.labels) if "label" in of else LEFT_OUT,
+            "size": shaped(size, of.read("shape", 0), self.shapes) if self.shapes else size,
+            "cue": of.vectors(CUE),
             "heading": facing,
             **self._motion(of, facing),
         }
         if is_geodetic:
-            _forget_no_fixes(known["place"], of.integers("status"))
-        if of.has("group"):
-            known["group"] = of.integers("group")
-        if of.has("cxx"):
-            known["covariance"] = matrices(*(of.known("covariance", of.numbers(c)) for c in ("cxx", "cxy", "cyy")))
-        if of.has("label"):
-            known["label"] = of.labels(self.labels)
-        if any(map(of.has, SIZE)):
-            size = of.vectors(SIZE)
-            known["size"] = shaped(size, of.integers("shape"), self.shapes) if self.shapes else size
-        if of.has("cue_turn"):
-            known["cue"] = of.vectors(("cue_turn", "cue_concentration"))
-        kept = None if self.amend is None else self.amend(columns, message, known)
-        rows = rows_of(message, **known)
+            _forget_no_fixes(known["place"], of.read("status", 0))
+        kept = np.ones(of.message.size, np.bool_) if self.amend is None else self.amend(columns, of.message, known)
         for name, values in self.only.items():
-            is_one = np.isin(of.integers(name), values)
-            kept = is_one if kept is None else kept & is_one
-        return rows if kept is None else rows[kept]
+            kept = kept & np.isin(of.read(name, 0), values)
+        place = known.pop("place")
+        known["size"] = known_sizes(known["size"])
+        known |= {name: finite(known[name], none) for name, none in (("climb", 0.0), ("heading", np.nan))}
+        rows = Rows(message=of.message, position=place[:, :2].copy(), height=finite(place[:, 2], 0.0), **known)
+        return rows[kept]
 
-    def _heading(self, of: _Objects) -> FloatArray | None:
-        if of.has("qw"):
-            return of.known("heading", heading(of.vectors(QUATERNION)))
-        return of.known("heading", of.either("heading", "heading_deg", np.pi / 180)) if of.has_any("heading") else None
-
-    def _motion(self, of: _Objects, facing: FloatArray | None) -> dict[str, FloatArray]:
+    def _motion(self, of: _Objects, facing: FloatArray) -> dict[str, FloatArray]:
         """Stated course and speed go before those of the velocity; the heading is the course of who stands."""
-        if not (of.has_any("direction") or of.has_any("speed") or of.has("vx")):
-            return {}
-        direction = of.either("direction", "direction_deg", np.pi / 180)
-        speed, climb = of.either("speed", "speed_kmh", 1 / KMH), np.zeros(direction.size)
-        if of.has("vx"):
+        direction, speed, climb = of.read("direction"), of.read("speed"), np.broadcast_to(0.0, of.message.shape)
+        if "vx" in of:
             velocity = of.vectors(VELOCITY)
             if self.in_body:
                 velocity = rotated(of.vectors(QUATERNION), velocity)
-            moving, over_ground = course(velocity, np.full(direction.size, np.nan) if facing is None else facing)
+            moving, over_ground = course(velocity, facing)
             speed = np.where(np.isfinite(speed), speed, over_ground)
             direction, climb = np.where(np.isfinite(direction), direction, moving), velocity[:, 2]
-        return {name: of.known("motion", values) for name, values in
-                (("direction", direction), ("speed", speed), ("climb", climb))}  # fmt: skip
+        motion = {"direction": direction, "speed": speed, "climb": climb}
+        return {name: of.known("motion", values) for name, values in motion.items()}
 
     def _names(self, of: _Objects, topics: AnyArray) -> AnyArray:
         if self.names == "place":
             place = np.arange(of.message.size) - np.searchsorted(of.message, of.message)
             return np.strings.add(np.strings.add(topics[of.message], "/"), place.astype(np.str_))
-        if self.names == "topic" and not of.has("id"):
-            return topics[of.message]
-        own = of.names("id")
-        if of.has("space"):
-            return np.strings.add(np.strings.add(of.names("space"), "/"), own)
+        own = of.read("id", "")
+        if "space" in of:
+            own = np.strings.add(np.strings.add(of.read("space", ""), "/"), own)
         return np.where(own == "", topics[of.message], own) if self.names == "topic" else own
 
 
@@ -188,59 +184,101 @@ def family(*schemas: str, paths: Mapping[str, str], required: bool = False, **mo
     return Family(schemas=schemas, fields=fields, **more)
 
 
+@dataclass(frozen=True, slots=True)
+class FieldMapping:
+    """Objects of any schema, by the paths of their fields: `id=.objects[].id,x=.objects[].pose.position.x,...`.
+
+    Args:
+        paths: by the names of `NAMES`; or of `GROUPS`, as `pose` for position and quaternion.
+
+    Raises:
+        ValueError: a path is none, or names that do not go together.
+    """
+
+    paths: Mapping[str, str]
+
+    def __post_init__(self) -> None:
+        names = {name: steps_of(one.path) for name, one in self.family().fields.items()}.keys()
+        for one, other in (("time", "time_s"), *((name, other) for name, (other, _) in UNITS.items())):
+            if one in names and other in names:
+                raise ValueError(f"fields: expected one of {one} and {other}, got both")
+        for whole in ({"vx", "vy"}, {*QUATERNION}, {*COVARIANCE}):
+            if names & whole not in (set(), whole):
+                raise ValueError(f"fields: expected {' and '.join(sorted(whole))} together, got {self}")
+        if {"x", "y", *GLOBE} & names not in ({"x", "y"}, {*GLOBE}):
+            raise ValueError(f"fields: expected x= and y= at least, or latitude= and longitude=, got {self}")
+
+    @classmethod
+    def parse(cls, text: str) -> FieldMapping:
+        """Of `name=path,name=path,...`.
+
+        Raises:
+            ValueError: names the part that is none.
+        """
+        known = [*NAMES, *GROUPS]
+        paths: dict[str, str] = {}
+        for part in text.split(","):
+            name, _, path = (word.strip() for word in part.partition("="))
+            if name not in known or not path or name in paths:
+                raise ValueError(f"fields: expected name=path, each of {', '.join(known)} once, got {part!r}")
+            paths[name] = path
+        return cls(paths)
+
+    def __str__(self) -> str:
+        return ",".join(f"{name}={path}" for name, path in self.paths.items())
+
+    def family(self) -> Family:
+        """What reads such objects, of whatever schema: objects of their own messages are named after the topic."""
+        is_alone = not any("[]" in self.paths.get(name, "") for name in (*GLOBE, "x", "position", "pose"))
+        return family(paths=self.paths, required=True, names="topic" if is_alone else "id")
+
+
 class _Objects:
     """Columns of different tables, as columns of the rows of the place."""
 
     def __init__(self, columns: FieldColumns) -> None:
         self._columns = columns
-        self._place = next(columns.fields[name] for name in ("longitude", "x") if name in columns.fields)
+        self._place = next(columns.fields[name] for name in (GLOBE[0], "x") if name in columns.fields)
         self.message = columns.message_of(self._place.table)
 
-    def has(self, name: str) -> bool:
+    def __contains__(self, name: str) -> bool:
         """Whether the family asks for it."""
         return name in self._columns.fields
 
-    def has_any(self, name: str) -> bool:
-        """In one of its units."""
-        return any(self.has(f"{name}{unit}") for unit in ("", "_deg", "_kmh"))
-
-    def numbers(self, name: str) -> FloatArray:
-        """(n,) NaN where unknown."""
-        if not self.has(name):
-            return np.full(self.message.size, np.nan)
-        return np.asarray(self._spread(name, self._columns.numbers(name), np.nan))
-
-    def either(self, name: str, other: str, factor: float) -> FloatArray:
-        """(n,) the one, or the other in its unit."""
-        return self.numbers(other) * factor if self.has(other) else self.numbers(name)
+    def read(self, name: str, none: float | str = np.nan) -> Any:
+        """(n,) floats, whole numbers or texts, as `none` is one, which stands where it is unknown."""
+        if name in self:
+            columns = self._columns
+            read = (
+                columns.names
+                if isinstance(none, str)
+                else columns.integers
+                if isinstance(none, int)
+                else columns.numbers
+            )
+            return self._spread(name, read(name), none)
+        other, factor = UNITS.get(name, ("", 1.0))
+        return self.read(other) * factor if other in self else np.broadcast_to(none, self.message.shape)
 
     def vectors(self, names: Sequence[str]) -> FloatArray:
         """(n, k) beside each other."""
-        return np.stack([self.numbers(name) for name in names], axis=-1)
-
-    def integers(self, name: str) -> IntArray:
-        """(n,) 0 where unknown."""
-        if not self.has(name):
-            return np.zeros(self.message.size, np.int64)
-        return np.asarray(self._spread(name, self._columns.integers(name), 0))
-
-    def names(self, name: str) -> AnyArray:
-        """(n,) str, empty where unknown."""
-        return self._spread(name, self._columns.names(name), "") if self.has(name) else np.full(self.message.size, "")
+        if not any(name in self for name in names):
+            return unknown(self.message.size, len(names))
+        return np.stack([self.read(name) for name in names], axis=-1)
 
     def times(self) -> IntArray:
         """(n,) the header's, `NO_TIME` where unknown."""
-        if self.has("time"):
+        if "time" in self:
             return np.asarray(self._spread("time", self._columns.times("time"), NO_TIME))
-        seconds = self.numbers("time_s")
+        seconds = self.read("time_s")
         fits = np.abs(seconds) < FARTHEST_S
         return np.where(fits, np.round(np.where(fits, seconds, 0.0) * 1e9).astype(np.int64), NO_TIME)
 
     def known(self, what: str, values: FloatArray) -> FloatArray:
         """The same, NaN where the message itself calls it unknown."""
-        for name in filter(self._columns.columns.__contains__, _KNOWN_BY[what]):
-            is_known = self.integers(name) > 0
-            values = values if is_known.all() else np.where(is_known, values, np.nan)
+        for name in filter(self._columns.columns.__contains__, _KNOWN_BY[what] if is_held(values) else ()):
+            is_known = self.read(name, 0) > 0
+            values = values if is_known.all() else np.where(is_known, values.T, np.nan).T
         return values
 
     def labels(self, words: Sequence[str]) -> AnyArray:
@@ -287,9 +325,14 @@ def _forget_no_fixes(place: FloatArray, status: IntArray) -> None:
     place[~((status >= 0) & is_set & (np.abs(latitude) <= 90) & (np.abs(longitude) <= 360))] = np.nan
 
 
-def matrices(xx: FloatArray, xy: FloatArray, yy: FloatArray) -> FloatArray:
-    """(n, 2, 2) symmetric."""
-    return np.stack([xx, xy, xy, yy], axis=-1).reshape(-1, 2, 2)
+def finite(column: FloatArray, none: float) -> FloatArray:
+    """The column, (n,), with `none` where it is not finite."""
+    return np.where(np.isfinite(column), column, none) if is_held(column) else column
+
+
+def matrices(upper: FloatArray) -> FloatArray:
+    """(n, 2, 2) symmetric, of (n, 3) xx, xy and yy."""
+    return upper[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
 
 
 def shaped(numbers: FloatArray, kind: IntArray, shapes: Mapping[int, Shape]) -> FloatArray:

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from dirprim_filter.recording.losses import Losses
+from dirprim_filter.recording.rows import Rows
 from dirprim_filter.recording.tables.files import text_columns
 from dirprim_filter.recording.tables.table import Table, table_of
-from dirprim_filter.recording.vehicle_rows import VehicleRows
 
 SDD = ("track id", "xmin", "ymin", "xmax", "ymax", "frame", "lost", "occluded", "generated", "label")
 TRAJNET = ("frame", "track id", "x", "y")
@@ -40,13 +40,14 @@ def read_sdd(path: str | Path, *, metres_per_pixel: float, frames_per_second: fl
     table, losses = text_columns(path, SDD, delimiters=" "), Losses()
     x_min, y_min, x_max, y_max = table.numbers(SDD[1:5]).T
     names, vehicle = table.ids("track id")
-    rows = VehicleRows(
-        names=names, vehicle=vehicle, time_ns=table.frame_times("frame", frames_per_second=frames_per_second),
+    rows = Rows(
+        names=names, track_id=vehicle, time_ns=table.frame_times("frame", frames_per_second=frames_per_second),
         position=np.column_stack([x_min + x_max, -(y_min + y_max)]) * (0.5 * metres_per_pixel),
+        label=table.texts("label"),
     )  # fmt: skip
     lost = table.floats("lost") != 0
     losses.drop("marked as lost", lost)
-    return table_of(rows[~lost], label=table.texts("label")[~lost], losses=losses)
+    return table_of(rows[~lost], losses=losses)
 
 
 def read_trajnet(path: str | Path, *, frames_per_second: float) -> Table:
@@ -66,4 +67,4 @@ def read_trajnet(path: str | Path, *, frames_per_second: float) -> Table:
     names, vehicle = table.ids("track id")
     time_ns = table.frame_times("frame", frames_per_second=frames_per_second)
     whole = np.array([name.removesuffix(".0") for name in names.tolist()], np.str_)
-    return table_of(VehicleRows.of(whole[vehicle], time_ns=time_ns, position=table.numbers("xy")))
+    return table_of(Rows.named(whole[vehicle], time_ns=time_ns, position=table.numbers("xy")))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +16,10 @@ import numpy as np
 from dirprim_filter.recording.decoding.json_plan import JsonPlan
 from dirprim_filter.recording.errors import TableError
 from dirprim_filter.recording.losses import Losses
-from dirprim_filter.recording.schemas.field_mapping import FieldMapping
+from dirprim_filter.recording.schemas.family import FieldMapping
 from dirprim_filter.recording.tables.table import Table, table_of
 from dirprim_filter.recording.transforms.geodesy import Origin, placed_on_plane
-from dirprim_filter.recording.vehicle_rows import VehicleRows
+from dirprim_filter.track_ids import numbered
 
 
 def read_json(path: str | Path, mapping: FieldMapping, *, origin: Origin | None = None) -> Table:
@@ -35,24 +36,23 @@ def read_json(path: str | Path, mapping: FieldMapping, *, origin: Origin | None 
         ValueError: the mapping has no time.
         OSError: the file cannot be read.
     """
-    path = Path(path)
-    if "time" not in mapping and "time_s" not in mapping:
+    path, family = Path(path), mapping.family()
+    if not family.fields.keys() & {"time", "time_s"}:
         raise ValueError(f"fields: expected time= or time_s=, got {mapping}")
     frames = _frames(path)
-    family = mapping.family()
     columns = JsonPlan(family.fields).run([json.dumps(frame).encode() for frame in frames])
     rows = family.objects(columns, np.full(len(frames), path.stem))
     losses = Losses(dropped=Counter(columns.failures.values()))
     if not len(rows):
         got = next(iter(losses.dropped), f"{len(frames)} frames without one")
         raise TableError(path, 1, f"objects at {mapping}", got, "compare the paths with the file")
-    place = np.column_stack([rows.position, np.zeros(len(rows))])
-    vehicles = VehicleRows.of(
-        rows.track_id, time_ns=rows.stamp_ns,
-        position=rows.position if "latitude" not in mapping else placed_on_plane(place, origin)[:, :2],
-        direction=rows.direction, speed=rows.speed, group=rows.group, size=rows.size, heading=rows.heading,
-    )  # fmt: skip
-    return table_of(vehicles, label=rows.label if "label" in mapping else None, losses=losses)
+    if "latitude" in mapping.paths:
+        place = np.column_stack([rows.position, rows.height])
+        rows = replace(rows, position=placed_on_plane(place, origin)[:, :2])
+    names, vehicle = numbered(rows.track_id)
+    return table_of(
+        replace(rows, names=np.array(names, np.str_), track_id=vehicle, time_ns=rows.stamp_ns), losses=losses
+    )
 
 
 def _frames(path: Path) -> list[Any]:

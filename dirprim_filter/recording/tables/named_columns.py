@@ -21,12 +21,11 @@ import numpy as np
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.primitives.cues import signalled
 from dirprim_filter.recording.errors import TableError
-from dirprim_filter.recording.rows import LEFT_OUT
+from dirprim_filter.recording.rows import LEFT_OUT, Rows
 from dirprim_filter.recording.tables.columns import Columns
 from dirprim_filter.recording.tables.files import arrow_columns, text_columns
 from dirprim_filter.recording.tables.table import Table, table_of
 from dirprim_filter.recording.transforms.geodesy import Origin, placed_on_plane
-from dirprim_filter.recording.vehicle_rows import VehicleRows
 from dirprim_filter.track_ids import Numbers
 
 ID = re.compile(r"(track|vehicle|object|agent|car|obj|veh)?[ _-]?id|track|vehicle|mmsi", re.IGNORECASE)
@@ -111,15 +110,15 @@ def _named(table: Columns, renamed: Mapping[str, str], origin: Origin | None) ->
     position, origin = _positions(table, name_of, origin)
     size = {name: table.floats(name_of[name]) for name in SIZE if name in name_of}
     nothing = np.full(len(table), np.nan)
-    rows = VehicleRows(
-        names=names, vehicle=vehicle, time_ns=_times(table, name_of), position=position,
+    rows = Rows(
+        names=names, track_id=vehicle, time_ns=_times(table, name_of), position=position,
         heading=maybe("heading_rad", table.angles), direction=maybe("course_rad", table.angles),
         speed=maybe("speed_mps", table.floats), cue=maybe("turn_signal", lambda name: _cues(table, name)),
         group=maybe("group", table.whole_numbers) if "+" not in name_of.get("group", "") else _groups(table, name_of),
         size=np.column_stack([size.get(name, nothing) for name in SIZE]) if size else LEFT_OUT,
+        label=maybe("label", table.texts),
     )  # fmt: skip
-    label, sensor = maybe("label", table.texts), maybe("sensor", table.texts)
-    return replace(table_of(rows, label=label, sensor=sensor, unused=unused), origin=origin)
+    return replace(table_of(rows, sensor=maybe("sensor", table.texts), unused=unused), origin=origin)
 
 
 def _cues(table: Columns, name: str) -> FloatArray:

@@ -16,10 +16,9 @@ import numpy as np
 
 from dirprim_filter.recording.errors import TableError
 from dirprim_filter.recording.losses import Losses
-from dirprim_filter.recording.rows import LEFT_OUT
+from dirprim_filter.recording.rows import LEFT_OUT, Rows
 from dirprim_filter.recording.tables.columns import Columns
 from dirprim_filter.recording.tables.table import Table, table_of
-from dirprim_filter.recording.vehicle_rows import VehicleRows
 
 READ_BYTES = 1 << 20
 NEEDED = ("id", "x", "y")
@@ -43,8 +42,8 @@ def read_sumo_fcd(path: str | Path) -> Table:
     angle, speed = table.numbers(("angle", "speed")).T
     moves = not np.isnan(angle + speed).any()
     names, vehicle = table.ids("id")
-    rows = VehicleRows(
-        names=names, vehicle=vehicle, time_ns=table.nanoseconds("time"), position=table.numbers("xy"),
+    rows = Rows(
+        names=names, track_id=vehicle, time_ns=table.nanoseconds("time"), position=table.numbers("xy"),
         heading=np.pi / 2 - np.radians(angle) if moves else LEFT_OUT, speed=speed if moves else LEFT_OUT,
     )  # fmt: skip
     return table_of(rows, losses=losses)

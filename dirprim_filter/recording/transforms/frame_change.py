@@ -14,8 +14,8 @@ import numpy as np
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.recording.container.log import Log
 from dirprim_filter.recording.errors import MissingTransformError
+from dirprim_filter.recording.rows import Rows
 from dirprim_filter.recording.schemas.family import GEODETIC
-from dirprim_filter.recording.schemas.object_rows import ObjectRows
 from dirprim_filter.recording.transforms.geodesy import Origin, on_plane
 from dirprim_filter.recording.transforms.transform_tree import Placement, TransformTree
 
@@ -49,7 +49,7 @@ class FrameChange:
         self._placed = 0
         self._first_lost: tuple[str, int] | None = None
 
-    def apply(self, rows: ObjectRows) -> tuple[ObjectRows, BoolArray]:
+    def apply(self, rows: Rows) -> tuple[Rows, BoolArray]:
         """The rows in the target frame, and (n,) which of them could be brought there.
 
         The transform of an object is that of its own stamp where it has one, else that of the time that counts.
@@ -95,7 +95,7 @@ class FrameChange:
                 time_ns,
             )
 
-    def _on_plane(self, rows: ObjectRows, here: IntArray) -> ObjectRows:
+    def _on_plane(self, rows: Rows, here: IntArray) -> Rows:
         if self.origin is None:
             longitude, latitude = rows.position[here[0]].tolist()
             self.origin = Origin(latitude, longitude)
@@ -133,11 +133,11 @@ class FrameChange:
         return root
 
 
-def _all_equal(rows: ObjectRows) -> bool:
+def _all_equal(rows: Rows) -> bool:
     return len(rows) > 0 and bool((rows.frame_id == rows.frame_id[0]).all())
 
 
-def _moved(rows: ObjectRows, here: IntArray, found: Placement) -> ObjectRows:
+def _moved(rows: Rows, here: IntArray, found: Placement) -> Rows:
     place = np.column_stack([rows.position[here], rows.height[here]])
     place = found.rotation.apply(place) + found.translation
     speed, direction = rows.speed[here], rows.direction[here]
