@@ -8,8 +8,8 @@ from typing import Self
 
 from dirprim_filter.recording.reader import FieldMapping, Origin, ReadOptions, TimeSource
 
-FORMAT = 5
-"""Of stores; those before were no Delta tables."""
+FORMAT = 6
+"""Of stores; those before had positions of 1 cm, or were no Delta tables."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
