@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import partial
-from typing import Self
 
 import numpy as np
 
 from tessellation._arrays import FARTHEST_M, SHORTEST_M, FloatArray, IntArray, as_floats, as_places
 from tessellation._kernels import SIDE, Locator
-from tessellation._pickling import from_fields
 from tessellation.locate import Pixels, cells_of, in_blocks
 
 MAX_BLOCKS = 1 << 25
@@ -61,10 +58,6 @@ class GridTessellation:
         pixels = Pixels(*np.divmod(square, self.n_x), np.arange(square.size))
         located = in_blocks(origin, 1.0 / self.cell_size, (self.n_y, self.n_x), pixels)
         object.__setattr__(self, "locator", located)
-
-    def __reduce__(self) -> tuple[partial[Self], tuple[()]]:
-        """Without its rasters: see `_pickling`."""
-        return from_fields(self)
 
     @classmethod
     def covering(cls, position: FloatArray, *, cell_size: float) -> GridTessellation:

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import partial
-from typing import Self
 
 import numpy as np
 
 from tessellation._arrays import FloatArray, IntArray, as_floats, as_places
 from tessellation._kernels import Locator
-from tessellation._pickling import from_fields
 from tessellation.gates import nearest_generators
 from tessellation.grid import GridTessellation
 from tessellation.lloyd import lloyd_generators
@@ -55,10 +52,6 @@ class VoronoiTessellation:
                 )
         object.__setattr__(self, "generators", generators)
         object.__setattr__(self, "locator", voronoi_locator(generators, self.region.locator))
-
-    def __reduce__(self) -> tuple[partial[Self], tuple[()]]:
-        """Without its rasters: see `_pickling`."""
-        return from_fields(self)
 
     @classmethod
     def covering(cls, position: FloatArray, *, generators: FloatArray, reach: float) -> VoronoiTessellation:

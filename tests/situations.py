@@ -8,6 +8,7 @@ from dirprim_filter.config import TrackingConfig
 from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.primitives.motion import FLOATS, Motion
+from dirprim_filter.primitives.rows import CellRows
 from dirprim_filter.tracks import Tracks
 from tessellation import GridTessellation
 
@@ -42,6 +43,16 @@ def rows_of(direction, speed, *, position=(0.0, 0.0), time_ns=0, first_id=0):
         direction=direction,
         speed=speed,
     )
+
+
+def one_cell(direction, speed, *, weight=None, n_vehicles, position=None):
+    """Rows of one cell around the origin, as the fit takes them."""
+    n = speed.size
+    return CellRows(
+        direction=direction, speed=speed, position=np.zeros((n, 2)) if position is None else position,
+        start=np.array([0, n]), row=np.arange(n), weight=np.ones(n) if weight is None else weight,
+        center=np.zeros((1, 2)), n_vehicles=np.array([float(n_vehicles)]), n_standing=np.zeros(1),
+    )  # fmt: skip
 
 
 def one_cell_map(*, mean=0.0, concentration=1e6, speed=10.0, shape=1e8, side=1e4):

@@ -57,7 +57,3 @@ class Gamma:
             - gammaln(self.shape)
         )
         return np.where(x < 0, -np.inf, log_p)
-
-    def sample(self, *, rng: np.random.Generator) -> FloatArray:
-        """One draw from each distribution. -> (...)."""
-        return np.asarray(rng.standard_gamma(self.shape) / self.rate)

@@ -29,7 +29,6 @@ from numba import njit
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.distributions import _random as random
 from dirprim_filter.distributions._arithmetic import dot
-from dirprim_filter.distributions._blocks import ROWS
 from dirprim_filter.distributions._elementary import cos, exp, sin, squared_sine, wrap
 from dirprim_filter.distributions._random import UIntArray
 from dirprim_filter.filtering._kernels import Cloud
@@ -103,7 +102,7 @@ def begin(
     A measured course and pace weigh the particles. `initialise_motion` then looks up cells and draws manoeuvres.
     """
     n = cloud.speed.shape[1]
-    block, fit = np.empty(n // ROWS + 1, np.uint64), np.empty(n)
+    fit = np.empty(n)
     for i in range(vehicle.size):
         v, z = vehicle[i], measured[i]
         place, direction, mean, state = cloud.position[v], cloud.direction[v], carried.mean[v], cloud.state[v]
@@ -115,9 +114,7 @@ def begin(
         for p in range(n):
             ahead, aside = first * random.draw_normal(state), second * random.draw_normal(state)
             place[p, 0], place[p, 1] = z[X] + ahead * c - aside * s, z[Y] + ahead * s + aside * c
-        for b in range(block.size):
-            block[b] = random.bits(state)
-        _map_kernels.draw(primitives, place, block, direction, cloud.speed[v])
+        _map_kernels.draw(primitives, place, state, direction, cloud.speed[v])
         share, share_across = lasting_share(z, errors, 0), lasting_share(z, errors, 1)
         if is_own:
             along, across = along / widest, across / widest

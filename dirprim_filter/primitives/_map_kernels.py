@@ -12,10 +12,9 @@ from numba import njit
 
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions import _random as random
-from dirprim_filter.distributions._blocks import ROWS
 from dirprim_filter.distributions._elementary import EXACT, exp, squared_sine, wrap
 from dirprim_filter.distributions._random import UIntArray
-from tessellation._compiling import COMPILED, INLINED
+from tessellation._compiling import COMPILED
 from tessellation._kernels import Locator, locate
 
 # Columns of `MapTable.mode`.
@@ -72,30 +71,15 @@ def log_densities(
             out[i] = -np.inf
 
 
-@njit(**COMPILED | INLINED)
-def mode_of(table: MapTable, cell: int, u: float) -> int:
-    """The mode of a cell, or of the background row -1, whose cumulative weight exceeds an even draw from [0, 1)."""
-    j, last = table.first[cell], table.last[cell] - 1
-    while j < last and table.mode[j, CUMULATIVE] <= u:
-        j += 1
-    return int(j)
-
-
 @njit(nogil=True, **COMPILED)
-def draw(table: MapTable, position: FloatArray, key: UIntArray, direction: FloatArray, speed: FloatArray) -> bool:
-    """Fill `direction` and `speed` (n,) with a draw at each position (n, 2), each block of rows from its own key.
-
-    False where a position is not finite.
-    """
-    state = np.empty(4, np.uint64)
-    finite = True
+def draw(table: MapTable, position: FloatArray, state: UIntArray, direction: FloatArray, speed: FloatArray) -> None:
+    """Fill `direction` and `speed` (n,) with a draw at each position (n, 2). state: (4,) of the random numbers."""
     for i in range(direction.size):
-        if i % ROWS == 0:
-            random.seed_state(key[i // ROWS], state)
         x, y = position[i, 0], position[i, 1]
-        finite = finite and (x - x) + (y - y) == 0.0
         cell = locate(table.locator, x, y)
-        j = mode_of(table, cell, random.uniform(state))
+        u, j, last = random.uniform(state), table.first[cell], table.last[cell] - 1
+        while j < last and table.mode[j, CUMULATIVE] <= u:
+            j += 1
         turned = table.mode[j, MEAN] + random.draw_turn(
             0.5 * table.mode[j, TWICE_CONCENTRATION], table.mode[j, ENVELOPE_Q], table.mode[j, ENVELOPE_B], state
         )
@@ -105,4 +89,3 @@ def draw(table: MapTable, position: FloatArray, key: UIntArray, direction: Float
         rate *= math.exp(-(table.mode[j, GAIN_EAST] * east + table.mode[j, GAIN_NORTH] * north))
         direction[i] = wrap(turned)
         speed[i] = random.draw_gamma(table.mode[j, SHAPE], state) / max(rate, 1e-300)  # of a slope without bounds
-    return finite

@@ -24,6 +24,7 @@ from dirprim_filter.primitives.motion import CREEP, JUMP_S, PUSHED_SHARE, backgr
 from dirprim_filter.primitives.rows import CellRows, TrackRows
 from dirprim_filter.primitives.visits import Visits
 from tessellation import GridTessellation
+from tessellation.gates import residents
 
 PRIOR_VEHICLES = 0.1
 """Pseudo-vehicles in each of its modes, which have all vehicles of the log to speak for them."""
@@ -84,7 +85,8 @@ def learn_background(rows: TrackRows, config: LearningConfig, *, rng: np.random.
         spread = max(float(np.log(mean_speed)) - log_mean, MIN_SPREAD)
         k = config.max_background_modes
         bounds = bounds_of(config, prior_strength=PRIOR_VEHICLES, max_modes=k, speed_spread=spread)
-        unplaced = CellRows.one(moving.direction, moving.speed, weight=weighed, n_vehicles=moving.n_vehicles)
+        nowhere = residents(np.zeros(len(moving), np.int64), np.zeros((1, 2)))
+        unplaced = CellRows.of(moving, nowhere, moving.position, standing_speed=0.0)
         found = Modes(*(column[0] for column in fit_all(unplaced, bounds)))
     standing = (n_standing + 1) / (float(weight.sum()) + 2)
     anywhere = 1.0 / (moving.n_vehicles + 1)  # the next vehicle may do what none has done

@@ -7,7 +7,6 @@ there: `multiply_mixtures(map.primitive_at(position).direction, cue.belief(headi
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 import numpy.typing as npt
@@ -41,22 +40,6 @@ class Cue:
         object.__setattr__(self, "concentration", as_floats("concentration", concentration, "M"))
         if turn.size == 0 or np.min(self.concentration) < 0:
             raise ValueError("turn, concentration: expected at least one direction and no negative concentration")
-
-    @classmethod
-    def lane(cls, turns: npt.ArrayLike, *, concentration: float = SIGNAL_CONCENTRATION) -> Self:
-        """The position on a lane that leads on by `turns`, (M,) radians from the heading: all are equally likely."""
-        return cls(turn=turns, concentration=concentration)
-
-    @classmethod
-    def detector(cls, *, std: float) -> Self:
-        """A detector's heading, wrong by `std` radians: concentration 1 / std^2.
-
-        Raises:
-            ValueError: `std` is not positive.
-        """
-        if not std > 0:
-            raise ValueError(f"std: expected a positive angle in radians, got {std}")
-        return cls(turn=0.0, concentration=1.0 / std**2)
 
     def belief(self, heading: npt.ArrayLike) -> VonMisesMixture:
         """The cue of vehicles that head so, in map directions. (...) radians -> mixtures (..., M)."""

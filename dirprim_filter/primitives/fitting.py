@@ -4,22 +4,18 @@ from __future__ import annotations
 
 import os
 from concurrent.futures import ThreadPoolExecutor
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.config import LearningConfig
-from dirprim_filter.primitives import _ascent, _kernels
+from dirprim_filter.primitives import _kernels
 from dirprim_filter.primitives._modes import (
     COSINE,
     EAST,
     LOG_SPEED,
-    LOG_WEIGHT,
     N_COLUMNS,
-    N_FLAT,
-    NO_MODE,
     NORTH,
     SINE,
     SPEED,
@@ -36,12 +32,8 @@ MIN_STANDING_MEAN = 0.05
 MIN_SPREAD = 1e-3
 """Of log speeds, log(mean) - mean(log): a log of one speed does not say that all others are as like."""
 
-MERGED_FROM = 16_384
-"""Rows of a cell, from which on those that lie together are merged: responsibilities are then those of their means."""
-BINS, CURVED_BINS = (256, 12, 1), (64, 6, 8)
-"""Of direction, log speed, and each axis of the place."""
-FINE = 2048
-FINISHING_ITERATIONS = 10
+MOST_ROWS = 16_384
+"""Of a cell: of more every second, third, ... is fitted, for rows of a vehicle stand together and repeat each other."""
 TOLERANCE = 1e-7
 """Of the objective per vehicle."""
 ROUGH: dict[str, Any] = {"thorough": False, "tolerance": 1e-3, "parameter_cost": 1.0}
@@ -76,7 +68,6 @@ def fit_all(
     bounds: Bounds,
     *,
     near: Modes | None = None,
-    merged_from: int = MERGED_FROM,
     n_threads: int | None = None,
 ) -> Modes:
     """Fit every cell's modes to its rows; threads divide the cells, so their number changes nothing.
@@ -87,7 +78,6 @@ def fit_all(
             steps.
         near: (n_cells, max_modes) modes of nearly the same rows: fitted at once, cells that have any keep their number,
             and climb from there.
-        merged_from: rows from which on a cell's are merged.
         n_threads: as many as there are cores if absent.
 
     Returns:
@@ -95,9 +85,7 @@ def fit_all(
     """
     at_once = bounds.with_speed
     bounds = bounds._replace(curved=at_once and bounds.curved)
-    whole, whole_start = columns_of(in_cells)
-    merged = (np.diff(whole_start) > merged_from) & at_once
-    columns, start = _with_merged(whole, whole_start, merged, CURVED_BINS if bounds.curved else BINS)
+    columns, start = columns_of(in_cells)
     n_cells = in_cells.n_vehicles.size
     table = empty_table(n_cells, bounds.max_modes) if near is None or not at_once else near.table()
 
@@ -112,33 +100,20 @@ def fit_all(
             rows = np.ascontiguousarray(columns[:, start[c] : start[c + 1]])
             fit_in_two_steps(rows, float(in_cells.n_vehicles[c]), bounds, table[c])
 
-    def finish(i: int) -> None:
-        rows = np.ascontiguousarray(whole[:, whole_start[i] : whole_start[i + 1]])
-        _finish(rows, float(in_cells.n_vehicles[i]), bounds, table[i])
-
-    for work, items in ((fit_share, np.arange(bound.size - 1)), (finish, np.flatnonzero(merged & bounds.curved))):
-        if items.size > 1:
-            with ThreadPoolExecutor(n_threads or os.cpu_count()) as pool:
-                list(pool.map(work, items.tolist()))
-        else:
-            for item in items.tolist():
-                work(item)
+    if bound.size > 2:
+        with ThreadPoolExecutor(n_threads or os.cpu_count()) as pool:
+            list(pool.map(fit_share, range(bound.size - 1)))
+    elif bound.size > 1:
+        fit_share(0)
     return Modes.of(table, bounds)
 
 
-def _finish(columns: FloatArray, n_vehicles: float, bounds: Bounds, table: FloatArray) -> None:
-    """Some iterations on the rows themselves: merged, they blur what bends by some thousandths of a nat."""
-    k = int((table[:, LOG_WEIGHT] > NO_MODE / 2).sum())
-    table[:] = table[np.argsort(-table[:, LOG_WEIGHT], kind="stable")]
-    few = bounds._replace(max_iterations=FINISHING_ITERATIONS)
-    bends = bool(table[:k, N_FLAT:].any())
-    _ascent.ascend(columns, 0, columns.shape[1], n_vehicles, bends, -np.inf, 0.0, few, table[:k])
-
-
 def columns_of(in_cells: CellRows) -> tuple[FloatArray, IntArray]:
-    """A column for each member of positive weight, sorted by cell: (N_COLUMNS, n), and where each cell's begin."""
+    """A column for each member that is fitted, sorted by cell: (N_COLUMNS, n), and where each cell's begin."""
     n_members = np.diff(in_cells.start)
-    cell, meant = np.repeat(np.arange(n_members.size), n_members), in_cells.weight > 0.0
+    cell, number = np.repeat(np.arange(n_members.size), n_members), np.arange(in_cells.row.size)
+    stride = 1 + n_members // MOST_ROWS
+    meant = (in_cells.weight > 0.0) & ((number - in_cells.start[cell]) % stride[cell] == 0)
     cell, row = cell[meant], in_cells.row[meant]
     start = np.concatenate([[0], np.cumsum(np.bincount(cell, minlength=n_members.size))])
     used, index = (slice(None), row) if row.size > in_cells.speed.size else (row, slice(None))  # what costs less
@@ -149,39 +124,3 @@ def columns_of(in_cells: CellRows) -> tuple[FloatArray, IntArray]:
     columns[WEIGHT] = in_cells.weight[meant]
     columns[EAST], columns[NORTH] = (in_cells.position[row] - in_cells.center[cell]).T
     return columns, start
-
-
-def _with_merged(
-    columns: FloatArray, start: IntArray, merged: BoolArray, bins: tuple[int, int, int]
-) -> tuple[FloatArray, IntArray]:
-    """The same, where the columns of some cells are those of rows that lie together."""
-    if not merged.any():
-        return columns, start
-    parts = [columns[:, a:b] for a, b in pairwise(start.tolist())]
-    parts = [merge(part, bins) if large else part for part, large in zip(parts, merged.tolist(), strict=True)]
-    return np.concatenate(parts, axis=1), np.concatenate([[0], np.cumsum([part.shape[1] for part in parts])])
-
-
-def merge(columns: FloatArray, bins: tuple[int, int, int]) -> FloatArray:
-    """Columns of a cell, those that lie together as one: their means, and their weight.
-
-    So the maximisation is exact for flat modes, and only responsibilities are those of the means.
-    """
-    weight = columns[WEIGHT]
-    key = _binned(np.arctan2(columns[SINE], columns[COSINE]), weight, bins[0])
-    key = key * bins[1] + _binned(columns[LOG_SPEED], weight, bins[1])
-    for axis in (EAST, NORTH) if bins[2] > 1 else ():
-        key = key * bins[2] + _binned(columns[axis], weight, bins[2])
-    of = np.unique(key, return_inverse=True)[1]
-    total = np.bincount(of, weight)
-    means = np.stack([np.bincount(of, weight * column) / total for column in columns])
-    means[WEIGHT] = total
-    return means
-
-
-def _binned(value: FloatArray, weight: FloatArray, n: int) -> IntArray:
-    """(n,) the bin of each: half of the bins by weight, so that they are fine where rows are dense, half by width."""
-    fine = ((value - value.min()) * ((FINE - 1) / max(float(np.ptp(value)), 1e-300))).astype(np.int64)
-    inside = np.bincount(fine, weight, FINE)
-    share = 0.5 * (np.cumsum(inside) - 0.5 * inside) / inside.sum() + 0.5 * (np.arange(FINE) + 0.5) / FINE
-    return np.asarray((share * n).astype(np.int64)[fine])

@@ -9,7 +9,6 @@ from scipy.special import gammaln
 
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions import von_mises
-from dirprim_filter.distributions._blocks import over_blocks
 from dirprim_filter.distributions._random import wrapped_cauchy
 from dirprim_filter.primitives import _map_kernels
 from dirprim_filter.primitives._modes import Modes
@@ -51,10 +50,5 @@ class ModeTable(NamedTuple):
         """
         theta, v = (NOTHING if column is None else column for column in (direction, speed))
         out = np.empty(len(position))
-
-        def work(first: int, last: int) -> None:
-            part = slice(first, last)
-            _map_kernels.log_densities(*self, cell[part], position[part], theta[part], v[part], out[part])
-
-        over_blocks(work, len(position))
+        _map_kernels.log_densities(*self, cell, position, theta, v, out)
         return out

@@ -14,7 +14,6 @@ from scipy.special import logsumexp
 
 from dirprim_filter.arrays import FloatArray, IntArray, as_floats
 from dirprim_filter.distributions import Gamma, VonMisesMixture
-from dirprim_filter.distributions._blocks import ROWS, block_keys, over_blocks
 from dirprim_filter.primitives import _map_kernels
 from dirprim_filter.primitives._map_kernels import MapTable
 from dirprim_filter.primitives._modes import Modes
@@ -37,22 +36,6 @@ class Primitive(NamedTuple):
         """Natural log of p(direction, speed), per radian and m/s. (...), (...) -> (...)."""
         of_speed = self.speed.log_density(np.asarray(speed, dtype=np.float64)[..., None])
         return np.asarray(logsumexp(self.direction.mode_log_density(direction) + of_speed, axis=-1))
-
-    def sample(self, *, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-        """A direction and a speed of the same mode from each primitive. -> (...), (...)."""
-        direction, mode = self.direction.sample(rng=rng)
-        pick = mode[..., None]
-        speed = Gamma(
-            shape=np.take_along_axis(self.speed.shape, pick, axis=-1)[..., 0],
-            rate=np.take_along_axis(self.speed.rate, pick, axis=-1)[..., 0],
-        )
-        return direction, speed.sample(rng=rng)
-
-
-def _places(position: FloatArray) -> FloatArray:
-    """Positions as an array (..., 2) that may hold numbers that are not finite."""
-    places = np.asarray(position, dtype=np.float64)
-    return places if places.ndim and places.shape[-1] == 2 else as_floats("position", places, "... 2")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -167,22 +150,14 @@ class PrimitiveMap:
     def sample(self, position: FloatArray, *, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """A direction and a speed at each position, radians and m/s. (..., 2) -> (...), (...).
 
-        The draws depend on the generator and on the order of the positions, not on the number of threads.
-
         Raises:
             ValueError: the last axis is not 2, or a coordinate is not finite.
         """
-        position = _places(position)
+        position = as_floats("position", position, "... 2")
         place = position.reshape(-1, 2)
-        table, direction, speed = self.compiled(), np.empty(len(place)), np.empty(len(place))
-        key = block_keys(len(place), rng)
-
-        def work(first: int, last: int) -> None:
-            part, of_part = slice(first, last), slice(first // ROWS, None)
-            if not _map_kernels.draw(table, place[part], key[of_part], direction[part], speed[part]):
-                as_floats("position", position, "... 2")  # says which
-
-        over_blocks(work, len(place))
+        direction, speed = np.empty((2, len(place)))
+        state = rng.integers(0, 2**64, size=4, dtype=np.uint64)
+        _map_kernels.draw(self.compiled(), place, state, direction, speed)
         return direction.reshape(position.shape[:-1]), speed.reshape(position.shape[:-1])
 
     def _log_densities(

@@ -207,31 +207,6 @@ class CellRows:
             n_standing=np.asarray(np.bincount(cell[~moves], weighed[~moves], minlength=n_cells), np.float64),
         )
 
-    @classmethod
-    def one(
-        cls, direction: FloatArray, speed: FloatArray, *, weight: FloatArray | None = None, n_vehicles: float
-    ) -> CellRows:
-        """All rows in one cell, wherever they are.
-
-        Args:
-            direction: (n,) radians in [-pi, pi].
-            speed: (n,) m/s, positive.
-            weight: (n,) not negative; 1 each if absent.
-            n_vehicles: how many vehicles they are of.
-        """
-        n = speed.size
-        return cls(
-            direction=direction,
-            speed=speed,
-            position=np.broadcast_to(0.0, (n, 2)),
-            start=np.array([0, n]),
-            row=np.arange(n),
-            weight=np.ones(n) if weight is None else weight,
-            center=np.zeros((1, 2)),
-            n_vehicles=np.array([float(n_vehicles)]),
-            n_standing=np.zeros(1),
-        )
-
     @property
     def n_moving(self) -> FloatArray:
         """(n_cells,) members, by weight."""

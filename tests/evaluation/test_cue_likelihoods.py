@@ -134,4 +134,4 @@ def test_a_signal_that_says_nothing_draws_nothing_and_many_directions_are_no_sig
     signalled = turn_signal_example(learned, cue=TURN_LEFT, n_samples=20_000, rng=np.random.default_rng(8))
     assert signalled.rmse_after < 0.6 * example.rmse_after
     with pytest.raises(ValueError, match="one direction"):
-        turn_signal_example(learned, cue=Cue.lane([0.0, 1.0]), rng=np.random.default_rng(8))
+        turn_signal_example(learned, cue=Cue(turn=[0.0, 1.0], concentration=2.5), rng=np.random.default_rng(8))

@@ -12,10 +12,9 @@ from dirprim_filter.distributions.angles import difference, wrap
 from dirprim_filter.distributions.von_mises import mean_resultant_length
 from dirprim_filter.primitives._modes import Modes
 from dirprim_filter.primitives.fitting import bounds_of, fit_all
-from dirprim_filter.primitives.rows import CellRows
 from dirprim_filter.recording import load_map, save_map
 from dirprim_filter.tracks import Tracks
-from situations import one_cell_map, ring_traffic
+from situations import one_cell, one_cell_map, ring_traffic
 
 SIDE = 10.0  # metres, of the one cell
 # weight, mean direction, concentration, shape, mean speed, bend east and north, gain east and north
@@ -34,7 +33,7 @@ def simulated(truth, rng, *, n, low=-SIDE / 2):
     turned, gained = (truth[mode, 5:7] * offset).sum(axis=1), (truth[mode, 7:] * offset).sum(axis=1)
     direction = wrap(mean + turned + rng.vonmises(0.0, concentration))
     speed = mean_speed * np.exp(gained) * rng.standard_gamma(shape) / shape
-    return replace(CellRows.one(direction, speed, n_vehicles=n), position=offset)
+    return one_cell(direction, speed, n_vehicles=n, position=offset)
 
 
 def fitted(rows, **knobs):

@@ -1,4 +1,4 @@
-"""The fit of one cell: that it climbs, what merging costs, that it counts modes rightly, what it says to bad input."""
+"""The fit of one cell: that it climbs, what leaving rows out costs, that it counts modes rightly."""
 
 from dataclasses import replace
 
@@ -14,9 +14,9 @@ from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.distributions.modes import dbscan
 from dirprim_filter.primitives._ascent import ascend
 from dirprim_filter.primitives._kernels import ON_CIRCLE, sort_around, start_evenly
-from dirprim_filter.primitives._modes import EAST, N_COLUMNS, N_CURVED, WEIGHT, Modes
-from dirprim_filter.primitives.fitting import BINS, CURVED_BINS, bounds_of, columns_of, fit_all, merge
-from dirprim_filter.primitives.rows import CellRows
+from dirprim_filter.primitives._modes import N_CURVED, Modes
+from dirprim_filter.primitives.fitting import bounds_of, columns_of, fit_all
+from situations import one_cell
 
 # The mixture of the paper's Fig. 2; all modes at one distribution of speed, which tells nothing of the mode.
 FIG_2 = np.array(
@@ -26,7 +26,6 @@ FIG_2 = np.array(
         [1 / 3, np.deg2rad(45), 20.0, 20.0, 10.0],
     ]
 )
-NEVER = 10**9
 
 
 def simulated(truth, n, seed):
@@ -101,7 +100,7 @@ def test_the_objective_never_falls_and_is_the_one_reported(*, seed, n, k, prior,
     speed = speed * np.exp(place @ rng.normal(0, 0.05, 2))
     weight = rng.choice([0.0, 0.5, 1.0, 3.0], n) if n > 1 else np.ones(1)
     weight[0] = 1.0
-    rows = replace(CellRows.one(direction, speed, weight=weight, n_vehicles=n * vehicles), position=place)
+    rows = one_cell(direction, speed, weight=weight, n_vehicles=n * vehicles, position=place)
     bounds = bounds_of(LearningConfig(), prior_strength=prior, speed_spread=0.2, curved=curved)
     flat, _ = climbed(rows, bounds, k, curved=False, most=8)
     trace, driven = [], []
@@ -117,7 +116,7 @@ def test_the_objective_never_falls_and_is_the_one_reported(*, seed, n, k, prior,
 
 
 def test_it_has_something_to_climb_and_arrives_where_plain_steps_do_not():
-    rows = CellRows.one(*simulated(FIG_2, 500, 0), n_vehicles=500)
+    rows = one_cell(*simulated(FIG_2, 500, 0), n_vehicles=500)
     bounds = bounds_of(LearningConfig(), prior_strength=0.02, speed_spread=0.05)
     trace = [climbed(rows, bounds, 3, curved=False, most=most)[1] for most in (1, 5, 30, 200)]
     assert trace[1] > trace[0] + 3
@@ -126,10 +125,10 @@ def test_it_has_something_to_climb_and_arrives_where_plain_steps_do_not():
 
 def fitted(direction, speed, weight=None, *, prior_strength=0.02):
     """The modes of one cell, flat, as many as BIC prefers."""
-    rows = CellRows.one(direction, speed, weight=weight, n_vehicles=speed.size if weight is None else weight.sum())
+    rows = one_cell(direction, speed, weight=weight, n_vehicles=speed.size if weight is None else weight.sum())
     spread = max(np.log(np.average(speed, weights=weight)) - np.average(np.log(speed), weights=weight), 1e-3)
     bounds = bounds_of(LearningConfig(), prior_strength=prior_strength, speed_spread=spread)
-    return Modes(*(column[0] for column in fit_all(rows, bounds, merged_from=0)))
+    return Modes(*(column[0] for column in fit_all(rows, bounds)))
 
 
 def count(modes):
@@ -149,44 +148,14 @@ def test_bic_counts_the_three_modes_of_fig_2_in_99_of_100_draws():
     assert np.mean(np.array(clusters) == 3) < 0.5  # which is why
 
 
-KINDS = {
-    "Fig. 2": (FIG_2, False),
-    "one sharp way": ([[1.0, 3.1, 1e4, 1e3, 12.0]], False),
-    "sharp among broad": ([[0.3, 0.5, 1e4, 400.0, 15.0], [0.7, -1.0, 2.0, 5.0, 6.0]], False),
-    "one way at two speeds": ([[0.5, 0.0, 40.0, 50.0, 5.0], [0.5, 0.05, 40.0, 50.0, 13.0]], False),
-    "six ways": ([[1 / 6, m, 60.0, 30.0, 4.0 + i] for i, m in enumerate(np.arange(6) - 2.5)], False),
-    "nearly uniform": ([[1.0, 1.0, 0.1, 2.0, 8.0]], False),
-    "opposite": ([[0.5, 0.1, 300.0, 30.0, 9.0], [0.5, 0.1 - np.pi, 300.0, 30.0, 9.0]], False),
-    "bent": ([[0.6, 3.1, 400.0, 40.0, 12.0], [0.4, 0.6, 25.0, 9.0, 5.0]], True),
-}
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_merging_rows_costs_less_than_a_thousandth_of_a_nat(kind):
-    truth, bent = KINDS[kind]
-    n = 20_000
-    direction, speed = simulated(truth, n, 1)
-    place = np.random.default_rng(2).uniform(-5, 5, (n, 2)) if bent else np.zeros((n, 2))
-    direction = wrap(direction + place @ [0.05, -0.04])
-    rows = replace(CellRows.one(direction, speed, n_vehicles=n), position=place)
-    bounds = bounds_of(LearningConfig(), prior_strength=0.02, speed_spread=0.1, curved=bent)
-    fits = [fit_all(rows, bounds, merged_from=least) for least in (0, NEVER)]
-    merged, exact = (log_density(Modes(*(c[0] for c in fit)), rows).mean() for fit in fits)
-    assert merged > exact - 1e-3
-
-
-def test_merged_columns_have_the_sums_of_their_rows():
-    direction, speed = simulated(KINDS["sharp among broad"][0], 5000, 3)
-    rng = np.random.default_rng(4)
-    rows = CellRows.one(direction, speed, weight=rng.choice([0.0, 0.5, 2.0], 5000), n_vehicles=5000)
-    rows = replace(rows, position=rng.uniform(-5, 5, (5000, 2)), center=np.array([[1.0, -2.0]]))
-    for curved in (False, True):
-        whole, _ = columns_of(rows)
-        merged = merge(whole, CURVED_BINS if curved else BINS)
-        assert merged.shape[1] < whole.shape[1]
-        for q in range(N_COLUMNS if curved else EAST):
-            mine, theirs = (columns[q] * (1 if q == WEIGHT else columns[WEIGHT]) for columns in (merged, whole))
-            assert mine.sum() == pytest.approx(theirs.sum(), rel=1e-5, abs=1e-2)
+def test_a_large_cell_is_fitted_to_some_of_its_rows_and_loses_less_than_chance_allows():
+    """Some 17 parameters from 12,500 rows instead of 50,000: half as many over the rows, 7e-4 nat, are expected."""
+    direction, speed = simulated(FIG_2, 50_000, 1)
+    modes, rows = fitted(direction, speed), one_cell(direction, speed, n_vehicles=50_000)
+    truth = np.column_stack([FIG_2, np.zeros((3, 4))])
+    truth[:, 4] = FIG_2[:, 3] / FIG_2[:, 4]
+    assert count(modes) == 3
+    assert log_density(modes, rows).mean() > log_density(Modes(*truth.T), rows).mean() - 3e-3
 
 
 def test_a_row_of_weight_three_is_three_rows_and_one_of_weight_zero_none():
@@ -205,7 +174,7 @@ def test_any_number_of_threads_fits_the_identical_modes(at_once):
     direction, speed = simulated(FIG_2, n, 8)
     start = np.concatenate([[0], np.sort(rng.integers(0, n, n_cells - 1)), [n]])
     rows = replace(
-        CellRows.one(direction, speed, n_vehicles=n),
+        one_cell(direction, speed, n_vehicles=n),
         start=start, center=np.zeros((n_cells, 2)), n_vehicles=np.diff(start).astype(float),
     )  # fmt: skip
     bounds = bounds_of(LearningConfig(), prior_strength=0.02, speed_spread=0.05, curved=at_once)._replace(
@@ -223,7 +192,7 @@ def test_a_fit_from_the_modes_of_like_rows_finds_its_own_and_keeps_their_number(
     direction, speed = simulated(FIG_2, 1200, 10)
     direction = wrap(direction + np.repeat([0.0, 0.1], 600))
     rows = replace(
-        CellRows.one(direction, speed, n_vehicles=600), start=np.array([0, 600, 1200]), center=np.zeros((2, 2)),
+        one_cell(direction, speed, n_vehicles=600), start=np.array([0, 600, 1200]), center=np.zeros((2, 2)),
         n_vehicles=np.array([600.0, 600.0]), position=rng.uniform(-5, 5, (1200, 2)),
     )  # fmt: skip
     bounds = bounds_of(LearningConfig(), prior_strength=0.02, speed_spread=0.05, curved=True)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from dirprim_filter.distributions import Gamma, VonMisesMixture, _blocks
+from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.primitives import PrimitiveMap
 from oracles import map_log_densities
 from situations import one_cell_map
@@ -91,16 +91,6 @@ def test_what_is_not_finite_is_refused_by_name_and_place():
             learned.speed_log_density(place, spoilt)
     with pytest.raises(ValueError, match="position: expected shape"):
         learned.sample(np.zeros(3), rng=np.random.default_rng(0))
-
-
-def test_samples_do_not_depend_on_the_number_of_threads(monkeypatch):
-    learned, position = random_map(curved=True), np.random.default_rng(0).uniform(0, 40, (200_000, 2))
-    found = []
-    for n_threads in (1, 3):
-        monkeypatch.setattr(_blocks.os, "cpu_count", lambda n=n_threads: n)
-        found.append((*learned.sample(position, rng=np.random.default_rng(4)), learned.log_density(position, 1.0, 2.0)))
-    for one, another in zip(*found, strict=True):
-        np.testing.assert_array_equal(one, another)
 
 
 @pytest.mark.parametrize("curved", [False, True])

@@ -1,6 +1,5 @@
 """What every division of the plane into cells keeps, whatever its shape."""
 
-import pickle
 from dataclasses import fields, is_dataclass
 
 import numpy as np
@@ -165,17 +164,3 @@ def test_large_batches_on_threads_are_located_as_one_by_one(twin):
     found = cells.cell_of(position)
     some = np.arange(0, len(position), 499)
     np.testing.assert_array_equal(found[some], [cells.cell_of(position[i]) for i in some])
-
-
-@pytest.mark.parametrize("twin", [grid, voronoi, lloyd])
-def test_what_is_sent_to_another_process_answers_the_same_and_holds_no_raster(twin):
-    cells = twin(data(n=4000))
-    sent = pickle.dumps(cells)
-    rasters = sum(np.asarray(column).nbytes for column in cells.locator)
-    assert len(sent) < made_of(cells) + 2000
-    assert rasters > 2000  # else the bound says nothing
-    again = pickle.loads(sent)  # noqa: S301
-    np.testing.assert_array_equal(again.cell_of(scattered()), cells.cell_of(scattered()))
-    np.testing.assert_array_equal(again.area, cells.area)
-    for ours, theirs in zip(again.locator, cells.locator, strict=True):
-        np.testing.assert_array_equal(ours, theirs)
