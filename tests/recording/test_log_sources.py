@@ -19,7 +19,7 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.recording.container import log as scans
 from dirprim_filter.recording.container import merge, source
 from dirprim_filter.recording.container.errors import without_secrets
-from dirprim_filter.recording.container.message_columns import MessageColumns
+from dirprim_filter.recording.container.message_columns import SHORT_BYTES
 from dirprim_filter.recording.errors import NoRoomError, NotMcapError, RecordingError
 from dirprim_filter.recording.reader import stream_detections
 from dirprim_filter.recording.scan import scan
@@ -132,19 +132,20 @@ def test_without_an_index_that_can_be_trusted_every_chunk_is_opened(tmp_path):
     assert log.damage
 
 
-def test_overlapping_chunks_are_merged_from_disk_when_they_are_many(tmp_path, monkeypatch):
-    rng = np.random.default_rng(0)
-    sent = [("/a", int(rng.integers(0, 500)), rng.bytes(20)) for _ in range(3000)]  # all overlap; many of one time
-    path = tmp_path / "log.mcap"
-    path.write_bytes(log_bytes(sent, chunk_size=1000))
-    spilled = []
-    real = MessageColumns.spilled
-    monkeypatch.setattr(merge, "HELD_BYTES", 20_000)
-    monkeypatch.setattr(merge, "WINDOW_ROWS", 50)
-    monkeypatch.setattr(MessageColumns, "spilled", lambda self, file: spilled.append(1) or real(self, file))
-    expected = sorted(sent, key=lambda row: row[1])
-    assert rows(scan(path)) == expected
-    assert len(spilled) > 10
+@pytest.mark.parametrize("held", [0, merge.HELD_BYTES])
+@pytest.mark.parametrize("longest", [40, 4 * SHORT_BYTES])
+@pytest.mark.parametrize("span", [1, 500, 10**6])
+def test_chunks_that_overlap_are_merged_in_memory_and_on_disk(tmp_path, monkeypatch, held, longest, span):
+    """Of one time, some, or all over the log; those of one time stay in the order of the file."""
+    monkeypatch.setattr(merge, "HELD_BYTES", held)
+    monkeypatch.setattr(merge, "WINDOW_BYTES", 40 * longest)
+    rng = np.random.default_rng(span)
+    sent = [("/a", i // 100 + int(rng.integers(span)), rng.bytes(int(rng.integers(longest)))) for i in range(2000)]
+    (tmp_path / "log.mcap").write_bytes(log_bytes(sent, chunk_size=20 * longest))
+    log = scan(tmp_path / "log.mcap")
+    assert len(log.log.chunks) > 20
+    assert rows(log) == sorted(sent, key=lambda row: row[1])
+    assert sorted(m.data for _, part in log.parts() for m in part.messages()) == sorted(data for _, _, data in sent)
 
 
 def test_a_log_of_one_time_stays_in_the_order_of_the_file_without_being_held(tmp_path, monkeypatch):

@@ -10,9 +10,7 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType
 from mcap_files import CHUNK, DATA, log_bytes, records
 
-from dirprim_filter.recording.container import file_bytes, merge, source
-from dirprim_filter.recording.container.merge import HELD_BYTES
-from dirprim_filter.recording.container.message_columns import SHORT_BYTES
+from dirprim_filter.recording.container import file_bytes, source
 from dirprim_filter.recording.scan import scan
 
 CONFORMANCE = DATA / "mcap_conformance"
@@ -62,22 +60,6 @@ def test_delivers_all_messages_in_stable_order_of_log_time(log_file, layout):
     assert (message.schema_name, message.schema_encoding, message.schema_data, message.message_encoding) == (
         "Blob", "none", b"definition", "blob",
     )  # fmt: skip
-
-
-@pytest.mark.parametrize("longest", [1, 2 * SHORT_BYTES, 6 * SHORT_BYTES])
-@pytest.mark.parametrize("held", [0, HELD_BYTES])
-def test_short_and_long_messages_of_chunks_that_overlap_or_not(log_file, monkeypatch, longest, held):
-    """Either way that data are cut out, from memory and from the temporary file."""
-    monkeypatch.setattr(merge, "HELD_BYTES", held)
-    rng = np.random.default_rng(longest)
-    times = np.sort(rng.integers(0, 1000, 400))
-    times[100:300] = times[100:300][::-1]
-    sent = [("/t", int(time), rng.bytes(int(rng.integers(0, longest + 1)))) for time in times]
-    log = scan(log_file(log_bytes(sent, chunk_size=8 * longest + 400)))
-    assert len(log.log.chunks) > 10
-    assert [(m.topic, m.log_time_ns, m.data) for m in log] == sorted(sent, key=lambda message: message[1])
-    in_file = [message.data for _, columns in log.parts() for message in columns.messages()]
-    assert sorted(in_file) == sorted(data for _, _, data in sent)
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)

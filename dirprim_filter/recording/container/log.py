@@ -146,7 +146,7 @@ class Scan(AbstractContextManager["Scan"]):
     """The messages of one log; iterate it, as often as needed, also at once, then look at `damage`.
 
     Messages of one log time come in the order of the file. Beyond the chunks that overlap in time nothing is
-    held, and of these no more than `merge.HELD_BYTES` in memory. As a context manager it closes the log.
+    held, and of these little more than `merge.HELD_BYTES` in memory. As a context manager it closes the log.
 
     Args:
         log: what is read.
@@ -256,13 +256,13 @@ class Scan(AbstractContextManager["Scan"]):
 
 def _merged(chunks: list[tuple[FilePass, Chunk]]) -> Iterator[MessageColumns]:
     """The messages of all chunks in order of log time, some at a time."""
-    with TimeMerge() as merge:
-        for position in sorted(range(len(chunks)), key=lambda i: chunks[i][1].start_ns):
-            file, chunk = chunks[position]
-            if not file.is_beside(chunk):
-                yield from merge.release((chunk.start_ns, position))
-                merge.hold(file.messages(chunk, position))
-        yield from merge.release(None)
+    merge = TimeMerge()
+    for position in sorted(range(len(chunks)), key=lambda i: chunks[i][1].start_ns):
+        file, chunk = chunks[position]
+        if not file.is_beside(chunk):
+            yield from merge.release((chunk.start_ns, position))
+            merge.hold(file.messages(chunk, position))
+    yield from merge.release(None)
 
 
 class _Seen:

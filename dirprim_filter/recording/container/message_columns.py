@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import mmap
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from io import BytesIO
 from itertools import repeat
-from typing import Any, BinaryIO, Self, cast
+from typing import Any, Self
 
 import numpy as np
 
@@ -42,7 +41,7 @@ class MessageColumns:
     start: AnyArray
     stop: AnyArray
     position: AnyArray
-    contents: bytes | mmap.mmap
+    contents: bytes
     channels: list[Channel]
 
     def __len__(self) -> int:
@@ -51,12 +50,6 @@ class MessageColumns:
     def __getitem__(self, rows: slice | AnyArray) -> Self:
         columns: dict[str, Any] = {name: column[rows] for name, column in self._columns().items()}
         return replace(self, **columns)
-
-    @property
-    def nbytes(self) -> int:
-        """Memory that it holds; contents that are a part of a file count nothing."""
-        held = len(self.contents) if isinstance(self.contents, bytes) else 0
-        return held + sum(column.nbytes for column in self._columns().values())
 
     def sorted(self) -> Self:
         """The same in order of log time; those of one time keep their order."""
@@ -102,86 +95,44 @@ class MessageColumns:
         length = self.stop - self.start
         if length.sum() > SHORT_BYTES * length.size:
             slices = map(slice, self.start.tolist(), self.stop.tolist())
-            return map(cast("Any", self.contents).__getitem__, slices)
-        beside = self if (self.start[1:] == self.stop[:-1]).all() else gathered([self], slice(None))
+            return map(self.contents.__getitem__, slices)
+        beside = self if (self.start[1:] == self.stop[:-1]).all() else gathered([self])
         data = BytesIO(beside.contents)
         data.seek(int(beside.start[0]) if len(beside) else 0)
         return map(data.read, length.tolist())
 
-    def spilled(self, file: BinaryIO) -> Self:
-        """The same on disk: appended to `file` and mapped, so that the system may take the memory back."""
-        columns = self._columns()
-        own = self.contents if isinstance(self.contents, bytes) else b""
-        head = sum(_padded(column.nbytes) for column in columns.values())
-        base = _padded(file.seek(0, 2), mmap.ALLOCATIONGRANULARITY)
-        file.seek(base)
-        for name, column in columns.items():
-            shifted = column + head if own and name in ("start", "stop") else np.ascontiguousarray(column)
-            file.write(shifted.tobytes().ljust(_padded(column.nbytes), b"\0"))
-        file.write(own)
-        file.flush()
-        mapped = mmap.mmap(file.fileno(), head + len(own), access=mmap.ACCESS_READ, offset=base)
-        at, again = 0, dict[str, Any]()
-        for name, column in columns.items():
-            again[name] = np.frombuffer(mapped, column.dtype, len(column), at)
-            at += _padded(column.nbytes)
-        return replace(self, **again, contents=mapped if own else self.contents)
-
-    def let_go(self) -> None:
-        """What is on disk leaves this process's memory until it is read again."""
-        if isinstance(self.contents, mmap.mmap) and hasattr(self.contents, "madvise"):
-            self.contents.madvise(mmap.MADV_DONTNEED)
+    @classmethod
+    def concatenated(cls, parts: Sequence[Self], contents: bytes) -> Self:
+        """The rows of parts of one iteration whose data stand in the same contents."""
+        columns: dict[str, Any] = {
+            n: np.concatenate([part._columns()[n] for part in parts]) for n in parts[0]._columns()
+        }
+        return replace(parts[0], **columns, contents=contents)
 
     def _columns(self) -> dict[str, AnyArray]:
         return {f.name: getattr(self, f.name) for f in fields(self)[:-2]}
 
 
-def gathered(parts: Sequence[MessageColumns], order: AnyArray | slice) -> MessageColumns:
-    """The messages of all parts in an order, their data side by side in it."""
-    columns = {
-        name: np.concatenate([getattr(part, name) for part in parts])[order]
-        for name in ("log_time_ns", "publish_time_ns", "sequence", "channel", "position")
-    }
-    length = np.concatenate([part.stop - part.start for part in parts])
-    lengths = length[order]
-    stop = np.cumsum(lengths)
-    at = np.empty_like(length)
-    at[order] = stop - lengths
-    beside = bytearray(int(lengths.sum()))
-    out, first = np.frombuffer(beside, np.uint8), 0
+def gathered(parts: Sequence[MessageColumns], *, in_order: bool = False) -> MessageColumns:
+    """The messages of all parts one after the other, their data side by side.
+
+    Args:
+        parts: of one iteration.
+        in_order: of log time, and of one time in the order of the log, instead.
+    """
+    rows = MessageColumns.concatenated(parts, b"")
+    stop = np.cumsum(rows.stop - rows.start)
+    at = stop - (rows.stop - rows.start)
+    if in_order:
+        order = np.argsort(rows.log_time_ns, kind="stable")
+        time, position = rows.log_time_ns[order], rows.position[order]
+        if ((np.diff(position) < 0) & (time[1:] == time[:-1])).any():
+            order = np.lexsort((rows.position, rows.log_time_ns))
+        rows = rows[order]
+        stop = np.cumsum(rows.stop - rows.start)
+        at[order] = stop - (rows.stop - rows.start)
+    out, first = np.empty(int(stop[-1]) if len(rows) else 0, np.uint8), 0
     for part in parts:
         gather(np.frombuffer(part.contents, np.uint8), part.start, part.stop, at[first : first + len(part)], out)
         first += len(part)
-    return MessageColumns(
-        **columns, start=stop - lengths, stop=stop, contents=cast("bytes", beside), channels=parts[0].channels
-    )
-
-
-def ordered(parts: Sequence[MessageColumns]) -> AnyArray:
-    """(n,) the rows of all parts in order of log time, and of one time in the order of the log."""
-    time, position = (np.concatenate([getattr(part, name) for part in parts]) for name in ("log_time_ns", "position"))
-    order = np.argsort(time, kind="stable")
-    back = (time[order[1:]] == time[order[:-1]]) & (position[order[1:]] < position[order[:-1]])
-    return np.lexsort((position, time)) if back.any() else order
-
-
-def interleaved(parts: Sequence[MessageColumns]) -> Iterator[MessageColumns]:
-    """The messages of several parts in order of log time; those of one time in the order of the log.
-
-    Long ones stay where they are: each run out of one part comes by itself.
-    """
-    order = ordered(parts)
-    n_bytes = sum(int((part.stop - part.start).sum()) for part in parts)
-    if n_bytes <= SHORT_BYTES * order.size:
-        yield gathered(parts, order)
-        return
-    part_of = np.repeat(np.arange(len(parts)), [len(part) for part in parts])[order]
-    done = [0] * len(parts)
-    for run in np.split(part_of, np.flatnonzero(np.diff(part_of)) + 1):
-        part = int(run[0])
-        yield parts[part][done[part] : done[part] + run.size]
-        done[part] += run.size
-
-
-def _padded(n_bytes: int, to: int = 8) -> int:
-    return n_bytes + -n_bytes % to
+    return replace(rows, start=stop - (rows.stop - rows.start), stop=stop, contents=out.tobytes())

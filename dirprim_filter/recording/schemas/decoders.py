@@ -159,7 +159,7 @@ def pieces(messages: MessageColumns) -> Iterator[MessageColumns]:
 
 def joined(parts: list[MessageColumns]) -> MessageColumns:
     """The messages of all parts, one after the other."""
-    return parts[0] if len(parts) == 1 else gathered(parts, slice(None))
+    return parts[0] if len(parts) == 1 else gathered(parts)
 
 
 def by_schema(batch: MessageColumns) -> Iterator[tuple[IntArray, MessageColumns]]:
