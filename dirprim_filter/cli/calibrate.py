@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from dirprim_filter.cli import losses
-from dirprim_filter.cli.counts import counted
 from dirprim_filter.cli.options import Force, Logs, Output, Plot
 from dirprim_filter.cli.reading import Reading, reads_logs
-from dirprim_filter.cli.sensing import UNITS
+from dirprim_filter.cli.sensing import number_lines
+from dirprim_filter.cli.texts import counted
 
 if TYPE_CHECKING:
     from dirprim_filter.detections import Detections
     from dirprim_filter.evaluation.calibration import Calibration
-    from dirprim_filter.recording.losses import Losses
     from dirprim_filter.tracks import Tracks
 
 
@@ -43,6 +43,7 @@ def calibrate(
     Example: dirprim calibrate detections.mcap --truth truth.mcap -o sensor.toml --plot sensor.png
     """
     from dirprim_filter.cli.progress import working
+    from dirprim_filter.detections import Detections
     from dirprim_filter.evaluation.calibration import calibrate as measure
     from dirprim_filter.recording.losses import Losses
     from dirprim_filter.recording.sensor_file import save_sensor
@@ -52,10 +53,13 @@ def calibrate(
     lost = Losses()
     seen: list[Detections] = []
     for path in logs:
-        found, of_log = _detections(path, reading)
-        seen.append(found)
-        lost += of_log
-    known = [_truth(path, reading) for path in truth]
+        stream = reading.detections(path)
+        seen.append(Detections.concatenate(stream))
+        reading.require_frames(len(seen[-1]), path, stream.losses)
+        lost += stream.losses
+    # Of the truth all, in the frame and by the origin of the detections.
+    of_truth = replace(reading, topics=None, start=None, end=None, fields=None, labels=None, group=None)
+    known = [of_truth.tracks([path]).tracks for path in truth]
     with working(f"measuring {', '.join(path.name for path in logs)}"):
         measured = measure(*_paired(seen, known))
     save_sensor(measured.sensor, output, force=force)
@@ -78,35 +82,12 @@ def calibration_text(measured: Calibration) -> str:
         lines.append(
             f"the detections' clock is {measured.clock_offset_s:+.3f} s ahead of the truth's, latency included"
         )
-    for name, value in measured.sensor.numbers().items():
-        if value is not None and name in measured.sensor.uncertainty:
-            width, unit = measured.sensor.uncertainty[name], UNITS[name.rpartition(".")[2]]
-            lines.append(f"{name:<24}{value:>10.3g} +- {width:<8.2g} {unit}".rstrip())
+    lines += number_lines(measured.sensor.numbers(), measured.sensor.uncertainty)
     return "\n".join([*lines, *(f"not known: {line}" for line in measured.unknown)])
-
-
-def _detections(path: Path, reading: Reading) -> tuple[Detections, Losses]:
-    """What a log's sensor reported, and what was lost."""
-    from dirprim_filter.detections import Detections
-
-    stream = reading.detections(path, motion=False)
-    found = Detections.concatenate(stream)
-    reading.require_frames(len(found), path, stream.losses)
-    return found, stream.losses
-
-
-def _truth(path: Path, reading: Reading) -> Tracks:
-    """All tracks of a log, in the frame and by the origin of the detections."""
-    of_truth = Reading(
-        time_source=reading.time_source, frame=reading.frame, origin=reading.origin, strict=reading.strict
-    )  # fmt: skip
-    return of_truth.tracks([path]).tracks
 
 
 def _paired(seen: list[Detections], known: list[Tracks]) -> tuple[Detections, Tracks]:
     """All as one log: each pair of files a world of its own, or one truth for all."""
-    from dataclasses import replace
-
     import numpy as np
 
     from dirprim_filter.detections import Detections

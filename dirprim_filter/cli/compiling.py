@@ -1,10 +1,9 @@
-"""The line that says that kernels are compiled, on a terminal: an installation does so once, and it takes long."""
+"""Compiled kernels: the line that says that they are compiled, which takes long, and their cache."""
 
 from __future__ import annotations
 
 import os
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,9 +13,7 @@ if TYPE_CHECKING:
     from numba.core.event import Event
 
 UNNOTICED_S = 1.0
-"""Seconds without a message; a run that finds most kernels in the cache has compiled the rest by then."""
-
-
+"""Seconds of compiling without a message; a run that finds most kernels in the cache has compiled the rest by then."""
 NOTICE = "compiling, which takes up to a minute: once per installation, the next run starts at once\n"
 
 
@@ -26,49 +23,43 @@ def compiling_notice() -> Iterator[None]:
     if not sys.stderr.isatty():
         yield
         return
-    from numba.core.event import Listener, install_listener
+    from numba.core.event import TimingListener, install_listener
 
-    class Clock(Listener):
+    class Clock(TimingListener):
         """Adds up what compiling takes; a kernel that compiles those it calls is counted once."""
 
-        def __init__(self) -> None:
-            self.depth, self.began_s, self.spent_s, self.has_said = 0, 0.0, 0.0, False
-
-        def on_start(self, event: Event) -> None:
-            if self.depth == 0:
-                self.began_s = time.monotonic()
-            self.depth += 1
+        has_said = False
 
         def on_end(self, event: Event) -> None:
-            self.depth -= 1
-            if self.depth == 0:
-                self.spent_s += time.monotonic() - self.began_s
-                if self.spent_s > UNNOTICED_S and not self.has_said:
-                    self.has_said = True
-                    sys.stderr.write(NOTICE)
+            super().on_end(event)  # type: ignore[no-untyped-call]
+            if self.done and self.duration > UNNOTICED_S and not self.has_said:
+                self.has_said = True
+                sys.stderr.write(NOTICE)
 
-    with install_listener("numba:compile", Clock()):
+    with install_listener("numba:compile", Clock()):  # type: ignore[no-untyped-call]
         yield
 
 
-def has_kernels(kernel: str = "") -> bool:
-    """Whether this installation has compiled any kernel, or this `module.function`: numba's cache has its index."""
-    folder = os.environ.get("NUMBA_CACHE_DIR") or Path(__file__).parents[1]
-    return any(Path(folder).rglob(f"{kernel}*.nbi"))
+def has_kernels(kernel: str) -> bool:
+    """Whether this installation has compiled this `module.function`: numba's cache has its index."""
+    return any(any(folder.rglob(f"{kernel}*.nbi")) for folder in cache_folders())
 
 
 def mend_cache() -> None:
     """Remove what a power cut left empty of the compiler's cache, and say so: the compiler would end in an error."""
-    package = Path(__file__).parents[1]
-    given = os.environ.get("NUMBA_CACHE_DIR")
-    folders = [Path(given)] if given else [package, package.parent / "tessellation"]
-    broken = [path for folder in folders for path in folder.rglob("*.nb[ic]") if not _is_pickled(path)]
+    broken = [path for folder in cache_folders() for path in folder.rglob("*.nb[ic]") if not _is_pickled(path)]
     for path in broken:
         path.unlink(missing_ok=True)
     if broken:
         sys.stderr.write(
             f"warning: {len(broken)} of the compiled kernels' files were damaged and are removed; compiling anew\n"
         )
+
+
+def cache_folders() -> list[Path]:
+    """Where compiled kernels are."""
+    package, given = Path(__file__).parents[1], os.environ.get("NUMBA_CACHE_DIR")
+    return [Path(given)] if given else [package, package.parent / "tessellation"]
 
 
 def _is_pickled(path: Path) -> bool:

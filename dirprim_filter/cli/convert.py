@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dirprim_filter.cli import losses
-from dirprim_filter.cli.counts import counted
 from dirprim_filter.cli.options import Force, Output
+from dirprim_filter.cli.texts import counted, say
 
 if TYPE_CHECKING:
     from dirprim_filter.recording.tables import Table
@@ -71,7 +71,6 @@ def convert(
     from dirprim_filter.cli.progress import step_progress, working
     from dirprim_filter.cli.provenance import provenance
     from dirprim_filter.recording import write_tracks
-    from dirprim_filter.recording.container.errors import one_line
     from dirprim_filter.recording.schemas.family import FieldMapping
     from dirprim_filter.recording.tables.formats import recognised
     from dirprim_filter.recording.tables.named_columns import parse_columns
@@ -79,12 +78,11 @@ def convert(
 
     known = form.value if form else recognised(source)
     options = {
-        "metres_per_pixel": metres_per_pixel,
-        "frames_per_second": frames_per_second,
+        "metres_per_pixel": metres_per_pixel, "frames_per_second": frames_per_second,
         "columns": parse_columns(columns) if columns else None,
         "mapping": FieldMapping.parse(fields) if fields else None,
         "origin": Origin.parse(origin) if origin else None,
-    }
+    }  # fmt: skip
     with working(f"reading {source.name}"):
         table = _read(source, known, {name: value for name, value in options.items() if value is not None})
     said = provenance(
@@ -92,20 +90,19 @@ def convert(
         frames_per_second=frames_per_second, columns=columns, fields=fields, origin=origin,
     )  # fmt: skip
     with step_progress(f"writing {output.name}", "instants") as progress:
-        write_tracks(
-            table.tracks, output, detections=table.detections, labels=table.labels, metadata=said, force=force,
-            progress=progress,
-        )  # fmt: skip
+        write_tracks(table.tracks, output, detections=table.detections, labels=table.labels, metadata=said,
+                     force=force, progress=progress)  # fmt: skip
     if table.unused:
-        typer.echo(one_line(f"{source}: columns not used: {', '.join(table.unused)}"), err=True)
-    for note, count in table.losses.notes.items():
-        typer.echo(f"{source}: {counted(count, 'row')}: {note}", err=True)
+        say(f"{source}: columns not used: {', '.join(table.unused)}", err=True)
+    for note, n in table.losses.notes.items():
+        say(f"{source}: {counted(n, 'row')}: {note}", err=True)
+    for reason, n in table.losses.dropped.items():
+        say(f"{source}: dropped {counted(n, 'row')}: {reason}", err=True)
     if table.tracks.n_tracks or not table.detections:
-        tracks, rows = counted(table.tracks.n_tracks, "track"), counted(len(table.tracks), "row")
-        typer.echo(f"{output}: {tracks}, {rows}")
+        say(f"{output}: {counted(table.tracks.n_tracks, 'track')}, {counted(len(table.tracks), 'row')}")
     for sensor, seen in table.detections.items():
-        typer.echo(one_line(f"{output}: {counted(len(seen), 'detection')}{' of ' * bool(sensor)}{sensor}"))
-    return losses.report_dropped(source, table)
+        say(f"{output}: {counted(len(seen), 'detection')}{' of ' * bool(sensor)}{sensor}")
+    return losses.exit_code(table.losses)
 
 
 def _read(source: Path, form: str, given: dict[str, Any]) -> Table:

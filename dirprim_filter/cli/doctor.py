@@ -5,12 +5,14 @@ from __future__ import annotations
 import os
 import platform
 import sys
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
 
 import typer
+
+from dirprim_filter.cli.compiling import cache_folders
 
 PACKAGES = ("dirprim-filter", "numpy", "scipy", "numba", "mcap", "rerun-sdk", "pyarrow", "protobuf", "matplotlib")
 SPEED_M_S, RADIUS_M, NOISE_M, STEP_S = 10.0, 20.0, 0.5, 0.1
@@ -28,9 +30,10 @@ def doctor() -> int:
     typer.echo(
         f"python {platform.python_version()} on {platform.system()} {platform.machine()}, {os.cpu_count()} cores"
     )
-    for name in PACKAGES:
-        typer.echo(f"{name} {_version_of(name)}")
-    checks = {"cache of compiled kernels": _cache, "viewer": _viewer, "learn, track, write and read back": _self_test}
+    checks = {
+        "packages": _packages, "cache of compiled kernels": _cache, "viewer": _viewer,
+        "learn, track, write and read back": _self_test,
+    }  # fmt: skip
     well = True
     for name, check in checks.items():
         try:
@@ -41,15 +44,12 @@ def doctor() -> int:
     return 0 if well else 1
 
 
-def _version_of(name: str) -> str:
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return "is not installed"
+def _packages() -> str:
+    return ", ".join(f"{name} {version(name)}" for name in PACKAGES)
 
 
 def _cache() -> str:
-    folder = Path(os.environ.get("NUMBA_CACHE_DIR") or Path(__file__).parents[1])
+    folder = cache_folders()[0]
     with TemporaryDirectory(dir=folder):
         pass
     return f"{folder} can be written, {sum(1 for _ in folder.rglob('*.nbi'))} kernels are compiled"
@@ -58,8 +58,7 @@ def _cache() -> str:
 def _viewer() -> str:
     from dirprim_filter.viewer.process import viewer_program
 
-    program = viewer_program()
-    if program is None:
+    if viewer_program() is None:
         return "rerun's program is not installed; --save still writes files for it"
     has_screen = sys.platform in ("darwin", "win32") or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
     return "it is there" + ("" if has_screen else ", but no screen: use `dirprim view FILE --serve`, or --save")
@@ -86,16 +85,19 @@ def _self_test() -> str:
     )  # fmt: skip
     learned = learn_primitives(ring[vehicle < N_VEHICLES], tessellation="grid", cell_size=8.0, rng=rng)
     others = ring[vehicle >= N_VEHICLES]
-    noise = rng.normal(0.0, NOISE_M, others.position.shape)
-    tracker, errors = Tracker(learned, rng=rng), []
-    for frame in Detections(
-        track_id=others.track_id, time_ns=others.time_ns, position=others.position + noise
-    ).frames():
-        found = tracker.step(frame)
-        true = others[others.time_ns == frame.time_ns[0]]
-        place = dict(zip(true.track_id.astype(str).tolist(), true.position, strict=True))
-        errors += [np.hypot(*(p - place[str(n)])) for n, p in zip(found.track_id, found.position, strict=True)]
-    rmse, raw = float(np.sqrt(np.mean(np.square(errors)))), float(np.sqrt(2.0) * NOISE_M)
+    seen = Detections(
+        track_id=others.track_id, time_ns=others.time_ns,
+        position=others.position + rng.normal(0.0, NOISE_M, others.position.shape),
+    )  # fmt: skip
+    place = {(str(name), t): at for name, t, at in zip(others.track_id, others.time_ns, others.position, strict=True)}
+    tracker = Tracker(learned, rng=rng)
+    errors = [
+        at - place[str(name), frame.time_ns[0]]
+        for frame in seen.frames()
+        for found in [tracker.step(frame)]
+        for name, at in zip(found.track_id, found.position, strict=True)
+    ]
+    rmse, raw = float(np.sqrt(2.0 * np.mean(np.square(errors)))), float(np.sqrt(2.0) * NOISE_M)
     if not rmse < raw:
         raise RuntimeError(f"expected estimates nearer than {raw:.2f} m, got {rmse:.2f} m")
     with TemporaryDirectory() as folder:

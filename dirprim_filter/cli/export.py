@@ -8,9 +8,9 @@ from typing import Annotated
 import typer
 
 from dirprim_filter.cli import losses
-from dirprim_filter.cli.counts import counted
 from dirprim_filter.cli.options import Force, Output
 from dirprim_filter.cli.reading import Reading, reads_logs
+from dirprim_filter.cli.texts import counted
 
 
 @reads_logs()

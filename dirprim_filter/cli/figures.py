@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
+
+from dirprim_filter.cli.texts import columns
 
 FIGURES = {
     "rmse": "RMSE, m", "seen_rmse": "RMSE in sight, m", "settled_rmse": "RMSE settled, m",
@@ -18,25 +19,8 @@ FIGURES = {
     "localisation": "  localisation, m2", "missed": "  missed, m2", "false": "  false, m2",
 }  # fmt: skip
 """The figures of a `TrackingReport`, and what tables call them."""
-UNKNOWN = "-"
 
 
 def figure_lines(names: Sequence[str], cell: Callable[[int, str], str]) -> list[str]:
     """The lines of all figures; `cell`: of a column, by its number, and a figure."""
-    cells = {figure: [cell(i, figure) for i in range(len(names))] for figure in FIGURES}
-    width = max(16, *(len(text) for text in (*names, *(text for row in cells.values() for text in row))))
-    return [row("", names, width), *(row(head, cells[figure], width) for figure, head in FIGURES.items())]
-
-
-def row(head: str, cells: Sequence[str], width: int = 16) -> str:
-    """One line of a table."""
-    return f"{head:<22}" + "".join(f"  {cell:>{width}}" for cell in cells)
-
-
-def number(value: float) -> str:
-    """Three decimals for small numbers, none for large ones; a dash if unknown."""
-    if math.isnan(value):
-        return UNKNOWN
-    if isinstance(value, int):
-        return str(value)
-    return f"{value:.3f}" if abs(value) < 100 else f"{value:.0f}"
+    return columns([["", *names], *([head, *(cell(i, of) for i in range(len(names)))] for of, head in FIGURES.items())])

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dirprim_filter.cli import losses
-from dirprim_filter.cli.counts import counted
 from dirprim_filter.cli.options import Logs
 from dirprim_filter.cli.reading import Reading, reads_logs
+from dirprim_filter.cli.texts import columns, counted, say
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -54,9 +54,10 @@ def info(
         summary, faults = summarise_by_index(path, topics=reading.topics) if by_index else None, Faults()
         if summary is None:
             summary, faults = _whole(path, reading)
-        typer.echo(
-            json.dumps(summary.as_json() | {"faults": asdict(faults)}) if as_json else _text(path, summary, faults)
-        )
+        if as_json:
+            typer.echo(json.dumps(summary.as_json() | {"faults": asdict(faults)}))
+        else:
+            say(f"{path}: {counted(summary.messages, 'message')}{_span(summary)}", *_lines(summary, faults))
         worst = max(worst, losses.INPUT_LOST if summary.damage else losses.DONE)
     return worst
 
@@ -80,56 +81,41 @@ def _whole(path: Path, reading: Reading) -> tuple[LogSummary, Faults]:
             return summary, Faults()
 
 
-def _text(path: Path, summary: LogSummary, faults: Faults) -> str:
-    from dirprim_filter.recording.container.errors import one_line
+def _lines(summary: LogSummary, faults: Faults) -> list[str]:
     from dirprim_filter.recording.container.other_formats import unread_encodings
 
-    lines = [f"{path}: {counted(summary.messages, 'message')}{_span(summary)}"]
+    lines = []
     if not summary.is_checked:
-        lines.append(
-            "  by the log's index alone; its chunks were not checked, and tracks not counted: --check does both"
-        )
-    rows = [("topic", "schema", "encoding", "messages", "tracks")]
-    rows += [
-        (
-            t.name,
-            t.schema or "-",
-            t.encoding or "-",
-            str(t.messages),
-            "-" if t.tracks is None else str(t.tracks),
-        )
+        lines.append("by the log's index alone; its chunks were not checked, and tracks not counted: --check does both")
+    rows = [
+        [t.name, t.schema or "-", t.encoding or "-", str(t.messages), "-" if t.tracks is None else str(t.tracks)]
         for t in summary.topics
     ]
-    widths = [max(len(row[i]) for row in rows) for i in range(5)]
-    for row in rows:
-        texts = [cell.ljust(w) for cell, w in zip(row[:3], widths[:3], strict=True)]
-        numbers = [cell.rjust(w) for cell, w in zip(row[3:], widths[3:], strict=True)]
-        lines.append("  " + "  ".join(texts + numbers))
+    lines += columns([["topic", "schema", "encoding", "messages", "tracks"], *rows], n_left=3)
     if summary.is_checked:
-        carrying = [t.name for t in summary.topics if t.tracks]
+        carrying = ", ".join(t.name for t in summary.topics if t.tracks)
         way = unread_encodings(t.encoding for t in summary.topics if t.encoding)
-        none = f"  no topic carries tracks; {way or '--set fields=... says where the objects of an unknown schema are'}"
-        lines.append(f"  tracks in: {', '.join(carrying)}" if carrying else none)
-    lines += [f"  labels in {topic}: {_counts(counts)}" for topic, counts in summary.labels.items()]
-    lines += [f"  groups in {topic}: {_groups(counts)}" for topic, counts in summary.groups.items()]
-    lines += [f"  sizes in {topic}: {_size(size)}" for topic, size in summary.sizes.items()]
+        none = f"no topic carries tracks; {way or '--set fields=... says where the objects of an unknown schema are'}"
+        lines.append(f"tracks in: {carrying}" if carrying else none)
+    lines += [f"labels in {topic}: {_counts(counts)}" for topic, counts in summary.labels.items()]
+    lines += [
+        f"groups in {topic}: {len(counts)}, from {min(counts)} to {max(counts)}; --set group=NUMBER takes one of them"
+        for topic, counts in summary.groups.items()
+    ]
+    lines += [f"sizes in {topic}: {_size(size)}" for topic, size in summary.sizes.items()]
     if summary.attachments:
-        lines.append(f"  attachments: {', '.join(summary.attachments)}")
-    odd = {source: faults for source, faults in (summary.stamps or {}).items() if faults.is_odd or faults.duplicate}
-    lines += [f"  {source} times by topic, as they stand in the file: {faults}" for source, faults in odd.items()]
-    lines += [f"  faults: {line}" for line in faults.lines()]
-    lines += [f"  damage: {damage}" for damage in summary.damage]
-    return "\n".join(map(one_line, lines))
+        lines.append(f"attachments: {', '.join(summary.attachments)}")
+    odd = {source: stamps for source, stamps in (summary.stamps or {}).items() if stamps.is_odd or stamps.duplicate}
+    lines += [f"{source} times by topic, as they stand in the file: {stamps}" for source, stamps in odd.items()]
+    lines += [f"faults: {line}" for line in faults.lines()]
+    lines += [f"damage: {damage}" for damage in summary.damage]
+    return [f"  {line}" for line in lines]
 
 
 def _counts(counts: Mapping[str, int]) -> str:
     most = sorted(counts.items(), key=lambda item: -item[1])
     shown = [f"{label or 'none'} {n}" for label, n in most[:LABELS_SHOWN]]
     return ", ".join(shown) + (f" and {len(most) - LABELS_SHOWN} more" if len(most) > LABELS_SHOWN else "")
-
-
-def _groups(counts: Mapping[int, int]) -> str:
-    return f"{len(counts)}, from {min(counts)} to {max(counts)}; --set group=NUMBER takes one of them"
 
 
 def _size(size: SizeSummary) -> str:
@@ -139,10 +125,9 @@ def _size(size: SizeSummary) -> str:
 
 
 def _span(summary: LogSummary) -> str:
-    if summary.start_ns is None or summary.end_ns is None:
+    start_ns, end_ns = summary.start_ns, summary.end_ns
+    if start_ns is None or end_ns is None:
         return ""
-    seconds = (summary.end_ns - summary.start_ns) * 1e-9
-    since = (
-        datetime.fromtimestamp(summary.start_ns // 10**9, UTC) if EARLIEST_NS < summary.start_ns < LATEST_NS else None
-    )
-    return f", {seconds:.1f} s from {summary.start_ns} ns" + (f" ({since:%Y-%m-%d %H:%M:%S} UTC)" if since else "")
+    is_date = EARLIEST_NS < start_ns < LATEST_NS
+    date = f" ({datetime.fromtimestamp(start_ns // 10**9, UTC):%Y-%m-%d %H:%M:%S} UTC)" if is_date else ""
+    return f", {(end_ns - start_ns) * 1e-9:.1f} s from {start_ns} ns{date}"

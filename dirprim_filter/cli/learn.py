@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Protocol
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from dirprim_filter.cli import losses
-from dirprim_filter.cli.counts import counted
 from dirprim_filter.cli.options import Cells, Force, LogsOrStore, Output, Seed, SensorFile, Tessellation
 from dirprim_filter.cli.reading import Reading, reads_logs
+from dirprim_filter.cli.texts import counted
 
 if TYPE_CHECKING:
-    from dirprim_filter.cli.progress import LearningProgress
     from dirprim_filter.primitives import PrimitiveMap
 
 
@@ -60,48 +60,43 @@ def learn(
 
     Example: dirprim learn recordings/roundabout_learn.mcap -o map.mcap
     """
-    source: Source
     if any(map(_is_store, logs)):
         if len(logs) > 1 or sensor is not None or reading != Reading():
             raise ValueError(
                 f"{logs[0]}: a store is learned from alone, and fixes how its logs are read; leave out the rest"
             )
-        from dirprim_filter.cli.store_maps import StoreSource
+        from dirprim_filter.cli.store_maps import from_store
 
-        source = StoreSource(logs[0])
+        learned_from = from_store(logs[0])
     else:
-        source = _Logs(logs, sensor, reading)
+        learned_from = _from_logs(logs, sensor, reading)
     return write_map(
-        source, output, seed=seed, force=force, tessellation=tessellation.value, cell_size=cell_size, n_cells=cells,
-        modes=modes.value, primitive=primitive.value,
+        learned_from, output, seed=seed, force=force, tessellation=tessellation.value, cell_size=cell_size,
+        n_cells=cells, modes=modes.value, primitive=primitive.value,
     )  # fmt: skip
 
 
-class Source(Protocol):
-    """What a map is learned from.
+@dataclass(frozen=True, kw_only=True)
+class Learned:
+    """A map, and what is said of it.
 
     Attributes:
+        map: it.
+        files: inputs whose checksums it carries.
         said: what its metadata says besides.
         counts: of tracks and rows, for people.
         exit_code: what the command ends with.
     """
 
+    map: PrimitiveMap
+    files: Sequence[Path] = ()
     said: dict[str, Any]
     counts: str
     exit_code: int
 
-    @property
-    def files(self) -> Sequence[Path]:
-        """Inputs whose checksums the map carries."""
-        ...
 
-    def learn(self, bars: LearningProgress, **options: Any) -> PrimitiveMap:
-        """The map."""
-        ...
-
-
-def write_map(source: Source, output: Path, *, seed: int, force: bool, **options: Any) -> int:
-    """Learn from a source, write the map and say so; -> the exit code."""
+def write_map(learn: Callable[..., Learned], output: Path, *, seed: int, force: bool, **options: Any) -> int:
+    """Learn, write the map and say so; -> the exit code."""
     import numpy as np
 
     from dirprim_filter.cli.progress import learning_progress
@@ -111,15 +106,18 @@ def write_map(source: Source, output: Path, *, seed: int, force: bool, **options
 
     config = LearningConfig()
     with learning_progress() as bars:
-        learned = source.learn(config=config, bars=bars, rng=np.random.default_rng(seed), **options)
-    said = provenance("learn", inputs=source.files, config=config, seed=seed, **options, **source.said)
-    save_map(learned, output, metadata=said, force=force)
+        learned = learn(bars, config=config, rng=np.random.default_rng(seed), **options)
+    said = provenance("learn", inputs=learned.files, config=config, seed=seed, **options, **learned.said)
+    save_map(learned.map, output, metadata=said, force=force)
+    typer.echo(f"{output}: {map_text(learned.map)}, from {learned.counts}")
+    return learned.exit_code
+
+
+def map_text(learned: PrimitiveMap) -> str:
+    """How many cells, of what size, and their modes."""
+    size_m = float(learned.tessellation.area.mean()) ** 0.5
     n_modes = float((learned.own_weight > 0).sum(axis=1).mean())
-    typer.echo(
-        f"{output}: {counted(learned.tessellation.n_cells, 'cell')} of "
-        f"{float(learned.tessellation.area.mean()) ** 0.5:.3g} m, {n_modes:.1f} modes each, from {source.counts}"
-    )
-    return source.exit_code
+    return f"{counted(learned.tessellation.n_cells, 'cell')} of {size_m:.3g} m, {n_modes:.1f} modes each"
 
 
 def _is_store(path: Path) -> bool:
@@ -137,22 +135,17 @@ def _is_store(path: Path) -> bool:
         return False
 
 
-class _Logs:
-    """Logs to learn from."""
+def _from_logs(logs: list[Path], sensor: Path | None, reading: Reading) -> Callable[..., Learned]:
+    from dirprim_filter.primitives import learn_primitives
+    from dirprim_filter.recording.sensor_file import load_sensor
+    from dirprim_filter.sensor import without_bias
 
-    def __init__(self, logs: list[Path], sensor: Path | None, reading: Reading) -> None:
-        from dirprim_filter.recording.sensor_file import load_sensor
-        from dirprim_filter.sensor import without_bias
-
-        sensing = None if sensor is None else load_sensor(sensor)
-        log = reading.tracks(logs)
-        self._tracks = log.tracks if sensing is None else without_bias(log.tracks, sensing)
-        self.files = logs
-        self.said: dict[str, Any] = {"sensor": None if sensing is None else repr(sensing), **reading.said()}
-        self.counts = f"{counted(log.tracks.n_tracks, 'track')}, {counted(len(log.tracks), 'row')}"
-        self.exit_code = losses.exit_code(log.losses)
-
-    def learn(self, bars: LearningProgress, **options: Any) -> PrimitiveMap:
-        from dirprim_filter.primitives import learn_primitives
-
-        return learn_primitives(self._tracks, progress=bars.progress, stage=bars.stage, **options)
+    sensing = None if sensor is None else load_sensor(sensor)
+    log = reading.tracks(logs)
+    tracks = log.tracks if sensing is None else without_bias(log.tracks, sensing)
+    return lambda bars, **options: Learned(
+        map=learn_primitives(tracks, progress=bars.progress, stage=bars.stage, **options), files=logs,
+        said={"sensor": None if sensing is None else repr(sensing), **reading.said()},
+        counts=f"{counted(log.tracks.n_tracks, 'track')}, {counted(len(log.tracks), 'row')}",
+        exit_code=losses.exit_code(log.losses),
+    )  # fmt: skip

@@ -33,11 +33,9 @@ from dirprim_filter.cli import (
     track,
     view,
 )
+from dirprim_filter.cli.losses import DONE, FAILED
 from dirprim_filter.cli.outputs import checked
-from dirprim_filter.cli.place import pairs_apart
 from dirprim_filter.cli.settings import renamed
-
-DONE, FAILED, USAGE = 0, 1, 2
 
 COMMANDS: dict[str, list[Any]] = {
     "See what is there": [info.info, plot.plot, view.view, doctor.doctor],
@@ -129,7 +127,7 @@ def main() -> None:
 def run(arguments: list[str]) -> int:
     """Run the command line; -> its exit code."""
     try:
-        code = app(list(pairs_apart(list(renamed(arguments)))), prog_name="dirprim", standalone_mode=False)
+        code = app(list(renamed(arguments)), prog_name="dirprim", standalone_mode=False)
     except KeyboardInterrupt:
         code = interruption.INTERRUPTED
     except BrokenPipeError:  # the reader of our output has seen enough

@@ -7,14 +7,19 @@ from datetime import UTC, datetime
 from decimal import Decimal, InvalidOperation
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from dirprim_filter.primitives import PrimitiveMap
 
 WRITTEN, FIGURE = "written", "figure"
 """Mark the options for output files, and of them those for pictures, which `outputs.checked` checks before the work."""
 
 
+AT = "--at"
+"""The option for a place."""
 AUTO = "auto"
 """In place of a sensor's file: learn it from the log."""
 
@@ -71,6 +76,21 @@ def time_ns(text: str | None) -> int | None:
     return (since.days * 86_400 + since.seconds) * 1_000_000_000 + since.microseconds * 1000
 
 
+def say_if_outside(learned: PrimitiveMap, at: tuple[float, float]) -> None:
+    """On stderr, that no cell of the map covers a place, and how far the map is."""
+    import numpy as np
+
+    from tessellation import OUTSIDE
+
+    cells = learned.tessellation
+    if cells.cell_of(np.array(at)) == OUTSIDE:
+        away = float(np.hypot(*(cells.centers - at).T).min(initial=np.inf))
+        typer.echo(
+            f"({at[0]:g}, {at[1]:g}) is outside of every cell of the map, {away:.0f} m from the centre of the nearest: "
+            "the background model answers", err=True,
+        )  # fmt: skip
+
+
 def _log(text: str) -> Path:
     """A file or folder that exists, "-", or a URL."""
     path = Path(text)
@@ -117,8 +137,14 @@ LogsOrStore = Annotated[
 Map = Annotated[Path, typer.Option("--map", help="A map that `dirprim learn` wrote.", exists=True, dir_okay=False)]
 Output = Annotated[Path, typer.Option("--output", "-o", help="The file to write.", callback=named_file), WRITTEN]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite what exists.")]
+Json = Annotated[bool, typer.Option("--json", help="Print all figures, and what they follow from, as JSON.")]
 Plot = Annotated[Path | None, typer.Option("--plot", help="Also draw the table: .png, .pdf or .svg."), WRITTEN, FIGURE]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="The same seed gives the same result.")]
+Split = Annotated[
+    WholeVehicles | None, typer.Option(help="What to hold out together. Default: groups if the log has several.")
+]
+Folds = Annotated[int, typer.Option(min=1, help="Number of folds, each held out once.")]
+MinSpeed = Annotated[float, typer.Option(min=0.0, help="m/s; slower rows are left out, as in the paper.")]
 Tessellation = Annotated[
     Cells,
     typer.Option(help="joint: Voronoi cells learned with the primitives; voronoi: by positions only; grid: squares."),
@@ -131,10 +157,6 @@ Start = Annotated[
     str | None, typer.Option("--start", help="Start: seconds from the log's first time; 5ns; or RFC 3339.")
 ]
 End = Annotated[str | None, typer.Option("--end", help="End, exclusive, likewise.")]
-Fields = Annotated[
-    str | None,
-    typer.Option("--fields", help="Fields of the objects in an unknown schema: id=.objects[].id,x=.objects[].x,..."),
-]
 Strict = Annotated[bool, typer.Option("--strict", help="Treat damage in a log as an error.")]
 Config = Annotated[
     Path | None,
@@ -159,6 +181,9 @@ SensorOrAuto = Annotated[
 ]
 NoIds = Annotated[
     bool, typer.Option("--no-ids", help="Ignore the ids of a log; not needed for detections without ids.")
+]
+StoreFolder = Annotated[
+    Path, typer.Argument(metavar="STORE", help="The folder of the store, or a URL such as s3://bucket/fleet.")
 ]
 StoreWorkers = Annotated[int | None, typer.Option("--workers", min=1, help="Of a store: processes. Default: one.")]
 Scheduler = Annotated[

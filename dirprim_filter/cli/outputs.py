@@ -34,9 +34,10 @@ def checked(command: Callable[..., Result]) -> Callable[..., Result]:
         written = {name: of for name, of in arguments.items() if WRITTEN in marks[name] and isinstance(of, Path)}
         read = [path for name, of in arguments.items() if WRITTEN not in marks[name] for path in _paths(of)]
         check_outputs(list(written.values()), read, force=arguments.get("force", False))
-        for name, path in written.items():
-            if FIGURE in marks[name]:
-                check_figure_name(path)
+        for path in (path for name, path in written.items() if FIGURE in marks[name]):
+            if path.suffix.lower() not in FORMATS:
+                known, got = ", ".join(FORMATS), path.suffix or "no suffix"
+                raise ValueError(f"{path}: expected a name that ends in {known}, got {got}")
         mend_cache()
         with compiling_notice():
             return command(*positional, **given)
@@ -60,16 +61,6 @@ def check_outputs(written: Sequence[Path], read: Sequence[Path], *, force: bool)
         if output.is_file() and not force:
             raise OutputExistsError(output)
         _require_writable(output)
-
-
-def check_figure_name(path: Path) -> None:
-    """Whether the name ends as a picture's.
-
-    Raises:
-        ValueError: it does not.
-    """
-    if path.suffix.lower() not in FORMATS:
-        raise ValueError(f"{path}: expected a name that ends in {', '.join(FORMATS)}, got {path.suffix or 'no suffix'}")
 
 
 def _paths(value: Any) -> Iterator[Path]:

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dirprim_filter.cli.options import FIGURE, WRITTEN, Force, named_file
-from dirprim_filter.cli.place import EITHER_WAY, OPTION, tell_if_outside
+from dirprim_filter.cli.options import AT, FIGURE, WRITTEN, Force, named_file, say_if_outside
 
 if TYPE_CHECKING:
     from dirprim_filter.arrays import FloatArray
@@ -61,7 +60,7 @@ def plot(
     ] = None,
     at: Annotated[
         tuple[float, float] | None,
-        typer.Option(OPTION, help=f"The place, {EITHER_WAY}. Default: where directions differ most."),
+        typer.Option(AT, help="The place, metres east and north. Default: where directions differ most."),
     ] = None,
     cue: Annotated[Turn | None, typer.Option("--cue", help="place: what a turn signal adds there (Eq. 4).")] = None,
     heading_deg: Annotated[
@@ -90,9 +89,10 @@ def plot(
         "--log": log, "--estimates": estimates, "--at": at, "--cue": cue, "--heading-deg": heading_deg,
         "--extent": extent, "--width": width,
     }  # fmt: skip
-    for name in sorted({name for name, value in options.items() if value is not None} - TAKES[figure]):
-        useful = ", ".join(picture.value for picture, taken in TAKES.items() if name in taken)
-        raise typer.BadParameter(f"has no meaning for --figure {figure.value}; it is for {useful}", param_hint=name)
+    for name, value in options.items():
+        if value is not None and name not in TAKES[figure]:
+            useful = ", ".join(picture.value for picture, taken in TAKES.items() if name in taken)
+            raise typer.BadParameter(f"has no meaning for --figure {figure.value}; it is for {useful}", param_hint=name)
     box = None if extent is None else _corners(extent)
 
     import numpy as np
@@ -103,7 +103,7 @@ def plot(
 
     learned = load_map(map_file)
     if at is not None:
-        tell_if_outside(learned, at)
+        say_if_outside(learned, at)
     tracks = None if log is None else read_tracks(log)
     if figure is Picture.PLACE:
         signals = {None: None, Turn.LEFT: TURN_LEFT, Turn.RIGHT: TURN_RIGHT}

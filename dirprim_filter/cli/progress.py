@@ -1,4 +1,4 @@
-"""Progress bars on stderr, on a terminal only: how far, how fast, and how long it will still take."""
+"""Progress bars on stderr, on a terminal only: how far, and how long it will still take."""
 
 from __future__ import annotations
 
@@ -67,42 +67,27 @@ class LearningProgress(NamedTuple):
 
 @contextmanager
 def learning_progress() -> Iterator[LearningProgress]:
-    """Progress of `learn_primitives`; on a terminal, a line.
-
-    The duration of the search for cells is not known before. The line shows the stage and the number of stages, the
-    objective reached, and an upper bound of the time left, which is rarely used up.
-    """
+    """Progress of `learn_primitives`; on a terminal, a line with the stage and what its search has reached."""
     if not sys.stderr.isatty():
         yield LearningProgress(None, None, None)
         return
-    from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import MofNCompleteColumn, SpinnerColumn, TextColumn, TimeElapsedColumn
 
     from dirprim_filter.primitives.learning import STAGES
-    from tessellation.joint import MAX_ROUNDS
 
-    columns = (
-        SpinnerColumn(),
-        TextColumn("{task.description} ({task.fields[number]} of {task.total}){task.fields[reached]}"),
-        TimeElapsedColumn(),
-    )
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), MofNCompleteColumn(),
+               TextColumn("{task.fields[reached]}"), TimeElapsedColumn())  # fmt: skip
     with _on_stderr(*columns) as progress:
-        task = progress.add_task("learning", total=len(STAGES), number=0, reached="")
-        rounds, began_s = -1, 0.0  # the first call reports the initial cells
+        task = progress.add_task("learning", total=len(STAGES), reached="")
 
         def begin(number: int) -> None:
-            progress.update(task, completed=number, number=number + 1, description=STAGES[number], reached="")
+            progress.update(task, completed=number + 1, description=STAGES[number], reached="")
 
         def report(n_cells: int, objective: float) -> None:
-            nonlocal rounds, began_s
-            rounds += 1
-            now_s = progress.tasks[0].elapsed or 0.0
-            began_s = now_s if rounds == 0 else began_s
-            each_s = (now_s - began_s) / max(rounds, 1)
-            left = f", at most {(MAX_ROUNDS - rounds) * each_s:.0f} s left" if rounds else ""
-            progress.update(task, reached=f": {n_cells}, log density {-objective:.3f}, round {rounds}{left}")
+            progress.update(task, reached=f"{n_cells}, log density {-objective:.3f}")
 
         def count(done: int, of: int) -> None:
-            progress.update(task, completed=len(STAGES), number=len(STAGES), reached=f": {done} of {of} tiles")
+            progress.update(task, completed=len(STAGES), reached=f"{done} of {of} tiles")
 
         yield LearningProgress(report, begin, count)
 
@@ -115,7 +100,7 @@ def working(what: str) -> Iterator[None]:
 
 
 def _bar(counted: str, done: str) -> Progress:
-    """A bar with a count, a rate and the remaining time; a spinner while the total is unknown."""
+    """A bar with a count and the remaining time; a spinner while the total is unknown."""
     from rich.progress import BarColumn, SpinnerColumn, Task, TextColumn, TimeElapsedColumn, TimeRemainingColumn
     from rich.text import Text
 
@@ -123,14 +108,9 @@ def _bar(counted: str, done: str) -> Progress:
         def render(self, task: Task) -> Text:
             return Text("") if task.total is None else super().render(task)
 
-    class Rate(TextColumn):
-        def render(self, task: Task) -> Text:
-            done = task.fields["done"] or task.completed
-            return Text(f"{done / max(task.elapsed or 0.0, 1e-3):.3g}/s" if done else "")
-
     return _on_stderr(
         SpinnerColumn(), TextColumn("{task.description}"), BarColumn(bar_width=24), Count(counted), TextColumn(done),
-        Rate(""), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(),
+        TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(),
     )  # fmt: skip
 
 

@@ -13,17 +13,16 @@ from dataclasses import dataclass, fields
 from enum import StrEnum
 from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Self, TypeVar, get_type_hints
 
 import typer
 
 from dirprim_filter.cli.options import End, Start, Strict, Topics, time_ns
-from dirprim_filter.cli.settings import READING, assignments, deal
+from dirprim_filter.cli.settings import READING, Settings, assignments, deal
 
 if TYPE_CHECKING:
     from dirprim_filter.recording.errors import RecordingError
     from dirprim_filter.recording.losses import Losses
-    from dirprim_filter.recording.playback import Playback
     from dirprim_filter.recording.reader import DetectionStream, ReadOptions, TrackResult
     from dirprim_filter.recording.tables.source import TableDetections
 
@@ -79,6 +78,19 @@ class Reading:
     labels: str | None = None
     group: int | None = None
 
+    @classmethod
+    def of(cls, options: dict[str, Any], settings: Settings) -> Self:
+        """The options and, taken out of the settings, those of reading.
+
+        Raises:
+            BadParameter: the group is no number.
+        """
+        texts: dict[str, Any] = {name: settings.pop(name) for name in READING if name in settings}
+        group = texts.pop("group", None)
+        if group is not None and not group.isdecimal():
+            raise typer.BadParameter(f"group: expected its number in `dirprim info`, got {group!r}", param_hint="--set")
+        return cls(**options, **texts, group=None if group is None else int(group))
+
     def tracks(self, logs: list[Path]) -> TrackResult:
         """The tracks of logs, and what was lost; reports implausible vehicles. On a terminal, a bar for each log.
 
@@ -98,7 +110,7 @@ class Reading:
         return log
 
     def require_frames(self, n_frames: int, log: Path, losses: Losses) -> None:
-        """Nothing of what was asked for is an error; nothing of a log of which all was asked for is not.
+        """Check that a part of a log that was asked for holds something; all of it may hold nothing.
 
         Raises:
             RecordingError: there were no frames, and only a part of the log was asked for.
@@ -119,23 +131,11 @@ class Reading:
             "`dirprim info` lists times, labels and groups"
         )
 
-    def detections(self, log: Path, *, motion: bool, live: bool = False) -> DetectionStream | TableDetections:
-        """What a log's sensor reported, an instant at a time.
-
-        Args:
-            log: which.
-            motion: its directions and speeds were measured.
-            live: a pipe's instants come as they are written.
-        """
+    def detections(self, log: Path, *, motion: bool = False, live: bool = False) -> DetectionStream | TableDetections:
+        """What a log's sensor reported, an instant at a time, as of `stream_detections`."""
         from dirprim_filter.recording.reader import stream_detections
 
         return stream_detections(log, self.options(), motion=motion, live=live)
-
-    def playback(self, log: Path) -> Playback:
-        """The frames of a log: what a tracker believed, else the objects."""
-        from dirprim_filter.recording.playback import Playback
-
-        return Playback(log, self.options())
 
     def said(self) -> dict[str, object]:
         """The options as an output's metadata repeats them."""
@@ -170,25 +170,27 @@ def reads_logs(*own: str) -> Callable[[Callable[..., Result]], Callable[..., Res
     Args:
         own: what else `--set` takes, for the help; the command then has a parameter `settings`, texts by name.
     """
+    text = f"NAME=VALUE, again for each: {', '.join([*READING, *own])}. See docs/settings.md."
+    given_as = Annotated[list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help=text)]
 
     def decorate(command: Callable[..., Result]) -> Callable[..., Result]:
         hints = get_type_hints(command, include_extras=True)
-        text = f"NAME=VALUE, again for each: {', '.join([*READING, *own])}. See docs/settings.md."
-        options = OPTIONS | {
-            "given": Annotated[list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help=text)]
-        }
-        defaults = {field.name: field.default for field in fields(Reading)} | {"given": None}
         named = inspect.Parameter.KEYWORD_ONLY
         taken = [
             parameter.replace(kind=named, annotation=hints[name])
             for name, parameter in inspect.signature(command).parameters.items()
             if name not in ("reading", "settings")
-        ] + [inspect.Parameter(name, named, default=defaults[name], annotation=of) for name, of in options.items()]
+        ]
+        defaults = {field.name: field.default for field in fields(Reading)} | {"given": None}
+        taken += [
+            inspect.Parameter(name, named, default=defaults[name], annotation=of)
+            for name, of in (OPTIONS | {"given": given_as}).items()
+        ]
 
         @wraps(command)
         def read(**given: Any) -> Result:
             settings = assignments(given.pop("given") or [])
-            reading = _reading({name: given.pop(name) for name in OPTIONS}, settings)
+            reading = Reading.of({name: given.pop(name) for name in OPTIONS}, settings)
             if own:
                 return command(reading=reading, settings=settings, **given)
             deal(settings)
@@ -199,16 +201,3 @@ def reads_logs(*own: str) -> Callable[[Callable[..., Result]], Callable[..., Res
         return read
 
     return decorate
-
-
-def _reading(options: dict[str, Any], settings: dict[str, str]) -> Reading:
-    """The options and, taken out of the settings, those of reading.
-
-    Raises:
-        BadParameter: the group is no number.
-    """
-    texts: dict[str, Any] = {name: settings.pop(name) for name in READING if name in settings}
-    group = texts.pop("group", None)
-    if group is not None and not group.isdecimal():
-        raise typer.BadParameter(f"group: expected its number in `dirprim info`, got {group!r}", param_hint="--set")
-    return Reading(**options, **texts, group=None if group is None else int(group))

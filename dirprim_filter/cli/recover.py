@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from dirprim_filter.cli import losses
-from dirprim_filter.cli.counts import counted
 from dirprim_filter.cli.options import Force, Log, Output, Strict
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from dirprim_filter.recording.container.recovery import Recovery
+from dirprim_filter.cli.texts import counted, say
 
 
 def recover(
@@ -35,24 +30,17 @@ def recover(
     from dirprim_filter.recording.container.recovery import recover as recover_log
 
     with step_progress(f"recovering {log.name}", "chunks") as progress:
-        recovery = recover_log(log, output, strict=strict, force=force, progress=progress)
-    typer.echo(json.dumps(recovery.as_json()) if as_json else _text(output, recovery))
-    return losses.DONE if recovery.is_lossless else losses.INPUT_LOST
-
-
-def _text(output: Path, recovery: Recovery) -> str:
-    from dirprim_filter.recording.container.errors import one_line
-
-    lines = [
-        f"{output}: {counted(recovery.saved, 'message')} saved, "
-        f"{counted(recovery.attachments, 'attachment')}, {recovery.metadata} metadata"
-    ]
-    lines += [f"  damage: {damage}" for damage in recovery.damage]
-    if not recovery.damage:
-        lines.append("  nothing was damaged")
-    elif recovery.is_lossless:
-        lines.append("  no message was lost")
-    else:
-        unknown = any(damage.messages is None for damage in recovery.damage)
-        lines.append(f"  lost: {'at least ' if unknown else ''}{counted(recovery.lost, 'message')}")
-    return "\n".join(map(one_line, lines))
+        found = recover_log(log, output, strict=strict, force=force, progress=progress)
+    exit_code = losses.DONE if found.is_lossless else losses.INPUT_LOST
+    if as_json:
+        typer.echo(json.dumps(found.as_json()))
+        return exit_code
+    at_least = "at least " if any(damage.messages is None for damage in found.damage) else ""
+    lost = "no message was lost" if found.is_lossless else f"lost: {at_least}{counted(found.lost, 'message')}"
+    say(
+        f"{output}: {counted(found.saved, 'message')} saved, {counted(found.attachments, 'attachment')}, "
+        f"{found.metadata} metadata",
+        *(f"  damage: {damage}" for damage in found.damage),
+        f"  {lost if found.damage else 'nothing was damaged'}",
+    )
+    return exit_code

@@ -10,11 +10,17 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import typer
+
+from dirprim_filter.cli import losses
 from dirprim_filter.cli.settings import Settings, deal
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from dirprim_filter.cli.reading import Reading
     from dirprim_filter.config import FilterConfig, TrackingConfig
+    from dirprim_filter.recording.losses import Losses
 
 FORMAT_VERSION = 2
 """Of the objects that `--json` writes; 1 had neither `format` nor `inputs`."""
@@ -22,39 +28,46 @@ CONFIG_KEY = "experiment"
 """Of the metadata record and the JSON object that hold an experiment."""
 
 
-def result_object(
-    command: str, *, inputs: Sequence[Path], experiment: Mapping[str, Any], reading: Reading, table: Mapping[str, Any]
-) -> dict[str, Any]:
-    """The table, and what reproduces it: version, checksums of the files, experiment, reading options."""
+def report(
+    command: str, inputs: Sequence[Path], reading: Reading, lost: Losses, *, table: Mapping[str, Any],
+    settings: Mapping[str, Any], text: Callable[[], str], as_json: bool,
+) -> int:  # fmt: skip
+    """Print a table as text, or as JSON with what reproduces it: version, checksums, options; -> the exit code."""
     from importlib.metadata import version
 
     from dirprim_filter.cli.provenance import checksum
 
-    return {
-        "format": f"dirprim {command}",
-        "format_version": FORMAT_VERSION,
-        "version": version("dirprim-filter"),
+    if not as_json:
+        typer.echo(text())
+        return losses.exit_code(lost)
+    said = {
+        "format": f"dirprim {command}", "format_version": FORMAT_VERSION, "version": version("dirprim-filter"),
         "inputs": [{"name": path.name, "sha256": checksum(path)} for path in inputs],
         "reading": {name: value for name, value in reading.said().items() if value is not None},
-        CONFIG_KEY: dict(experiment),
-    } | {name: value for name, value in table.items() if name != CONFIG_KEY}
+        CONFIG_KEY: settings,
+    }  # fmt: skip
+    typer.echo(json.dumps(_plain({**table, **said})))
+    return losses.exit_code(lost)
 
 
-def as_json(result: Mapping[str, Any]) -> str:
-    """One object; NaN and infinities, which JSON lacks, become null."""
+def _plain(value: Any) -> Any:
+    """NaN and infinities, which JSON lacks, become null; intervals have names."""
+    if hasattr(value, "_asdict"):
+        value = value._asdict()
+    if isinstance(value, Mapping):
+        return {name: _plain(inner) for name, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(inner) for inner in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
-    def plain(value: Any) -> Any:
-        if hasattr(value, "_asdict"):
-            value = value._asdict()
-        if isinstance(value, dict):
-            return {name: plain(inner) for name, inner in value.items()}
-        if isinstance(value, list | tuple):
-            return [plain(inner) for inner in value]
-        if isinstance(value, float) and not math.isfinite(value):
-            return None
-        return value
 
-    return json.dumps(plain(dict(result)))
+def draw(chart: str, table: Any, path: Path | None, *, force: bool) -> None:
+    """Draw a table by the function of that name in `viewer.charts`, where a picture is asked for."""
+    if path is not None:
+        from dirprim_filter.viewer import charts
+        from dirprim_filter.viewer.figures import save_figure
+
+        save_figure(getattr(charts, chart)(table), path, force=force)
 
 
 def read_experiment(path: Path | None, *, of: str) -> dict[str, Any]:
@@ -67,6 +80,7 @@ def read_experiment(path: Path | None, *, of: str) -> dict[str, Any]:
     Raises:
         ValueError: the file describes none.
     """
+    from dirprim_filter.cli.provenance import metadata_of
     from dirprim_filter.recording.errors import RecordingError
 
     if path is None:
@@ -74,19 +88,13 @@ def read_experiment(path: Path | None, *, of: str) -> dict[str, Any]:
     try:
         if path.suffix == ".toml":
             return tomllib.loads(path.read_text())
-        if path.suffix == ".json":
-            config = json.loads(path.read_text())[CONFIG_KEY]
-        else:
-            config = json.loads(_metadata(path)[CONFIG_KEY])
-    except (
-        tomllib.TOMLDecodeError, json.JSONDecodeError, UnicodeDecodeError, KeyError, TypeError, RecordingError
-    ) as error:  # fmt: skip
+        is_json = path.suffix == ".json"
+        config = json.loads(path.read_text())[CONFIG_KEY] if is_json else json.loads(metadata_of(path)[CONFIG_KEY])
+        return {name: value for name, value in config.items() if value is not None}
+    except (ValueError, KeyError, TypeError, AttributeError, RecordingError) as error:
         raise ValueError(
             f"{path}: expected an experiment in TOML, or the JSON or MCAP of `dirprim {of}`, got {error}"
         ) from error
-    if not isinstance(config, dict):
-        raise ValueError(f"{path}: expected an object under {CONFIG_KEY!r}, got {type(config).__name__}")  # noqa: TRY004 - the file's error, not a caller's
-    return {name: value for name, value in config.items() if value is not None}
 
 
 def read_filter(path: Path | None, settings: Settings, **given: Any) -> tuple[FilterConfig, TrackingConfig]:
@@ -105,21 +113,12 @@ def read_filter(path: Path | None, settings: Settings, **given: Any) -> tuple[Fi
     from dirprim_filter.evaluation.tracking_experiment import config_of
 
     config = read_experiment(path, of="track")
-    if path is not None and path.suffix == ".toml":
-        unknown = [name for name in config if name not in {"filter", "tracking"}]
-        if unknown:
-            raise ValueError(f"{path}: {unknown[0]}: expected the tables filter and tracking")
     kinds: dict[str, type[Any]] = {"filter": FilterConfig, "tracking": TrackingConfig}
+    if path is not None and path.suffix == ".toml" and (unknown := [*config.keys() - kinds]):
+        raise ValueError(f"{path}: {unknown[0]}: expected the tables filter and tracking")
     names = [[field.name for field in fields(kind)] for kind in kinds.values()]
     made = []
     for (name, kind), own, known in zip(kinds.items(), deal(settings, *names), names, strict=True):
         stated = {of: value for of, value in given.items() if of in known and value is not None}
         made.append(config_of(kind, dict(config.get(name) or {}) | stated | own, where=name))
     return made[0], made[1]
-
-
-def _metadata(path: Path) -> dict[str, str]:
-    from dirprim_filter.recording.scan import scan
-
-    with scan(path) as log:
-        return {key: value for _, entries in log.metadata for key, value in entries.items()}

@@ -4,24 +4,22 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dirprim_filter.cli import losses
-from dirprim_filter.cli.counts import counted
-from dirprim_filter.cli.figures import figure_lines, number
-from dirprim_filter.cli.options import Force, Plot
+from dirprim_filter.cli.figures import figure_lines
+from dirprim_filter.cli.options import Force, Json, Plot
 from dirprim_filter.cli.reading import Reading, reads_logs
-from dirprim_filter.cli.results import as_json as json_text
+from dirprim_filter.cli.results import draw, report
 from dirprim_filter.cli.settings import Settings, deal, taken
+from dirprim_filter.cli.texts import counted, number, say
 
 if TYPE_CHECKING:
     from dirprim_filter.evaluation.scores import ScoreTable
 
 SMOOTHED = " smoothed"
 """Ends the name of what a smoother wrote."""
-JSON_FORMAT, JSON_VERSION = "dirprim score", 2
 
 
 @reads_logs("cutoff_m", "similarity_m")
@@ -43,7 +41,7 @@ def score(
         typer.Option("--ids/--no-ids", help="Assign estimates by id, or to the nearest vehicle."),
     ] = False,
     plot: Plot = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print all figures and settings as JSON.")] = False,
+    as_json: Json = False,
     force: Force = False,
     *,
     reading: Reading,
@@ -66,6 +64,9 @@ def score(
     from dirprim_filter.recording.tables.estimate_table import FORMATS
     from dirprim_filter.recording.tracked_table import read_tracked_rows
 
+    named = {name: path for path in estimates for name in [path.name if _is_alone(path, estimates) else str(path)]}
+    if len(named) < len(estimates):
+        raise typer.BadParameter("expected each file once", param_hint="ESTIMATES")
     log = reading.tracks([truth])
     one_of_many = reading.group is not None
     scales = taken(Scales, settings)
@@ -75,53 +76,24 @@ def score(
             name + SMOOTHED * is_smoothed: read_tracked_rows(
                 path, truth=log.tracks, one_of_many=one_of_many, smoothed=is_smoothed
             )
-            for name, path in _names(estimates).items()
+            for name, path in named.items()
             for is_smoothed in (False, True)[: 1 + (smoothed and path.suffix.lower() not in FORMATS)]
         }
         table = score_rows(rows, log.tracks, with_ids=with_ids, scales=scales, progress=progress)
     for found in table.scores:
         if found.left_out:
-            path = _names(estimates)[found.name.removesuffix(SMOOTHED)]
-            typer.echo(
-                f"{path}: left out {counted(found.left_out, 'row')} of groups or instants without a truth",
-                err=True,
-            )
-    if plot is not None:
-        from dirprim_filter.viewer.charts import score_chart
-        from dirprim_filter.viewer.figures import save_figure
-
-        save_figure(score_chart(table), plot, force=force)
-    typer.echo(json_text(score_object(table, estimates, truth, reading)) if as_json else score_text(table, truth.name))
-    return losses.exit_code(log.losses)
+            path = named[found.name.removesuffix(SMOOTHED)]
+            say(f"{path}: left out {counted(found.left_out, 'row')} of groups or instants without a truth", err=True)
+    draw("score_chart", table, plot, force=force)
+    return report(
+        "score", [*estimates, truth], reading, log.losses, table=asdict(table), settings=asdict(scales),
+        text=lambda: score_text(table, truth.name), as_json=as_json,
+    )  # fmt: skip
 
 
-def _names(paths: list[Path]) -> dict[str, Path]:
-    """What each file is called: its name, or where that stands in several its path.
-
-    Raises:
-        BadParameter: a file is given twice.
-    """
-    names = [path.name for path in paths]
-    named = {path.name if names.count(path.name) == 1 else str(path): path for path in paths}
-    if len(named) < len(paths):
-        raise typer.BadParameter("expected each file once", param_hint="ESTIMATES")
-    return named
-
-
-def score_object(table: ScoreTable, estimates: list[Path], truth: Path, reading: Reading) -> dict[str, Any]:
-    """All figures, and everything they follow from: version, files by their checksums, options."""
-    from importlib.metadata import version
-
-    from dirprim_filter.cli.provenance import checksum
-
-    files = {name: {"path": str(path), "sha256": checksum(path)} for name, path in _names(estimates).items()}
-    result = asdict(table)
-    result["scores"] = [found | files[found["name"].removesuffix(SMOOTHED)] for found in result["scores"]]
-    return {
-        "format": JSON_FORMAT, "format_version": JSON_VERSION, "version": version("dirprim-filter"),
-        "truth": {"path": str(truth), "sha256": checksum(truth)},
-        "reading": {name: value for name, value in reading.said().items() if value is not None},
-    } | result  # fmt: skip
+def _is_alone(path: Path, paths: list[Path]) -> bool:
+    """Whether no other file has its name."""
+    return [other.name for other in paths].count(path.name) == 1
 
 
 def score_text(table: ScoreTable, truth: str) -> str:
@@ -129,22 +101,20 @@ def score_text(table: ScoreTable, truth: str) -> str:
     matched = "vehicles by their ids" if table.with_ids else "vehicles by their places"
     groups = f" in {counted(table.n_groups, 'group')}, each by itself" if table.n_groups > 1 else ""
     names = [found.name for found in table.scores]
-    return "\n".join(
-        [
-            f"{truth}: {counted(table.n_vehicles, 'vehicle')}{groups}, {counted(table.n_rows, 'row')}; errors of "
-            f"{matched}; similarity is 0 from {table.scales.similarity_m:g} m, "
-            f"GOSPA's cut-off is {table.scales.cutoff_m:g} m",
-            _judged_line(table),
-            "",
-            *figure_lines(names, lambda i, figure: number(getattr(table.scores[i].report, figure))),
-            "",
-            *(
-                f"{found.name}: {counted(found.n_tracks, 'track')}, {counted(found.n_rows, 'row')} at "
-                f"{counted(found.n_instants, 'instant')}"
-                for found in table.scores
-            ),
-        ]
-    )
+    return "\n".join([
+        f"{truth}: {counted(table.n_vehicles, 'vehicle')}{groups}, {counted(table.n_rows, 'row')}; errors of "
+        f"{matched}; similarity is 0 from {table.scales.similarity_m:g} m, "
+        f"GOSPA's cut-off is {table.scales.cutoff_m:g} m",
+        _judged_line(table),
+        "",
+        *figure_lines(names, lambda i, figure: number(getattr(table.scores[i].report, figure))),
+        "",
+        *(
+            f"{found.name}: {counted(found.n_tracks, 'track')}, {counted(found.n_rows, 'row')} at "
+            f"{counted(found.n_instants, 'instant')}"
+            for found in table.scores
+        ),
+    ])  # fmt: skip
 
 
 def _judged_line(table: ScoreTable) -> str:

@@ -1,4 +1,4 @@
-"""Settings: what has no option of its own, as `--set NAME=VALUE`; and the options that earlier releases had."""
+"""Settings: what has no option of its own, as `--set NAME=VALUE`; and the options that were there before."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ def assignments(given: Sequence[str]) -> Settings:
         BadParameter: a text is no NAME=VALUE.
     """
     parts = [text.partition("=") for text in given]
-    for (name, equals, value), text in zip(parts, given, strict=True):
-        if not (name and equals and value):
+    for (name, _, value), text in zip(parts, given, strict=True):
+        if not (name and value):
             raise typer.BadParameter(f"expected NAME=VALUE, got {text!r}", param_hint="--set")
     return {name.strip().replace("-", "_"): value for name, _, value in parts}
 
@@ -75,32 +75,30 @@ def _value(text: str) -> Any:
 
 
 _READ = {f"--{name}": f"{name}=" for name in READING}
-_EVALUATE = {"--interaction": "interaction=", "--cutoff": "cutoff_m=", "--similarity": "similarity_m="}
+_SCALES = {"--cutoff": "cutoff_m=", "--similarity": "similarity_m="}
+_SENSOR = {"--noise": "noise_m=", "--miss-rate": "miss_rate=", "--false-per-frame": "false_per_frame="}
 FORMER: Mapping[str, Mapping[str, str]] = {
-    "info": _READ, "learn": _READ, "calibrate": _READ, "export": _READ, "view": _READ,
-    "evaluate density": _READ, "evaluate cues": _READ, "evaluate forecast": _READ | _EVALUATE,
-    "score": _READ | _EVALUATE,
+    **dict.fromkeys(("info", "learn", "calibrate", "export", "view", "evaluate density", "evaluate cues"), _READ),
+    "evaluate forecast": _READ | {"--interaction": "interaction="},
+    "score": _READ | _SCALES,
     "track": _READ | {
         "--interaction": "interaction=", "--detection-probability": "detection_probability=",
         "--clutter-density": "clutter_density=", "--motion": "motion=true", "--place-free": "without_map=true",
-        "--truth": "truth=", "--focus": "focus=",
+        "--truth": "truth=", "--focus": "focus=", "--particles-out": "particles_out=",
     },
-    "forecast": _READ | {
-        "--interaction": "interaction=", "--particles": "n_particles=", "--noise": "noise_m=", "--every": "every_s=",
-    },
-    "evaluate tracking": _READ | _EVALUATE | {
-        "--noise": "noise_m=", "--miss-rate": "miss_rate=", "--false-per-frame": "false_per_frame=",
-        "--learn": "learn=", "--smooth": "smooth=true", "--particles": "n_particles=",
+    "evaluate tracking": _READ | _SCALES | _SENSOR | {
+        "--interaction": "interaction=", "--learn": "learn=", "--smooth": "smooth=true",
+        "--particles": "n_particles=",
     },
 }  # fmt: skip
 """By command, each option that is now a setting; where it took a value, the setting's text ends with `=`."""
 FORMER_COMMANDS = {"update": ("store", "update"), "replay": ("view", "--rate", "1")}
-OF_STORES = {"--min-vehicles", "--half-life", "--now", "--by", "--zone", "--workers", "--scheduler"}
+OF_STORES = {"--min-vehicles", "--half-life", "--now", "--zone", "--workers", "--scheduler"}
 """With these `learn` is `store learn`."""
 
 
 def renamed(arguments: Sequence[str]) -> Iterator[str]:
-    """The same arguments by today's names, with a warning for each former one: the next release knows them no more."""
+    """The same arguments by today's names, with a warning for each former one, which go after the first release."""
     words = [argument for argument in arguments if not argument.startswith("-")]
     command = " ".join(words[:2]) if words[:1] == ["evaluate"] else "".join(words[:1])
     former = FORMER.get("view" if command == "replay" else command, {})

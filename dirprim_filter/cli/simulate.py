@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from dirprim_filter.cli.counts import counted
 from dirprim_filter.cli.options import Force, Output, Seed
+from dirprim_filter.cli.texts import counted
 
 
 class Scene(StrEnum):
@@ -42,8 +43,6 @@ def simulate(
 
     Example: dirprim simulate roundabout -o roundabout.mcap --duration 600 --seed 1
     """
-    from dataclasses import asdict
-
     import numpy as np
 
     from dirprim_filter.cli.provenance import provenance
@@ -52,20 +51,15 @@ def simulate(
     from dirprim_filter.simulation.sensor import detect, sense
     from dirprim_filter.simulation.traffic import simulate as run_traffic
 
-    model = None if sensor is None else load_sensor(sensor)
+    model, rng = None if sensor is None else load_sensor(sensor), np.random.default_rng(seed)
+    errors = {"noise_m": noise, "miss_rate": miss_rate, "false_per_frame": false_per_frame}
     tracks = run_traffic(scene.value, duration_s=duration, seed=seed, rate_hz=rate, demand=demand)
     reported = None
     if detections:
-        rng = np.random.default_rng(seed)
-        reported = (
-            detect(tracks, noise_m=noise, miss_rate=miss_rate, false_per_frame=false_per_frame, rng=rng)
-            if model is None
-            else sense(tracks, model, rng=rng)
-        )
+        reported = detect(tracks, rng=rng, **errors) if model is None else sense(tracks, model, rng=rng)
     said = provenance(
         "simulate", inputs=[], scene=scene.value, duration_s=duration, rate_hz=rate, seed=seed, demand=demand,
-        noise_m=noise, miss_rate=miss_rate, false_per_frame=false_per_frame,
-        **({} if model is None else {"sensor": json.dumps(asdict(model))}),
+        sensor=None if model is None else json.dumps(asdict(model)), **errors,
     )  # fmt: skip
     write_tracks(tracks, output, detections=reported, metadata=said, force=force)
     typer.echo(f"{output}: {counted(tracks.n_tracks, 'vehicle')}, {counted(len(tracks), 'row')}")

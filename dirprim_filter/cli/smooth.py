@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dirprim_filter.cli import losses
-from dirprim_filter.cli.counts import counted
 from dirprim_filter.cli.options import Force, Log, Map, Output, Particles, Seed
 from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.results import read_filter
 from dirprim_filter.cli.settings import Settings
+from dirprim_filter.cli.texts import counted
 
 if TYPE_CHECKING:
     from dirprim_filter.detections import Detections
@@ -58,7 +58,7 @@ def smooth(
 
     primitive_map = load_map(map_file)
     config, tracking = read_filter(None, settings, n_particles=particles, noise_m=noise)
-    stream = reading.detections(estimates, motion=False)
+    stream = reading.detections(estimates)
     rows = Detections.concatenate(list(stream))
     reading.require_frames(len(rows), estimates, stream.losses)
     if (rows.track_id == NO_ID).any():
@@ -95,11 +95,11 @@ def _scored(before: Detections, output: Path, truth: Path, reading: Reading) -> 
     from dirprim_filter.evaluation.tracking_report import Scales
     from dirprim_filter.recording.tracked_table import read_tracked_rows
 
-    log = reading.tracks([truth])
+    known = reading.tracks([truth]).tracks
     rows = {
         "before": TrackedRows(
             track_id=before.track_id, time_ns=before.time_ns, position=before.position, group=before.group
         ),
-        "after": read_tracked_rows(output, truth=log.tracks),
+        "after": read_tracked_rows(output, truth=known),
     }
-    return score_text(score_rows(rows, log.tracks, with_ids=False, scales=Scales()), truth.name)
+    return score_text(score_rows(rows, known, with_ids=False, scales=Scales()), truth.name)

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from dirprim_filter.cli import losses, store_maps
-from dirprim_filter.cli.counts import counted
-from dirprim_filter.cli.options import Fields, Scheduler, Topics
+from dirprim_filter.cli.options import Scheduler, StoreFolder, Topics
 from dirprim_filter.cli.outputs import checked
 from dirprim_filter.cli.reading import TimeSource
-
-if TYPE_CHECKING:
-    from dirprim_filter.store.config import StoreConfig
+from dirprim_filter.cli.texts import counted, say
 
 store = typer.Typer(
     name="store",
@@ -26,21 +23,19 @@ store = typer.Typer(
     ),
     no_args_is_help=True,
 )
-Folder = Annotated[
-    Path, typer.Argument(metavar="STORE", help="The folder of the store, or a URL such as s3://bucket/fleet.")
-]
-FAILED = 1
 
 
 def add(
-    folder: Folder,
+    folder: StoreFolder,
     logs: Annotated[list[str], typer.Argument(metavar="LOG...", help="MCAP logs: files, URLs, or quoted patterns.")],
     topics: Topics = None,
     time_source: Annotated[TimeSource | None, typer.Option(help="Which time of a message to use.")] = None,
     frame: Annotated[
         str | None, typer.Option("--frame", help="Frame of the positions. Default: the root of the log's transforms.")
     ] = None,
-    fields: Fields = None,
+    fields: Annotated[
+        str | None, typer.Option(help="Fields of an unknown schema's objects: id=.objects[].id,x=.objects[].x,...")
+    ] = None,
     origin: Annotated[
         str | None, typer.Option("--origin", help="Latitude,longitude of the origin, for satellite fixes.")
     ] = None,
@@ -60,8 +55,10 @@ def add(
     """
     from dirprim_filter.cli.progress import step_progress
     from dirprim_filter.store.adding import add_logs, failures
+    from dirprim_filter.store.config import StoreConfig
     from dirprim_filter.store.delta import shown
     from dirprim_filter.store.logs import find_logs
+    from dirprim_filter.store.store import Store
     from dirprim_filter.store.workers import Workers
 
     given = {
@@ -69,7 +66,8 @@ def add(
         "origin": origin, "labels": labels,
     }  # fmt: skip
     found = find_logs(logs)
-    config = _config(folder, {name: value for name, value in given.items() if value is not None})
+    config = Store.open(folder).config if Store.is_at(folder) else StoreConfig()
+    config = replace(config, **{name: value for name, value in given.items() if value is not None})  # type: ignore[arg-type]
     with step_progress(f"adding to {shown(folder)}", "logs") as progress:
         workers_ = Workers.of(len(found), workers, scheduler)
         added = add_logs(folder, found, config=config, workers=workers_, progress=progress)
@@ -81,23 +79,12 @@ def add(
         f"{added.known} known, {len(added.receipts) - len(done)} failed"
     )
     if len(done) < len(added.receipts):
-        return FAILED
+        return losses.FAILED
     return losses.INPUT_LOST if any(receipt.is_damaged for receipt in done) else losses.DONE
 
 
-def _config(folder: Path, given: dict[str, object]) -> StoreConfig:
-    """Of a store that is there its own, but for what is given."""
-    from dataclasses import replace
-
-    from dirprim_filter.store.config import StoreConfig
-    from dirprim_filter.store.store import Store
-
-    config = Store.open(folder).config if Store.is_at(folder) else StoreConfig()
-    return replace(config, **given)  # type: ignore[arg-type]
-
-
 def info(
-    folder: Folder,
+    folder: StoreFolder,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
 ) -> int:
     """List the logs of a store, and how they are read.
@@ -110,38 +97,37 @@ def info(
     contents = there.contents()
     entries, recordings = list(contents.entries.values()), contents.recordings()
     size, n_rows = sum(e.size for e in entries), sum(e.n_rows for e in recordings)
-    logs = [
-        {
-            "log": e.log, "recording": e.recording, "rows": e.n_rows, "vehicles": e.n_vehicles, "bytes": e.size,
-            "start_ns": e.start_ms * 1_000_000, "end_ns": e.end_ms * 1_000_000, "status": e.status,
-            "blocks": sorted({str(file.block) for file in e.files}),
-        }
-        for e in entries
-    ]  # fmt: skip
     for line in contents.damaged:
         typer.echo(f"error: {line}", err=True)
-    exit_code = losses.INPUT_LOST if contents.damaged else losses.DONE
     if as_json:
-        about = {"config": asdict(there.config), "frame": there.frame, "recordings": len(recordings), "rows": n_rows,
-                 "bytes": size, "logs": logs, "damage": contents.damaged}  # fmt: skip
-        typer.echo(json.dumps(about))
-        return exit_code
-    typer.echo(
-        f"{there}: {counted(len(entries), 'log')} of {counted(len(recordings), 'recording')}, "
-        f"{counted(n_rows, 'row')}, {counted(sum(e.n_vehicles for e in recordings), 'vehicle')}, "
-        f"{size} bytes ({size / max(n_rows, 1):.1f} a row), frame {there.frame!r}"
-    )
-    for e in entries:
-        seconds = (e.end_ms - e.start_ms) * 1e-3
-        damaged = ", damaged" if e.status == "damaged" else ""
-        typer.echo(
-            f"  {e.log}: {counted(e.n_rows, 'row')}, {counted(e.n_vehicles, 'vehicle')}, {seconds:.0f} s{damaged}"
+        logs = [
+            {
+                "log": e.log, "recording": e.recording, "rows": e.n_rows, "vehicles": e.n_vehicles, "bytes": e.size,
+                "start_ns": e.start_ms * 1_000_000, "end_ns": e.end_ms * 1_000_000, "status": e.status,
+                "blocks": sorted({str(file.block) for file in e.files}),
+            }
+            for e in entries
+        ]  # fmt: skip
+        typer.echo(json.dumps({
+            "config": asdict(there.config), "frame": there.frame, "recordings": len(recordings), "rows": n_rows,
+            "bytes": size, "logs": logs, "damage": contents.damaged,
+        }))  # fmt: skip
+    else:
+        say(
+            f"{there}: {counted(len(entries), 'log')} of {counted(len(recordings), 'recording')}, "
+            f"{counted(n_rows, 'row')}, {counted(sum(e.n_vehicles for e in recordings), 'vehicle')}, "
+            f"{size} bytes ({size / max(n_rows, 1):.1f} a row), frame {there.frame!r}",
+            *(
+                f"  {e.log}: {counted(e.n_rows, 'row')}, {counted(e.n_vehicles, 'vehicle')}, "
+                f"{(e.end_ms - e.start_ms) * 1e-3:.0f} s{', damaged' * (e.status == 'damaged')}"
+                for e in entries
+            ),
         )
-    return exit_code
+    return losses.INPUT_LOST if contents.damaged else losses.DONE
 
 
 def forget(
-    folder: Folder,
+    folder: StoreFolder,
     logs: Annotated[list[str], typer.Argument(metavar="LOG...", help="As `dirprim store info` lists them, or paths.")],
 ) -> None:
     """Take logs out of a store, as if they never were in it.
@@ -158,7 +144,7 @@ def forget(
 
 
 def merge(
-    folder: Folder,
+    folder: StoreFolder,
     others: Annotated[list[Path], typer.Argument(metavar="OTHER...", help="Stores whose logs to add.")],
 ) -> None:
     """Add the logs of other stores; what several hold counts once.
@@ -176,7 +162,7 @@ def merge(
 
 
 def keep(
-    folder: Folder,
+    folder: StoreFolder,
     vehicles: Annotated[int | None, typer.Option(min=1, help="Of a turn in a month. Default: 100.")] = None,
     of_month: Annotated[
         str | None, typer.Option("--of-month", help="Such as 2026-08. Default: all but that of the last log.")

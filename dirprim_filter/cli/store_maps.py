@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from dirprim_filter.cli import losses
-from dirprim_filter.cli.counts import counted
-from dirprim_filter.cli.learn import CellCount, CellSize, HowModes, HowShaped, Modes, Shape, write_map
+from dirprim_filter.cli.learn import CellCount, CellSize, HowModes, HowShaped, Learned, Modes, Shape, write_map
 from dirprim_filter.cli.options import (
     WRITTEN,
     Cells,
@@ -17,31 +17,28 @@ from dirprim_filter.cli.options import (
     Output,
     Scheduler,
     Seed,
+    StoreFolder,
     StoreWorkers,
     Tessellation,
     named_file,
     seconds,
     time_ns,
 )
+from dirprim_filter.cli.texts import counted
 
 if TYPE_CHECKING:
     from dirprim_filter.cli.progress import LearningProgress
-    from dirprim_filter.primitives import PrimitiveMap
-
-Folder = Annotated[Path, typer.Argument(metavar="STORE", help="The folder of a store, or its URL.")]
 
 
 def learn(
-    folder: Folder,
+    folder: StoreFolder,
     output: Output,
     tessellation: Tessellation = Cells.JOINT,
     cell_size: CellSize = None,
     cells: CellCount = None,
     modes: HowModes = Modes.BIC,
     primitive: HowShaped = Shape.CURVED,
-    min_vehicles: Annotated[
-        int | None, typer.Option(min=1, help="Leave out where fewer vehicles passed the same way. Default: 1.")
-    ] = None,
+    min_vehicles: Annotated[int, typer.Option(min=1, help="Leave out where fewer vehicles passed the same way.")] = 1,
     half_life: Annotated[
         float | None, typer.Option(help="After which a vehicle counts half, such as 30d.", parser=seconds)
     ] = None,
@@ -61,60 +58,50 @@ def learn(
 
     Example: dirprim store learn fleet -o map.mcap --half-life 30d
     """
-    source = StoreSource(
+    if now is not None and half_life is None:
+        raise ValueError("--now: expected --half-life with it")
+    learned_from = from_store(
         folder, min_vehicles=min_vehicles, half_life_s=half_life, now=now, hours=hours, zone=zone, workers=workers,
         scheduler=scheduler,
     )  # fmt: skip
     return write_map(
-        source, output, seed=seed, force=force, tessellation=tessellation.value, cell_size=cell_size, n_cells=cells,
-        modes=modes.value, primitive=primitive.value,
+        learned_from, output, seed=seed, force=force, tessellation=tessellation.value, cell_size=cell_size,
+        n_cells=cells, modes=modes.value, primitive=primitive.value,
     )  # fmt: skip
 
 
-class StoreSource:
-    """A store to learn from; what of its logs was lost has been said when they were added."""
+def from_store(
+    folder: Path, *, min_vehicles: int = 1, half_life_s: float | None = None, now: str | None = None,
+    hours: str | None = None, zone: str = "UTC", workers: int | None = None, scheduler: str | None = None,
+) -> Callable[..., Learned]:  # fmt: skip
+    """Learns from a store; what of its logs was lost was said when they were added, what it has lost since is said."""
+    from dirprim_filter.store.learning import learn_from_store
+    from dirprim_filter.store.sampling import Hours
+    from dirprim_filter.store.store import Store
+    from dirprim_filter.store.workers import Workers
 
-    def __init__(
-        self, folder: Path, *, min_vehicles: int | None = None, half_life_s: float | None = None,
-        now: str | None = None, hours: str | None = None, zone: str = "UTC", workers: int | None = None,
-        scheduler: str | None = None,
-    ) -> None:  # fmt: skip
-        from dirprim_filter.store.sampling import Hours
-        from dirprim_filter.store.store import Store
-        from dirprim_filter.store.workers import Workers
+    store, workers_ = Store.open(folder), Workers.of(0, workers, scheduler)
+    spans = None if hours is None else Hours.parse(hours, zone)
 
-        if now is not None and half_life_s is None:
-            raise ValueError("--now: expected --half-life with it")
-        self._store, self._workers = Store.open(folder), Workers.of(0, workers, scheduler)
-        self._how: dict[str, Any] = {
-            "min_vehicles": min_vehicles or 1, "half_life_s": half_life_s, "now_ns": time_ns(now),
-            "hours": None if hours is None else Hours.parse(hours, zone),
-        }  # fmt: skip
-        self.files = tuple[Path, ...]()
-        self.exit_code, self.counts = losses.DONE, ""
-        self.said: dict[str, Any] = {
-            "min_vehicles": min_vehicles or 1, "half_life_s": half_life_s, "now": now, "hours": hours,
-            "zone": None if hours is None else zone,
-        }  # fmt: skip
-
-    def learn(self, bars: LearningProgress, **options: Any) -> PrimitiveMap:
-        """The map; what is damaged in the store is left out, and reported."""
-        from dirprim_filter.store.learning import learn_from_store
-
-        seed = int(options.pop("rng").integers(2**63))
-        learned = learn_from_store(
-            self._store, workers=self._workers, done=bars.tiles, seed=seed, progress=bars.progress, stage=bars.stage,
-            **self._how, **options,
+    def learn_map(bars: LearningProgress, *, rng: Any, **options: Any) -> Learned:
+        found = learn_from_store(
+            store, workers=workers_, done=bars.tiles, seed=int(rng.integers(2**63)), progress=bars.progress,
+            stage=bars.stage, min_vehicles=min_vehicles, half_life_s=half_life_s, now_ns=time_ns(now), hours=spans,
+            **options,
         )  # fmt: skip
-        for line in learned.damaged:
+        for line in found.damaged:
             typer.echo(f"error: {line}", err=True)
-        self.exit_code = losses.INPUT_LOST if learned.damaged else losses.DONE
-        self.said["sha256 store"] = learned.digest
-        self.counts = (
-            f"{counted(learned.n_logs, 'log')}, {counted(learned.n_rows, 'row')}; {learned.n_fitted} of "
-            f"{counted(learned.n_blocks, 'block')} learned anew"
-        )
-        return learned.primitive_map
+        return Learned(
+            map=found.primitive_map, exit_code=losses.INPUT_LOST if found.damaged else losses.DONE,
+            counts=f"{counted(found.n_logs, 'log')}, {counted(found.n_rows, 'row')}; {found.n_fitted} of "
+            f"{counted(found.n_blocks, 'block')} learned anew",
+            said={
+                "min_vehicles": min_vehicles, "half_life_s": half_life_s, "now": now, "hours": hours,
+                "zone": None if hours is None else zone, "sha256 store": found.digest,
+            },
+        )  # fmt: skip
+
+    return learn_map
 
 
 def update(
@@ -122,7 +109,7 @@ def update(
         Path,
         typer.Argument(metavar="MAP", help="A map that `dirprim learn STORE` wrote.", exists=True, dir_okay=False),
     ],
-    store_folder: Annotated[Path, typer.Argument(metavar="STORE", help="The folder of its store, or its URL.")],
+    folder: StoreFolder,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", help="The file to write. Default: in the place of MAP.", callback=named_file),
@@ -139,18 +126,21 @@ def update(
 
     Example: dirprim store update map.mcap fleet
     """
-    from dirprim_filter.recording.container.log import scan
-    from dirprim_filter.recording.log_writer import METADATA_NAME
+    from dirprim_filter.cli.provenance import metadata_of
 
-    with scan(map_file) as messages:
-        said = next((record for name, record in messages.metadata if name == METADATA_NAME), {})
+    said = metadata_of(map_file)
     if "sha256 store" not in said:
         raise ValueError(f"{map_file}: expected a map of a store; learn it with `dirprim learn STORE`")
-    kinds = {"tessellation": str, "cell_size": float, "n_cells": int, "modes": str, "primitive": str}
-    options = {name: kind(said[name]) if name in said else None for name, kind in kinds.items()}
-    source = StoreSource(
-        store_folder, min_vehicles=int(said["min_vehicles"]), now=said.get("now"), hours=said.get("hours"),
-        half_life_s=float(said["half_life_s"]) if "half_life_s" in said else None, workers=workers,
-        scheduler=scheduler, zone=said.get("zone", "UTC"),
+
+    def stated(**kinds: Callable[[str], Any]) -> dict[str, Any]:
+        return {name: kind(said[name]) for name, kind in kinds.items() if name in said}
+
+    learned_from = from_store(
+        folder, workers=workers, scheduler=scheduler,
+        **stated(min_vehicles=int, half_life_s=float, now=str, hours=str, zone=str),
     )  # fmt: skip
-    return write_map(source, output or map_file, seed=int(said["seed"]), force=force or output is None, **options)
+    how = stated(tessellation=str, cell_size=float, n_cells=int, modes=str, primitive=str, seed=int)
+    return write_map(
+        learned_from, output or map_file, force=force or output is None,
+        **{"cell_size": None, "n_cells": None} | how,
+    )  # fmt: skip

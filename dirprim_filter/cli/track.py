@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dirprim_filter.cli import losses
-from dirprim_filter.cli.counts import counted
 from dirprim_filter.cli.options import (
     Config,
     Connect,
@@ -31,17 +30,18 @@ from dirprim_filter.cli.options import (
 )
 from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.results import CONFIG_KEY, read_filter
-from dirprim_filter.cli.sensing import is_pipe, sensor_of
+from dirprim_filter.cli.sensing import sensor_of
 from dirprim_filter.cli.settings import Settings, taken
+from dirprim_filter.cli.texts import counted, say
 
 if TYPE_CHECKING:
     from dirprim_filter.config import FilterConfig, TrackingConfig
     from dirprim_filter.estimates import EstimateSink, TrackedFrame
     from dirprim_filter.filtering import Worlds
-    from dirprim_filter.filtering.smoothing import Smoother
-    from dirprim_filter.forecasting import ForecastSink
     from dirprim_filter.primitives import PrimitiveMap
+    from dirprim_filter.recording.writer import EstimateWriter
     from dirprim_filter.sensor import Sensor
+    from dirprim_filter.viewer.sink import RerunSink
 
 MOST_LOST = 0.5
 """Share of the rows with an estimate below which a log counts as lost."""
@@ -61,17 +61,19 @@ class Own:
     Attributes:
         motion: the log's directions and speeds are measurements too.
         without_map: track without the map's cells: the ablation.
+        particles_out: so many particles of each vehicle are written, to be looked at.
         truth: a log of true tracks, which the viewer draws and from which it takes the errors.
         focus: id of the vehicle that the viewer follows; empty: the one with the largest innovations.
     """
 
     motion: bool = False
     without_map: bool = False
+    particles_out: int = 0
     truth: str = ""
     focus: str = ""
 
 
-@reads_logs("motion", "without_map", "truth", "focus", "fields of FilterConfig and TrackingConfig")
+@reads_logs("motion", "without_map", "particles_out", "truth", "focus", "fields of FilterConfig and TrackingConfig")
 def track(
     log: Log,
     map_file: Map,
@@ -88,9 +90,6 @@ def track(
     noise: Noise = None,
     sensor: SensorOrAuto = None,
     particles: Particles = None,
-    particles_out: Annotated[
-        int, typer.Option(min=0, help="Write so many particles of each vehicle, to be looked at.")
-    ] = 0,
     also_as: Annotated[RosForm | None, typer.Option("--as", help="Also write ROS 2 messages of them.")] = None,
     config: Config = None,
     seed: Seed = 0,
@@ -120,21 +119,35 @@ def track(
     from dirprim_filter.cli.provenance import provenance
     from dirprim_filter.cli.watching import exit_code, open_viewer
     from dirprim_filter.filtering import Tracker, Worlds
+    from dirprim_filter.filtering.smoothing import Smoother
     from dirprim_filter.forecasting import Forecaster
     from dirprim_filter.recording import load_map
     from dirprim_filter.recording.writer import EstimateWriter
     from dirprim_filter.replay import replay
 
-    own = taken(Own, settings)
-    primitive_map = load_map(map_file)
-    sensing = sensor_of(sensor, log, reading, noise_m=noise, config=config, with_ids=not no_ids, seed=seed)
-    sensing, filtering, association = _configured(
-        sensing, settings, *read_filter(config, settings, n_particles=particles, noise_m=noise)
-    )
+    if smooth and lag is not None:
+        raise typer.BadParameter("--smooth waits for the whole log: give one of both", param_hint="--lag")
+    if sensor is not None and noise is not None:
+        raise typer.BadParameter("a sensor's model contains the noise: give one of the two", param_hint="--noise")
+    own, primitive_map = taken(Own, settings), load_map(map_file)
     by_map = primitive_map.without_places() if own.without_map else primitive_map
-    stream = reading.detections(log, motion=own.motion, live=lag is not None and is_pipe(log))
-    watched = bool(save or spawn or connect)
-    smoother = _smoother(filtering, smooth=smooth, lag_s=lag)
+    filtering, association = read_filter(config, settings, n_particles=particles, noise_m=noise)
+    is_live = lag is not None and (str(log) == "-" or log.is_fifo())
+    stream = reading.detections(log, motion=own.motion, live=is_live)
+    sensing, frames = sensor_of(
+        sensor, stream, log=log, is_stated=noise is not None or config is not None, is_live=is_live,
+        with_ids=not no_ids, seed=seed,
+    )  # fmt: skip
+    sensing, filtering, association = _configured(sensing, settings, filtering, association)
+    watched, coverage = bool(save or spawn or connect), Coverage(primitive_map)
+    smoother = Smoother(max_gap_s=filtering.max_gap_s, lag_s=lag) if smooth or lag is not None else None
+    said = provenance(
+        "track", inputs=[map_file] if is_live else [log, map_file], config=filtering, seed=seed,
+        without_map=own.without_map, no_ids=no_ids, motion=own.motion, smooth=smooth, lag_s=lag,
+        tracking=json.dumps(asdict(association), sort_keys=True),
+        sensor=None if sensing is None else json.dumps(asdict(sensing)), **reading.said(),
+        **{CONFIG_KEY: json.dumps({"filter": asdict(filtering), "tracking": asdict(association)})},
+    )  # fmt: skip
 
     def tracker_of(group: int) -> Tracker:
         make = Tracker if smoother is None else partial(smoother.tracker, group)
@@ -143,43 +156,34 @@ def track(
             rng=np.random.default_rng(seed),
         )  # fmt: skip
 
-    worlds = Worlds(tracker_of)
-    frames = (seen.without_ids() for seen in stream) if no_ids else stream
-    said = provenance(
-        "track", inputs=[map_file] if lag is not None and is_pipe(log) else [log, map_file], config=filtering,
-        seed=seed, without_map=own.without_map, no_ids=no_ids, motion=own.motion, smooth=smooth, lag_s=lag,
-        tracking=json.dumps(asdict(association), sort_keys=True),
-        sensor=None if sensing is None else json.dumps(asdict(sensing)), **reading.said(),
-    )  # fmt: skip
-    said[CONFIG_KEY] = json.dumps({"filter": asdict(filtering), "tracking": asdict(association)})
-    viewer = None
-    with ExitStack() as open_files:
-        estimates = open_files.enter_context(EstimateWriter(
+    worlds, viewer = Worlds(tracker_of), None
+    with ExitStack() as files:
+        estimates = files.enter_context(EstimateWriter(
             output, metadata=said, force=force, also_as=also_as,
-            particle_stride=max(filtering.n_particles // particles_out, 1) if particles_out else None,
+            particle_stride=max(filtering.n_particles // own.particles_out, 1) if own.particles_out else None,
         ))  # fmt: skip
         estimates.write_map_scene(primitive_map)
-        coverage = Coverage(primitive_map)
-        sinks: list[EstimateSink] = [estimates, coverage]
-        forecasts: list[ForecastSink] = [estimates]
+        outputs: list[EstimateWriter | RerunSink] = [estimates]
         if watched:
-            viewer = open_viewer(
-                map_file.stem, save=save, spawn=spawn, connect=connect, force=force, n_particles=particles_out,
+            viewer = files.enter_context(open_viewer(
+                map_file.stem, save=save, spawn=spawn, connect=connect, force=force, n_particles=own.particles_out,
                 focus=own.focus or None, truth=Path(own.truth) if own.truth else None,
                 group=reading.group if own.truth == str(log) else None,
-            )  # fmt: skip
-            open_files.enter_context(viewer)
+            ))  # fmt: skip
             viewer.log_map(primitive_map)
             viewer.log_run(said, {})
-            sinks, forecasts = [estimates, coverage, viewer], [estimates, viewer]
+            outputs.append(viewer)
+        sinks: list[EstimateSink] = [*outputs, coverage]
         if smoother is not None:
-            smoother.sinks += [shown.write_smoothed for shown in (estimates, viewer) if shown is not None]
+            smoother.sinks += [shown.write_smoothed for shown in outputs]
             sinks.append(smoother)
         if forecast > 0:
-            rng = np.random.default_rng([seed, 1])
-            sinks.append(Forecaster(by_map, forecasts, horizon_s=forecast, config=filtering, rng=rng))
+            sinks.append(Forecaster(
+                by_map, outputs, horizon_s=forecast, config=filtering, rng=np.random.default_rng([seed, 1])
+            ))  # fmt: skip
+        seen = (frame.without_ids() for frame in frames) if no_ids else frames
         with smoother or nullcontext():
-            n_frames = replay(with_progress(frames, what=f"tracking {log.name}", end_ns=stream.end_ns), worlds, sinks)
+            n_frames = replay(with_progress(seen, what=f"tracking {log.name}", end_ns=stream.end_ns), worlds, sinks)
         reading.require_frames(n_frames, log, stream.losses)
         if viewer is not None:
             viewer.log_run(said, {"frames": str(n_frames), "beliefs reinitialised": str(worlds.recoveries)})
@@ -228,31 +232,11 @@ def _configured(
     return sensor, *sensor.informs(filtering, association)
 
 
-def _smoother(filtering: FilterConfig, *, smooth: bool, lag_s: float | None) -> Smoother | None:
-    """What the options ask for.
-
-    Raises:
-        BadParameter: both.
-    """
-    from dirprim_filter.filtering.smoothing import Smoother
-
-    if smooth and lag_s is not None:
-        raise typer.BadParameter("--smooth waits for the whole log: give one of both", param_hint="--lag")
-    return Smoother(max_gap_s=filtering.max_gap_s, lag_s=lag_s) if smooth or lag_s is not None else None
-
-
 def _say(worlds: Worlds, what: str, coverage: Coverage) -> None:
     if worlds.recoveries:
-        typer.echo(f"{worlds.recoveries} beliefs reinitialised, as they did not explain their measurements", err=True)
-    from dirprim_filter.recording.container.errors import one_line
-
-    typer.echo(
-        one_line(what)
-        + (f", {counted(worlds.n_groups, 'group')}, each by itself" if worlds.n_groups > 1 else "")
-        + coverage.text()
-    )
+        say(f"{worlds.recoveries} beliefs reinitialised, as they did not explain their measurements", err=True)
+    groups = f", {counted(worlds.n_groups, 'group')}, each by itself" if worlds.n_groups > 1 else ""
+    say(what + groups + coverage.text())
     if coverage.is_poor:
-        typer.echo(
-            "most rows have no estimate: is the noise larger (--noise), or less clutter (--set clutter_density=1e-9)?",
-            err=True,
-        )
+        say("most rows have no estimate: is the noise larger (--noise), or less clutter (--set clutter_density=1e-9)?",
+            err=True)  # fmt: skip

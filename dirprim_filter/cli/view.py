@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from enum import Enum, auto
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
@@ -12,24 +11,21 @@ import typer
 from dirprim_filter.cli import losses
 from dirprim_filter.cli.options import WRITTEN, Connect, Force, Save, Serve, Spawn
 from dirprim_filter.cli.reading import Reading, reads_logs
+from dirprim_filter.cli.texts import counted, say
 
 if TYPE_CHECKING:
-    from dirprim_filter.recording.losses import Losses
+    from collections.abc import Iterable
+
+    from dirprim_filter.estimates import TrackedFrame
+    from dirprim_filter.recording.playback import Playback
     from dirprim_filter.viewer.sink import RerunSink
 
 N_RUNS = 2
 
 
-class Kind(Enum):
-    """What a file is to the viewer."""
-
-    RECORDING = auto()
-    MAP = auto()
-    TRACKS = auto()
-    LOG = auto()
-
-
 class _Given(NamedTuple):
+    """Files by what they are to the viewer."""
+
     maps: list[Path]
     logs: list[Path]
     runs: list[Path]
@@ -72,105 +68,93 @@ def view(
     """
     from dirprim_filter.cli.watching import exit_code, keep_serving, open_viewer
 
-    elsewhere = save is not None or connect is not None or serve or layout is not None
-    given = _sorted(files, elsewhere=elsewhere)
-    if layout is not None:
-        from dirprim_filter.recording import load_map
-        from dirprim_filter.recording.foxglove.layout import write_layout
-
-        if len(given.maps) != 1:
-            raise typer.BadParameter(f"expected one map among the files, got {len(given.maps)}", param_hint="--layout")
-        write_layout(load_map(given.maps[0]), layout, force=force)
-        typer.echo(f"{layout}: import it by Layouts, Import from file")
-        if save is None and connect is None and not (serve or spawn):
-            return losses.DONE
-    if _all_recordings(files) and not elsewhere and len(files) != N_RUNS:
+    is_shown = save is not None or connect is not None or serve
+    is_started = spawn or not (is_shown or layout is not None)
+    are_recordings = all(file.suffix == ".rrd" for file in files)
+    if are_recordings and len(files) != N_RUNS and is_started and not is_shown:
         from dirprim_filter.viewer.process import show_files
 
         show_files(files)
         return losses.DONE
-    played = None if rate is None else _Played(files, rate, reading)
+    given = _sorted(files)
+    if layout is not None:
+        _write_layout(given, layout, force=force)
+    if not (is_shown or is_started):
+        return losses.DONE
+    playback, frames = (None, ()) if rate is None else _played(files, rate, reading)
     with open_viewer(
-        " ".join(file.stem for file in files), save=save, spawn=spawn or not elsewhere, connect=connect,
+        " ".join(file.stem for file in files), save=save, spawn=is_started, connect=connect,
         serve=bind if serve else None, force=force, focus=focus,
     ) as viewer:  # fmt: skip
-        if played is not None:
-            played.show(viewer)
+        if playback is not None:
+            _play(files[0], playback, frames, viewer)
         elif len(given.runs) == N_RUNS:
             _beside(given, viewer, truth=truth, focus=focus, group=reading.group)
-        elif _all_recordings(files):
+        elif are_recordings:
             from dirprim_filter.viewer.side_by_side import show_again
 
             show_again(files[0], viewer)
         else:
             _together(given, viewer, truth=truth, group=reading.group)
         keep_serving(viewer)
-    return exit_code(viewer, losses.DONE if played is None else losses.exit_code(played.losses))
+    return exit_code(viewer, losses.DONE if playback is None else losses.exit_code(playback.losses))
 
 
-class _Played:
-    """The frames of one log, each when its time has come; `losses`: of what is played so far."""
-
-    def __init__(self, files: Sequence[Path], rate: float, reading: Reading) -> None:
-        from dirprim_filter.recording.playback import paced
-
-        if len(files) > 1:
-            raise typer.BadParameter(f"expected one log to play, got {len(files)} files", param_hint="--rate")
-        self._log = files[0]
-        self._playback = reading.playback(self._log)
-        self._frames = paced(self._playback, rate)
-
-    @property
-    def losses(self) -> Losses:
-        return self._playback.losses
-
-    def show(self, viewer: RerunSink) -> None:
-        """Play it, and say so."""
-        from dirprim_filter.cli.counts import counted
-        from dirprim_filter.cli.progress import with_progress
-        from dirprim_filter.recording.container.errors import one_line
-
-        n_frames, end_ns = 0, self._playback.end_ns
-        for frame in with_progress(self._frames, what=f"playing {self._log.name}", end_ns=end_ns):
-            viewer.write(frame)
-            n_frames += 1
-        typer.echo(one_line(f"{self._log}: {counted(n_frames, 'frame')} of {', '.join(sorted(self._playback.topics))}"))
-
-
-def _all_recordings(files: Sequence[Path]) -> bool:
-    return all(file.suffix == ".rrd" for file in files)
-
-
-def _sorted(files: Sequence[Path], *, elsewhere: bool) -> _Given:
-    """What each file is; `elsewhere`: a viewer that is started for them would open any number of recordings.
+def _sorted(files: Sequence[Path]) -> _Given:
+    """What each file is.
 
     Raises:
         ValueError: more than two runs, or an .rrd together with what is not a run.
     """
-    kinds = {file: _kind(file) for file in files}
-    runs = [file for file, kind in kinds.items() if kind in (Kind.RECORDING, Kind.TRACKS)]
-    if len(runs) > N_RUNS and not (_all_recordings(files) and not elsewhere):
-        raise ValueError(f"view: expected at most {N_RUNS} runs, got {len(runs)}: {', '.join(map(str, runs))}")
-    recordings = [file for file, kind in kinds.items() if kind is Kind.RECORDING]
-    if len(runs) < N_RUNS and recordings and len(files) > 1:
-        raise ValueError(f"{recordings[0]}: an .rrd holds its own map and log; open it alone, or beside another run")
-    return _Given(
-        [file for file, kind in kinds.items() if kind is Kind.MAP],
-        [file for file, kind in kinds.items() if kind is Kind.LOG],
-        runs,
-    )
-
-
-def _kind(file: Path) -> Kind:
-    if file.suffix == ".rrd":
-        return Kind.RECORDING
     from dirprim_filter.recording.map_file import MAP
     from dirprim_filter.recording.scan import scan
     from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
 
-    with scan(file) as log:
-        schemas = {channel.schema.name for channel in log.channels()}
-    return Kind.TRACKS if ESTIMATES_SCHEMA in schemas else Kind.MAP if MAP.name in schemas else Kind.LOG
+    given = _Given([], [], [])
+    for file in files:
+        schemas = set()
+        if file.suffix != ".rrd":
+            with scan(file) as log:
+                schemas = {channel.schema.name for channel in log.channels()}
+        is_run = file.suffix == ".rrd" or ESTIMATES_SCHEMA in schemas
+        (given.runs if is_run else given.maps if MAP.name in schemas else given.logs).append(file)
+    if len(given.runs) > N_RUNS:
+        shown = ", ".join(map(str, given.runs))
+        raise ValueError(f"view: expected at most {N_RUNS} runs, got {len(given.runs)}: {shown}")
+    recordings = [file for file in given.runs if file.suffix == ".rrd"]
+    if len(given.runs) < N_RUNS and recordings and len(files) > 1:
+        raise ValueError(f"{recordings[0]}: an .rrd holds its own map and log; open it alone, or beside another run")
+    return given
+
+
+def _write_layout(given: _Given, layout: Path, *, force: bool) -> None:
+    from dirprim_filter.recording import load_map
+    from dirprim_filter.recording.foxglove.layout import write_layout
+
+    if len(given.maps) != 1:
+        raise typer.BadParameter(f"expected one map among the files, got {len(given.maps)}", param_hint="--layout")
+    write_layout(load_map(given.maps[0]), layout, force=force)
+    typer.echo(f"{layout}: import it by Layouts, Import from file")
+
+
+def _played(files: Sequence[Path], rate: float, reading: Reading) -> tuple[Playback, Iterable[TrackedFrame]]:
+    """One log, and its frames, each when its time has come."""
+    from dirprim_filter.recording.playback import Playback, paced
+
+    if len(files) > 1:
+        raise typer.BadParameter(f"expected one log to play, got {len(files)} files", param_hint="--rate")
+    playback = Playback(files[0], reading.options())
+    return playback, paced(playback, rate)
+
+
+def _play(log: Path, playback: Playback, frames: Iterable[TrackedFrame], viewer: RerunSink) -> None:
+    from dirprim_filter.cli.progress import with_progress
+
+    n_frames = 0
+    for frame in with_progress(frames, what=f"playing {log.name}", end_ns=playback.end_ns):
+        viewer.write(frame)
+        n_frames += 1
+    say(f"{log}: {counted(n_frames, 'frame')} of {', '.join(sorted(playback.topics))}")
 
 
 def _beside(given: _Given, viewer: RerunSink, *, truth: Path | None, focus: str | None, group: int | None) -> None:
@@ -195,10 +179,8 @@ def _beside(given: _Given, viewer: RerunSink, *, truth: Path | None, focus: str 
 def _titles(runs: Sequence[Path]) -> list[str]:
     """The files' names, with enough of their paths to be distinct."""
     a, b = (run.resolve().with_suffix("").parts for run in runs)
-    if a == b:
-        return [runs[0].name, runs[1].name]
-    n = next(n for n in range(1, max(len(a), len(b)) + 1) if a[-n:] != b[-n:])
-    return ["/".join(a[-n:]), "/".join(b[-n:])]
+    n = next((n for n in range(1, max(len(a), len(b)) + 1) if a[-n:] != b[-n:]), None)
+    return [run.name for run in runs] if n is None else ["/".join(a[-n:]), "/".join(b[-n:])]
 
 
 def _together(given: _Given, viewer: RerunSink, *, truth: Path | None, group: int | None) -> None:

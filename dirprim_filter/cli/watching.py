@@ -8,17 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from dirprim_filter.cli.losses import FAILED
+
 if TYPE_CHECKING:
     from dirprim_filter.viewer.sink import RerunSink
 
-FAILED = 1
 
-
-def open_viewer(
-    place: str, *, truth: Path | None = None, group: int | None = None, n_particles: int = 0, focus: str | None = None,
-    **places: Any,
-) -> RerunSink:  # fmt: skip
-    """A stream to `places`, as of `Stream`, with the true tracks of a log or group; prints the address of a served one.
+def open_viewer(place: str, *, truth: Path | None = None, group: int | None = None, **options: Any) -> RerunSink:
+    """A stream as of `open_stream`, with the true tracks of a log or group; prints the address of a served one.
 
     What is shown of one `place` shares the layout of a viewer that stays open.
     """
@@ -29,7 +26,7 @@ def open_viewer(
     true_tracks = None if truth is None else read_tracks(truth, group=group)
     if true_tracks is not None and group is None:  # as the vehicles of several groups are called
         true_tracks = replace(true_tracks, track_id=world_names(true_tracks.track_id, true_tracks.group))
-    viewer = open_stream(f"dirprim {place}", n_particles=n_particles, focus=focus, **places)
+    viewer = open_stream(f"dirprim {place}", **options)
     if true_tracks is not None:
         viewer.log_truth(true_tracks)
     if viewer.stream.server is not None:

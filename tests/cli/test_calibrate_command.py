@@ -2,14 +2,12 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from dirprim_filter import learn_primitives, read_estimates, read_tracks, save_map, write_tracks
 from dirprim_filter.cli.main import run
-from dirprim_filter.cli.sensing import sensor_of
 from dirprim_filter.evaluation.calibration import self_calibration
 from dirprim_filter.recording.sensor_file import load_sensor, save_sensor
 from dirprim_filter.recording.transforms.geodesy import Origin, on_plane
@@ -155,14 +153,7 @@ def test_where_no_noise_is_stated_it_is_learned_from_the_log(case, log, where, t
     assert said.startswith(says) if says else not said.startswith(("sensor", "noise"))
 
 
-@pytest.mark.parametrize(("log", "says"), [("-", "a pipe is read once"), ("s3://bucket/log.mcap", "fetched twice")])
-def test_what_is_not_at_hand_is_not_read_for_its_noise(log, says, capsys):
-    reading = None  # not asked
-    assert sensor_of(None, Path(log), reading, noise_m=None, config=None, with_ids=True, seed=0) is None
-    assert says in capsys.readouterr().out
-
-
-def test_a_damaged_log_that_is_read_twice_warns_once(log, where, tmp_path, capfd):
+def test_a_damaged_log_whose_noise_is_learned_warns_once(log, where, tmp_path, capfd):
     torn = bytearray(log.read_bytes())
     torn[len(torn) // 2 : len(torn) // 2 + 500] = bytes(500)
     (tmp_path / "torn.mcap").write_bytes(torn)

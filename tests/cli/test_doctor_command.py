@@ -9,7 +9,7 @@ from dirprim_filter.cli.main import run
 def test_a_sound_installation_is_called_so(capsys):
     assert run(["doctor"]) == 0
     said = capsys.readouterr().out
-    assert said.count("ok: ") == 3
+    assert said.count("ok: ") == 4
     assert "dirprim-filter" in said
 
 
@@ -22,6 +22,6 @@ def test_what_fails_is_named_and_the_others_are_checked(check, monkeypatch, caps
         monkeypatch.setattr(doctor, name, broken if name == check else lambda: "well")
     assert run(["doctor"]) == 1
     said = capsys.readouterr().out
-    assert said.count("ok: ") == 2
+    assert said.count("ok: ") == 3
     assert "FAILED" in said
     assert "OSError: the disk is full" in said

@@ -191,7 +191,7 @@ def test_forecast_tells_people_and_machines_the_same_and_draws(log, capsys, tmp_
     table = json.loads(capsys.readouterr().out)
     assert text.startswith("8 vehicles held out by vehicle, 2 folds, 1 seed; 20 futures each")
     assert [row["name"] for row in table["methods"]] == FORECASTS
-    lines = [line.split() for line in text.splitlines() if re.match(" +[0-9.]+ s ", line)]
+    lines = [line.split() for line in text.splitlines() if re.match("[0-9.]+ s ", line)]
     scores = [score for row in table["methods"] for score in row["horizons"]]
     for line, score in zip(lines, scores, strict=True):
         figures = [f"{score[name]:.2f}" for name in ("energy", "ade", "fde", "coverage_50", "coverage_90")]

@@ -50,7 +50,6 @@ def files(ring, ring_map, tmp_path):
         "track log.mcap --map map.mcap -o new.mcap --save link.mcap",
         "convert table.csv -o table.csv",
         "recover log.mcap -o log.mcap",
-        "forecast --map map.mcap --log log.mcap -o log.mcap",
         "plot map.mcap -o map.mcap",
         "view shown.rrd --save shown.rrd",
         "view log.mcap --rate inf --save log.mcap",

@@ -41,7 +41,7 @@ def test_frames_are_as_they_were_and_the_bar_ends_with_the_log():
         assert list(with_progress(frames, what="tracking x", end_ns=9_000_000_000)) == frames
     assert "tracking x" in text_of(shown)
     assert "9.0 of 9.0 s of the log 10 frames" in text_of(shown)
-    assert re.search(r"/s \d:\d\d:\d\d left \d:\d\d:\d\d", text_of(shown))
+    assert re.search(r" \d:\d\d:\d\d left \d:\d\d:\d\d", text_of(shown))
 
 
 @pytest.mark.parametrize("end_ns", [None, -1, 0])
@@ -67,8 +67,8 @@ def test_steps_tell_how_many_of_how_many():
         with working("reading y"):
             pass
     assert "4 of 4 chunks" in text_of(shown)
-    assert re.search(r"cells \(1 of 4\): 18, log density 0.625, round 1, at most \d+ s left", text_of(shown))
-    assert "how vehicles go on (4 of 4): 3 of 7 tiles" in text_of(shown)
+    assert re.search(r"cells 1/4 18, log density 0.625", text_of(shown))
+    assert "how vehicles go on 4/4 3 of 7 tiles" in text_of(shown)
     assert "reading y" in text_of(shown)
 
 
@@ -92,7 +92,7 @@ def test_the_long_commands_tell_of_their_steps(tmp_path, ring, capsys):
     write_tracks(ring[ring.track_id < 6], tmp_path / "ring.mcap")
     commands = {
         f"convert {tmp_path}/t.csv -o {tmp_path}/t.mcap": r"9 of 9 instants",
-        f"learn {tmp_path}/ring.mcap -o {tmp_path}/map.mcap --tessellation grid --cell-size 8": r"go on \(4 of 4\)",
+        f"learn {tmp_path}/ring.mcap -o {tmp_path}/map.mcap --tessellation grid --cell-size 8": r"go on 4/4",
         f"recover {tmp_path}/t.mcap -o {tmp_path}/whole.mcap": r"(\d+) of \1 chunks",
         f"replay {tmp_path}/ring.mcap --rate inf --save {tmp_path}/r.rrd": r"(\d+\.\d) of \1 s of the log",
         f"evaluate forecast {tmp_path}/ring.mcap --folds 2 --horizon 1 --samples 20": r"8 of 8 fits",

@@ -22,12 +22,12 @@ def private_json(path):
 
 
 READERS = (
-    ["info"], ["learn"], ["track"], ["forecast"], ["view"],
+    ["info"], ["learn"], ["track"], ["view"],
     ["evaluate", "density"], ["evaluate", "cues"], ["evaluate", "tracking"], ["evaluate", "forecast"],
 )  # fmt: skip
 GRID = ["--tessellation", "grid", "--cell-size", "8"]
 OUTPUTS = {"learn": ["-o", "out.mcap"], "view": ["--rate", "inf", "--save", "out.rrd"]}
-NEED_A_MAP = (["track"], ["forecast"])
+NEED_A_MAP = (["track"],)
 
 
 @pytest.mark.parametrize("command", READERS, ids=" ".join)
@@ -51,7 +51,6 @@ def test_the_options_of_reading_reach_the_library(tmp_path, capsys, monkeypatch,
 ON_DAMAGE = {
     "learn": ["log.mcap", *GRID, "-o"],
     "track": ["log.mcap", "--map", "map.mcap", "--particles", "20", "-o"],
-    "forecast": ["--log", "log.mcap", "--map", "map.mcap", "--samples", "2", "-o"],
     "view": ["log.mcap", "--rate", "inf", "--save"],
 }
 

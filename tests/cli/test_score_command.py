@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -148,8 +149,9 @@ def test_score_tells_people_and_machines_the_same_and_draws(truth, tracked, tmp_
     reported = json.loads(capsys.readouterr().out)
     assert (reported["format"], reported["format_version"]) == ("dirprim score", 2)
     assert [found["name"] for found in reported["scores"]] == ["tracked.mcap", "worse.mcap", "other.csv"]
-    assert len(reported["truth"]["sha256"]) == 64
-    lines = {line[:22].strip(): line[22:].split() for line in text.splitlines()[2:]}
+    assert [len(file["sha256"]) for file in reported["inputs"]] == [64] * 4
+    cells = (re.split(r"  +", line) for line in text.splitlines()[2:])
+    lines = {head: figures for head, *figures in cells}
     for head, name in (("HOTA", "hota"), ("RMSE, m", "rmse"), ("RMSE in gaps, m", "hidden_rmse"), ("MOTA", "mota")):
         assert lines[head] == [f"{found['report'][name]:.3f}" for found in reported["scores"]]
     first, second, third = reported["scores"]
@@ -281,7 +283,6 @@ def test_what_was_smoothed_is_scored_and_exported_beside(truth, ring_map, tmp_pa
     assert dirprim("score", out, "--truth", truth, "--ids", "--smoothed", "--json") == DONE
     filtered, smoothed = json.loads(capsys.readouterr().out)["scores"]
     assert (filtered["name"], smoothed["name"]) == ("smoothed.mcap", "smoothed.mcap smoothed")
-    assert filtered["sha256"] == smoothed["sha256"]
     assert smoothed["report"]["rmse"] < filtered["report"]["rmse"]
     assert dirprim("export", out, "--smoothed", "-o", tmp_path / "smoothed.csv") == DONE
     rows = read_tracked_rows(tmp_path / "smoothed.csv", truth=read_tracks(truth))

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from dirprim_filter.cli.counts import counted
 from dirprim_filter.cli.evaluate.density import interval_text
-from dirprim_filter.cli.evaluate.report import Experiment, Folds, Json, MinSpeed, Split, table_line
-from dirprim_filter.cli.options import Cells, Force, Logs, Seed, Tessellation
+from dirprim_filter.cli.options import Cells, Folds, Json, Logs, MinSpeed, Seed, Split, Tessellation
 from dirprim_filter.cli.reading import Reading, reads_logs
+from dirprim_filter.cli.results import report
+from dirprim_filter.cli.texts import columns, counted
 
 if TYPE_CHECKING:
     from dirprim_filter.evaluation.cues import CueTable
@@ -25,7 +25,6 @@ def cues(
     min_speed: MinSpeed = 0.5,
     seed: Seed = 0,
     as_json: Json = False,
-    force: Force = False,
     *,
     reading: Reading,
 ) -> int:
@@ -40,26 +39,22 @@ def cues(
     from dirprim_filter.evaluation.turn_signal import turn_signal_example
     from dirprim_filter.primitives import learn_primitives
 
-    experiment = Experiment.on(
-        logs, command="evaluate cues", reading=reading, as_json=as_json, force=force
-    )  # fmt: skip
-    tracks = experiment.log.tracks
+    log = reading.tracks(logs)
     deal, learn, draw = np.random.default_rng(seed).spawn(3)
     with step_progress("evaluating", "folds") as step:
         table = evaluate_cues(
-            tracks, split_by=None if split is None else split.value, n_folds=folds, tessellation=tessellation.value,
-            min_speed=min_speed, progress=step, rng=deal,
+            log.tracks, split_by=None if split is None else split.value, n_folds=folds,
+            tessellation=tessellation.value, min_speed=min_speed, progress=step, rng=deal,
         )  # fmt: skip
-    learned = learn_primitives(tracks, tessellation=tessellation.value, rng=learn)
+    learned = learn_primitives(log.tracks, tessellation=tessellation.value, rng=learn)
     example = turn_signal_example(learned, rng=draw)
-
-    settings = {
-        "split_by": table.split_by, "n_folds": folds, "tessellation": tessellation.value, "min_speed": min_speed,
-        "seed": seed,
-    }  # fmt: skip
-    signal = asdict(example) | {"position": example.position.tolist()}
-    return experiment.report(
-        {"table": asdict(table), "turn_signal": signal}, settings=settings, text=lambda: cues_text(table, example)
+    return report(
+        "evaluate cues", logs, reading, log.losses, as_json=as_json, text=lambda: cues_text(table, example),
+        table={"table": asdict(table), "turn_signal": asdict(example) | {"position": example.position.tolist()}},
+        settings={
+            "split_by": table.split_by, "n_folds": folds, "tessellation": tessellation.value, "min_speed": min_speed,
+            "seed": seed,
+        },
     )  # fmt: skip
 
 
@@ -67,31 +62,25 @@ def cues_text(table: CueTable, example: SignalExample) -> str:
     """Table II and the turn-signal example as text."""
     import numpy as np
 
-    lines = [
-        f"{table.n_steps} steps from cell to cell, {counted(table.n_vehicles, 'vehicle')}, "
-        f"held out by {table.split_by}, {counted(table.n_folds, 'fold')}",
-        "",
-        table_line(
-            "", ["mean log density, nat", "prior adds, nat", "adds to the prior, nat", "mean density"], width=28
-        ),
-        table_line("prior", [interval_text(table.prior.mean_log), "", "", f"{table.prior.mean:.3f}"], width=28),
+    rows = [
+        ["", "mean log density, nat", "prior adds, nat", "adds to the prior, nat", "mean density"],
+        ["prior", interval_text(table.prior.mean_log), "", "", f"{table.prior.mean:.3f}"],
     ]
     for name, score in (("cell before", table.cell_before), ("own course", table.own_course)):
         alone, both = score.observation, score.posterior
         gains = [interval_text(score.log_gain), interval_text(score.over_prior)]
-        lines += [
-            table_line(name, [interval_text(alone.mean_log), "", "", f"{alone.mean:.3f}"], width=28),
-            table_line(f"{name}, posterior", [interval_text(both.mean_log), *gains, f"{both.mean:.3f}"], width=28),
-        ]
-    lines += [
-        "",
-        "no figure is the paper's +54 %: that is of sums of densities, by an observation of unstated concentration",
-    ]
+        rows.append([name, interval_text(alone.mean_log), "", "", f"{alone.mean:.3f}"])
+        rows.append([f"{name}, posterior", interval_text(both.mean_log), *gains, f"{both.mean:.3f}"])
     before, after, heading = np.rad2deg([example.rmse_before, example.rmse_after, example.heading])
     x, y = example.position
-    lines += [
+    return "\n".join([
+        f"{table.n_steps} steps from cell to cell, {counted(table.n_vehicles, 'vehicle')}, "
+        f"held out by {table.split_by}, {counted(table.n_folds, 'fold')}",
+        "",
+        *columns(rows),
+        "",
+        "no figure is the paper's +54 %: that is of sums of densities, by an observation of unstated concentration",
         "",
         f"turn signal to the right at ({x:.1f}, {y:.1f}) m, heading {heading:.0f} deg: RMSE of {example.n_samples} "
         f"directions from the turn {before:.1f} deg, with the signal {after:.1f} deg",
-    ]
-    return "\n".join(lines)
+    ])  # fmt: skip

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dirprim_filter.cli.counts import counted
-from dirprim_filter.cli.evaluate.report import Experiment, Folds, Json, MinSpeed, table_line
-from dirprim_filter.cli.options import Force, Logs, Seed
+from dirprim_filter.cli.options import Folds, Json, Logs, MinSpeed, Seed
 from dirprim_filter.cli.reading import Reading, reads_logs
+from dirprim_filter.cli.results import report
+from dirprim_filter.cli.texts import columns, counted
 
 if TYPE_CHECKING:
-    from dirprim_filter.evaluation.density import DensityScore, DensityTable
+    from dirprim_filter.evaluation.density import DensityTable
     from dirprim_filter.evaluation.intervals import Interval
     from dirprim_filter.evaluation.settings import Choice
 
@@ -39,7 +39,6 @@ def density(
     min_speed: MinSpeed = 0.5,
     seed: Seed = 0,
     as_json: Json = False,
-    force: Force = False,
     *,
     reading: Reading,
 ) -> int:
@@ -52,20 +51,18 @@ def density(
     from dirprim_filter.cli.progress import step_progress
     from dirprim_filter.evaluation.density import conclusion, evaluate_density
 
-    experiment = Experiment.on(
-        logs, command="evaluate density", reading=reading, as_json=as_json, force=force
-    )  # fmt: skip
+    log = reading.tracks(logs)
     with step_progress("evaluating", "fits") as step:
         table = evaluate_density(
-            experiment.log.tracks, split_by=None if split is None else split.value, n_folds=folds, min_speed=min_speed,
+            log.tracks, split_by=None if split is None else split.value, n_folds=folds, min_speed=min_speed,
             interval_s=every, progress=step, rng=np.random.default_rng(seed),
         )  # fmt: skip
-
-    settings = {
-        "split_by": table.split_by, "n_folds": folds, "interval_s": every, "min_speed": min_speed, "seed": seed
-    }  # fmt: skip
-    return experiment.report(
-        asdict(table) | {"conclusion": conclusion(table)}, settings=settings, text=lambda: density_text(table)
+    return report(
+        "evaluate density", logs, reading, log.losses, as_json=as_json, text=lambda: density_text(table),
+        table=asdict(table) | {"conclusion": conclusion(table)},
+        settings={
+            "split_by": table.split_by, "n_folds": folds, "interval_s": every, "min_speed": min_speed, "seed": seed,
+        },
     )  # fmt: skip
 
 
@@ -73,22 +70,18 @@ def density_text(table: DensityTable) -> str:
     """Table I as text, a block for each quantity, and what follows from it."""
     from dirprim_filter.evaluation.density import clusters, conclusion
 
-    blocks: dict[str, list[DensityScore | None]] = {
-        "direction, per rad": [row.direction for row in table.methods],
-        "speed, per m/s": [row.speed for row in table.methods],
-        "direction and speed": [row.joint for row in table.methods],
-    }
+    blocks = {"direction, per rad": "direction", "speed, per m/s": "speed", "direction and speed": "joint"}
     lines = [
         f"{counted(table.n_held_out, 'row')} held out of {table.n_rows}, {counted(table.n_vehicles, 'vehicle')}, "
         f"by {table.split_by}, {counted(table.n_folds, 'fold')}; 95 % intervals over {clusters(table)}"
     ]
-    for title, scores in blocks.items():
-        lines += ["", table_line(title, ["mean log density, nat", "behind the first by", "mean density"], width=26)]
-        for row, score in zip(table.methods, scores, strict=True):
-            if score is not None:
+    for title, quantity in blocks.items():
+        rows = [[title, "mean log density, nat", "behind the first by", "mean density"]]
+        for row in table.methods:
+            if (score := getattr(row, quantity)) is not None:
                 behind = "" if row is table.methods[0] else interval_text(score.behind)
-                figures = [interval_text(score.mean_log), behind, f"{score.mean:.3f}"]
-                lines.append(table_line(row.name, figures, width=26))
+                rows.append([row.name, interval_text(score.mean_log), behind, f"{score.mean:.3f}"])
+        lines += ["", *columns(rows)]
     rivals = [row for row in table.methods if row.settings]
     lines += ["", "chosen by held-out training vehicles, fold by fold:"] if rivals else []
     lines += [f"{row.name}: {settings_text(row.settings)}" for row in rivals]

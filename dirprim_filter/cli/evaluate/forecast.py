@@ -3,25 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import asdict, fields
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dirprim_filter.cli.counts import counted
-from dirprim_filter.cli.evaluate.report import Experiment, Json, Split
-from dirprim_filter.cli.figures import UNKNOWN
-from dirprim_filter.cli.options import Config, Force, Logs, Plot
+from dirprim_filter.cli.options import Config, Force, Json, Logs, Plot, Split
 from dirprim_filter.cli.reading import Reading, reads_logs
-from dirprim_filter.cli.results import read_experiment
+from dirprim_filter.cli.results import draw, read_experiment, report
 from dirprim_filter.cli.settings import Settings, deal
+from dirprim_filter.cli.texts import UNKNOWN, columns, counted
 
 if TYPE_CHECKING:
     from dirprim_filter.evaluation.forecasting import ForecastTable
     from dirprim_filter.evaluation.intervals import Interval
-    from dirprim_filter.recording.objects.tracks import TrackResult
-    from dirprim_filter.viewer.figures import Figure
 
 FIGURES = {
     "energy": "energy, m", "ade": "ADE, m", "fde": "FDE, m", "coverage_50": "in 50 %", "coverage_90": "in 90 %",
@@ -61,65 +56,44 @@ def forecast(
     import numpy as np
 
     from dirprim_filter.cli.progress import step_progress
+    from dirprim_filter.evaluation.forecast_cases import HORIZONS_S
     from dirprim_filter.evaluation.forecast_methods import METHODS, WITH_LEADERS
     from dirprim_filter.evaluation.forecasting import evaluate_forecasts
+    from dirprim_filter.evaluation.splits import honest_split
 
     given: dict[str, Any] = deal(settings, ("interaction",))[0] | {
         "split_by": split and split.value, "horizons_s": horizon or None, "n_folds": folds, "n_seeds": seeds,
         "n_samples": samples, "seed": seed,
     }  # fmt: skip
-    configured = read_experiment(config, of="evaluate forecast")
-    experiment = Experiment.on(
-        logs, command="evaluate forecast", reading=reading, plot=plot, as_json=as_json, force=force
-    )  # fmt: skip
-    made = _settings(
-        configured | {name: value for name, value in given.items() if value is not None}, experiment.log
-    )  # fmt: skip
-    rng = np.random.default_rng(made["seed"])
-    methods = WITH_LEADERS if made["interaction"] == "leader" else METHODS
-    of_table = {name: value for name, value in made.items() if name not in ("seed", "interaction")}
-    with step_progress("evaluating", "fits") as step:
-        table = evaluate_forecasts(experiment.log.tracks, **of_table, methods=methods, progress=step, rng=rng)
-
-    def figure() -> Figure:
-        from dirprim_filter.viewer.charts import forecast_chart
-
-        return forecast_chart(table)
-
-    return experiment.report(
-        forecast_object(table), settings=made, text=lambda: forecast_text(table), figure=figure
-    )  # fmt: skip
-
-
-def _settings(given: Mapping[str, Any], log: TrackResult) -> dict[str, Any]:
-    """The settings given, completed by the defaults.
-
-    Raises:
-        ValueError: an unknown setting.
-    """
-    from dirprim_filter.evaluation.forecast_cases import HORIZONS_S
-    from dirprim_filter.evaluation.splits import honest_split
-
-    defaults: dict[str, Any] = {
+    given = read_experiment(config, of="evaluate forecast") | {n: of for n, of in given.items() if of is not None}
+    log = reading.tracks(logs)
+    defaults = {
         "split_by": honest_split(log.tracks), "horizons_s": list(HORIZONS_S), "n_folds": 4, "n_seeds": 1,
         "n_samples": 100, "seed": 0, "interaction": "leader",
     }  # fmt: skip
-    for name in given:
-        if name not in defaults:
-            raise ValueError(f"experiment: {name}: expected one of {', '.join(defaults)}")
-    return defaults | dict(given)
+    if unknown := [name for name in given if name not in defaults]:
+        raise ValueError(f"experiment: {unknown[0]}: expected one of {', '.join(defaults)}")
+    made: dict[str, Any] = defaults | given
+    of_table = {name: value for name, value in made.items() if name not in ("seed", "interaction")}
+    with step_progress("evaluating", "fits") as step:
+        table = evaluate_forecasts(
+            log.tracks, **of_table, methods=WITH_LEADERS if made["interaction"] == "leader" else METHODS,
+            progress=step, rng=np.random.default_rng(made["seed"]),
+        )  # fmt: skip
+    draw("forecast_chart", table, plot, force=force)
+    return report(
+        "evaluate forecast", logs, reading, log.losses, table=forecast_object(table), settings=made,
+        text=lambda: forecast_text(table), as_json=as_json,
+    )  # fmt: skip
 
 
 def forecast_object(table: ForecastTable) -> dict[str, Any]:
     """The table for machines."""
     methods = [
-        {
-            "name": row.name,
-            "horizons": [asdict(score) | {"gain": score.gain._asdict()} for score in row.horizons],
-            "settings": row.settings,
-        }
+        {"name": row.name, "settings": row.settings,
+         "horizons": [asdict(score) | {"gain": score.gain._asdict()} for score in row.horizons]}
         for row in table.methods
-    ]
+    ]  # fmt: skip
     return {field.name: getattr(table, field.name) for field in fields(table)} | {"methods": methods}
 
 
@@ -131,10 +105,9 @@ def forecast_text(table: ForecastTable) -> str:
     ]
     first, *others = table.methods
     for row in table.methods:
-        lines += ["", f"{row.name:<18}{'cases':>8}" + "".join(f"{head:>11}" for head in FIGURES.values())]
-        for score in row.horizons:
-            cells = "".join(f"{_figure(getattr(score, name)):>11}" for name in FIGURES)
-            lines.append(f"{score.horizon_s:>6g} s{'':<10}{score.n_cases:>8}{cells}")
+        figures = [[f"{score.horizon_s:g} s", str(score.n_cases), *(_figure(getattr(score, n)) for n in FIGURES)]
+                   for score in row.horizons]  # fmt: skip
+        lines += ["", *columns([[row.name, "cases", *FIGURES.values()], *figures])]
     horizons = [score.horizon_s for score in first.horizons]
     n = first.horizons[0].gain.n_clusters
     lines += ["", f"Energy score of the {first.name}, with 95 % intervals over {counted(n, table.split_by)}:"]

@@ -10,13 +10,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dirprim_filter.cli.counts import counted
-from dirprim_filter.cli.evaluate.report import Experiment, Json
-from dirprim_filter.cli.figures import figure_lines, number
-from dirprim_filter.cli.options import WRITTEN, Config, Force, Logs, Plot, SensorFile, named_file
+from dirprim_filter.cli.figures import figure_lines
+from dirprim_filter.cli.options import WRITTEN, Config, Force, Json, Logs, Plot, SensorFile, named_file
 from dirprim_filter.cli.reading import Reading, reads_logs
-from dirprim_filter.cli.results import CONFIG_KEY, read_experiment
+from dirprim_filter.cli.results import CONFIG_KEY, draw, read_experiment, report
 from dirprim_filter.cli.settings import Settings, deal
+from dirprim_filter.cli.texts import counted, number
 
 if TYPE_CHECKING:
     from dirprim_filter.estimates import EstimateSink
@@ -25,7 +24,6 @@ if TYPE_CHECKING:
     from dirprim_filter.primitives import PrimitiveMap
     from dirprim_filter.sensor import Sensor
     from dirprim_filter.tracks import Tracks
-    from dirprim_filter.viewer.figures import Figure
 
 MOST_OUTSIDE = 0.9
 """Share of a log's rows outside of a map's cells, beyond which it is a map of another place."""
@@ -68,52 +66,53 @@ def tracking(
     """
     from dirprim_filter.cli.progress import step_progress
     from dirprim_filter.cli.provenance import provenance
-    from dirprim_filter.config import FilterConfig, TrackingConfig
     from dirprim_filter.evaluation.experiment import evaluate_tracking
-    from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
-    from dirprim_filter.recording.sensor_file import load_sensor
     from dirprim_filter.recording.writer import EstimateWriter
 
-    tables = [[f.name for f in fields(kind)] for kind in (TrackingExperiment, FilterConfig, TrackingConfig)]
-    of_experiment, of_filter, of_tracking = deal(settings, *tables)
-    given: dict[str, Any] = of_experiment | {
+    made = _experiment(config, sensor, settings, {
         "gap_s": gap, "with_ids": with_ids, "methods": method or None, "n_seeds": seeds, "seed": seed,
-    }  # fmt: skip
+    })  # fmt: skip
+    log = reading.tracks(logs)
+    inputs = [*logs, *([map_file] if map_file else [])]
+    with ExitStack() as files:
+        sinks: list[EstimateSink] = []
+        if output is not None:
+            metadata = provenance("evaluate tracking", inputs=inputs, **reading.said())
+            metadata[CONFIG_KEY] = json.dumps(asdict(made))
+            sinks.append(files.enter_context(EstimateWriter(output, metadata=metadata, force=force)))
+        step = files.enter_context(step_progress("evaluating", "steps"))
+        table = evaluate_tracking(
+            log.tracks, made, sensor=_detector(made.sensor),
+            primitive_map=_map_of(map_file, log.tracks) if map_file else None, sinks=tuple(sinks), progress=step,
+        )  # fmt: skip
+    draw("tracking_chart", table, plot, force=force)
+    return report(
+        "evaluate tracking", inputs, reading, log.losses, table=tracking_object(table), settings=asdict(made),
+        text=lambda: tracking_text(table), as_json=as_json,
+    )  # fmt: skip
+
+
+def _experiment(
+    config: Path | None, sensor: Path | None, settings: Settings, options: dict[str, Any]
+) -> TrackingExperiment:
+    """Of the file, but for what settings and options state."""
+    from dirprim_filter.config import FilterConfig, TrackingConfig
+    from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
+    from dirprim_filter.recording.sensor_file import load_sensor
+
+    tables = [[f.name for f in fields(kind)] for kind in (TrackingExperiment, FilterConfig, TrackingConfig)]
+    given, of_filter, of_tracking = deal(settings, *tables)
     configured = read_experiment(config, of="evaluate tracking")
     if sensor is not None:
         configured["sensor"] = asdict(load_sensor(sensor))
-    stated = [name for name in ("noise_m", "miss_rate", "false_per_frame") if given.get(name) is not None]
+    stated = [name for name in ("noise_m", "miss_rate", "false_per_frame") if name in given]
     if stated and configured.get("sensor") is not None:
         raise typer.BadParameter(f"a sensor's model contains {stated[0]}: give one of the two", param_hint="--sensor")
-    configured |= {name: value for name, value in given.items() if value is not None}
+    configured |= given | {name: value for name, value in options.items() if value is not None}
     for name, own in (("filter", of_filter), ("tracking", of_tracking)):
         if own:
             configured[name] = (configured.get(name) or {}) | own
-    made = TrackingExperiment.of(configured)
-    experiment = Experiment.on(
-        logs, command="evaluate tracking", reading=reading, plot=plot, as_json=as_json, force=force,
-        more_inputs=[map_file] if map_file else [],
-    )  # fmt: skip
-    with ExitStack() as files:
-        sinks: tuple[EstimateSink, ...] = ()
-        if output is not None:
-            metadata = provenance("evaluate tracking", inputs=experiment.inputs, **reading.said())
-            metadata[CONFIG_KEY] = json.dumps(asdict(made))
-            sinks = (files.enter_context(EstimateWriter(output, metadata=metadata, force=force)),)
-        step = files.enter_context(step_progress("evaluating", "steps"))
-        table = evaluate_tracking(
-            experiment.log.tracks, made, sensor=_detector(made.sensor),
-            primitive_map=_map_of(map_file, experiment.log.tracks) if map_file else None, sinks=sinks, progress=step,
-        )  # fmt: skip
-
-    def figure() -> Figure:
-        from dirprim_filter.viewer.charts import tracking_chart
-
-        return tracking_chart(table)
-
-    return experiment.report(
-        tracking_object(table), settings=asdict(made), text=lambda: tracking_text(table), figure=figure
-    )  # fmt: skip
+    return TrackingExperiment.of(configured)
 
 
 def _map_of(path: Path, tracks: Tracks) -> PrimitiveMap:
