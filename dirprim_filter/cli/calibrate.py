@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dirprim_filter.cli import losses
-from dirprim_filter.cli.options import Force, Logs, Output, Plot
+from dirprim_filter.cli.options import Force, Logs, Output
 from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.sensing import number_lines
 from dirprim_filter.cli.texts import counted
@@ -28,7 +28,6 @@ def calibrate(
         typer.Option("--truth", help="A log of where vehicles were; again for each of several logs, or one for all."),
     ],
     output: Output,
-    plot: Plot = None,
     force: Force = False,
     *,
     reading: Reading,
@@ -40,7 +39,7 @@ def calibrate(
     Not all vehicles need be in the truth. The clocks may differ by a constant, which is found. Options that choose a
     part of a log are about the detections. `dirprim track --sensor` uses the file.
 
-    Example: dirprim calibrate detections.mcap --truth truth.mcap -o sensor.toml --plot sensor.png
+    Example: dirprim calibrate detections.mcap --truth truth.mcap -o sensor.toml
     """
     from dirprim_filter.cli.progress import working
     from dirprim_filter.detections import Detections
@@ -63,11 +62,6 @@ def calibrate(
     with working(f"measuring {', '.join(path.name for path in logs)}"):
         measured = measure(*_paired(seen, known))
     save_sensor(measured.sensor, output, force=force)
-    if plot is not None:
-        from dirprim_filter.viewer.figures import save_figure
-        from dirprim_filter.viewer.figures.sensor import sensor_figure
-
-        save_figure(sensor_figure(measured), plot, force=force)
     typer.echo(calibration_text(measured))
     return losses.exit_code(lost)
 

@@ -18,7 +18,6 @@ class Picture(StrEnum):
     """What is drawn."""
 
     MAP = "map"
-    TRANSITIONS = "transitions"
     PLACE = "place"
 
 
@@ -31,7 +30,6 @@ class Turn(StrEnum):
 
 TAKES = {
     Picture.MAP: {"--log", "--estimates", "--extent", "--width"},
-    Picture.TRANSITIONS: {"--log", "--estimates", "--extent", "--width"},
     Picture.PLACE: {"--log", "--at", "--cue", "--heading-deg"},
 }
 """The options of each picture."""
@@ -47,12 +45,7 @@ def plot(
     ],
     figure: Annotated[
         Picture,
-        typer.Option(
-            help=(
-                "map: petals coloured by mean speed. transitions: arrows from cell to cell, as wide as the share of "
-                "vehicles that leave that way. place: directions and speeds of one place, by mode."
-            )
-        ),
+        typer.Option(help=("map: petals coloured by mean speed. place: directions and speeds of one place, by mode.")),
     ] = Picture.MAP,
     log: Annotated[Path | None, typer.Option("--log", help="Draw the tracks of this log as well.", exists=True)] = None,
     estimates: Annotated[
@@ -111,7 +104,7 @@ def plot(
         drawn = place_figure(learned, position=at, tracks=tracks, cue=signals[cue], heading=heading)
     else:
         drawn = map_figure(
-            learned, transitions=figure is Picture.TRANSITIONS, tracks=tracks, extent=box, width=width,
+            learned, tracks=tracks, extent=box, width=width,
             estimates=None if estimates is None else read_estimates(estimates),
         )  # fmt: skip
     save_figure(drawn, output, dpi=dpi, force=force)

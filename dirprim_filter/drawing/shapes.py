@@ -18,7 +18,6 @@ from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.distributions import von_mises
 from dirprim_filter.drawing.colors import ByteArray, speed_color
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.primitives.transitions import cell_transitions
 from tessellation import Tessellation
 from tessellation.anchors import anchors
 
@@ -46,14 +45,6 @@ LITTLE_LARGER = 1.15
 """Times as long as the box around most of the traffic is a map that is shown in whole."""
 MARGIN = 0.06
 """Free space around a map, as a share of its longer side."""
-FLOW_LEAST = 0.05
-"""Share of the vehicles leaving a cell; rarer transitions are not drawn."""
-FLOW_LENGTH = 0.7
-"""Of the way between the centres of two cells: arrows must not run into each other."""
-FLOW_WIDTH = 0.2
-"""Width of an arrow of share 1, in widths of a median cell."""
-FLOW_HEAD = (0.4, 2.6)
-"""An arrow's head: its length by the arrow's, and its width by the shaft's."""
 MIDDLING = (4.5, 1.8)
 """Length and width of a car, metres."""
 
@@ -160,41 +151,6 @@ def fan_triangles(polygon: FloatArray) -> IntArray:
     fan = np.stack([np.zeros_like(rim), rim, rim + 1], axis=-1)
     triangles: IntArray = (fan + k * np.arange(n)[:, None, None]).reshape(-1, 3)
     return triangles
-
-
-class Flow(NamedTuple):
-    """The ways between cells that are worth an arrow.
-
-    Attributes:
-        origin: (n, 2) metres, where the arrow begins.
-        vector: (n, 2) metres, from there to its tip.
-        n: (n,) how often the way was taken.
-        share: (n,) of all that left its first cell for another.
-    """
-
-    origin: FloatArray
-    vector: FloatArray
-    n: FloatArray
-    share: FloatArray
-
-    @classmethod
-    def of(cls, primitives: PrimitiveMap) -> Flow:
-        """The arrows of a map, without transitions of a single vehicle or of a negligible share."""
-        start, end, n, share = cell_transitions(primitives)
-        kept = (share >= FLOW_LEAST) & (n > 1)
-        anchor = anchors(primitives.tessellation)
-        center = anchor[start[kept]]
-        way = anchor[end[kept]] - center
-        return cls(center + 0.5 * (1.0 - FLOW_LENGTH) * way, FLOW_LENGTH * way, n[kept], share[kept])
-
-    def outlines(self, width: FloatArray) -> FloatArray:
-        """Filled arrows with shafts of `width` metres. (n,) -> (n, 7, 2)."""
-        length, (head, barb) = np.hypot(*self.vector.T), FLOW_HEAD
-        along = np.array([0.0, 1.0 - head, 1.0 - head, 1.0, 1.0 - head, 1.0 - head, 0.0])
-        aside = 0.5 * np.array([-1.0, -1.0, -barb, 0.0, barb, 1.0, 1.0])
-        arrow = np.stack([along * length[:, None], aside * width[:, None]], axis=-1)
-        outline: FloatArray = self.origin[:, None] + _turned(arrow, np.arctan2(*self.vector.T[::-1])[:, None])
-        return outline
 
 
 def cell_outlines(tessellation: Tessellation) -> list[FloatArray]:

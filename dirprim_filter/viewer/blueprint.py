@@ -22,8 +22,6 @@ LAYERS = (
 )  # fmt: skip
 """Entities of the map view: each can be switched off by its path."""
 TRAILS = ("/tracks/trails", "/smoothed/trails", "/truth/trails")
-FLOW = "/map/flow"
-"""Visible for a map alone; hidden by default under tracked vehicles, whose arrows it would obscure."""
 EYE_HEIGHT = 1.02
 """Height of the eye as a share of the depth of ground to be seen; the view's opening angle is fixed."""
 VIEW_ASPECT = {1: 1.35, 2: 1.2}
@@ -88,10 +86,7 @@ class Layout:
             background=rrb.Background(color=BACKGROUND),
             line_grid=False,
             eye_controls=eye_above(self.box, aspect=VIEW_ASPECT[len(self.roots)]),
-            overrides={
-                **{root + path: trail for path in TRAILS},
-                root + FLOW: rrb.EntityBehavior(visible=not self.tracked),
-            },
+            overrides={root + path: trail for path in TRAILS},
         )
 
     def _polar(self) -> rrb.View:

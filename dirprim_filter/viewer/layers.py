@@ -64,16 +64,6 @@ def draw_map(axes: Axes, primitives: PrimitiveMap, *, opacity: float = 1.0) -> S
     return ScalarMappable(Normalize(0.0, fastest), ListedColormap(steps))
 
 
-def draw_flow(axes: Axes, primitives: PrimitiveMap) -> None:
-    """Arrows from cell to cell, as wide as their share of the vehicles leaving the cell, coloured by direction."""
-    ways = shapes.Flow.of(primitives)
-    order = np.argsort(-ways.share, kind="stable")  # the narrower lies above
-    usual = float(np.sqrt(np.median(primitives.tessellation.area))) if primitives.tessellation.n_cells else 0.0
-    outlines = ways.outlines(shapes.FLOW_WIDTH * usual * ways.share)[order]
-    color = direction_color(np.arctan2(*ways.vector.T[::-1]))[order] / 255.0
-    axes.add_collection(PolyCollection(list(outlines), facecolors=color, edgecolors="white", linewidths=0.15, zorder=3))
-
-
 def draw_wheel(axes: Axes, title: str) -> None:
     """A ring with the colours of direction, and what it is below."""
     edges = np.linspace(-180.0, 180.0, 73)

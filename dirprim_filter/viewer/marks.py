@@ -35,7 +35,7 @@ FANS = tuple(f"/forecasts/region_{100 * share:.0f}" for share in REGION_SHARES)
 """Entities of the fans of forecasts."""
 
 FROM_BELOW = (
-    "cells", "roses", "flow", "region_90", "region_50", "forecasts", "trails", "truth",
+    "cells", "roses", "region_90", "region_50", "forecasts", "trails", "truth",
     "particles", "covariance", "motion", "ring", "estimates", "detections", "ids",
 )  # fmt: skip
 HEIGHT: Mapping[str, float] = {name: 0.1 * place for place, name in enumerate(FROM_BELOW)}
@@ -44,9 +44,6 @@ ROSE_THICKNESS = 0.05
 """Metres from the lowest petal to the highest."""
 ROSES_UNDER_TRAFFIC = rr.Mesh3D.from_fields(albedo_factor=(255, 255, 255, 165))
 """What moves must stand out."""
-FLOW_WIDTH = 1.5
-"""Points on the screen, of the way that most vehicles take."""
-FLOW_COLOR = (255, 170, 110)
 FORECAST_OPACITY = 0.25
 STEP_STRIDE = 2
 """Every second instant is enough for a line."""
@@ -103,19 +100,6 @@ def roses(petals: shapes.Petals, *, fastest: float) -> rr.Mesh3D:
         vertex_positions=_raised(petals.polygon, height[:, None]).reshape(-1, 3),
         triangle_indices=shapes.fan_triangles(petals.polygon),
         vertex_colors=shapes.petal_colors(petals, fastest=fastest).reshape(-1, 4),
-    )
-
-
-def flow(ways: shapes.Flow) -> rr.Arrows3D:
-    """An arrow from cell to cell, brightness is its share of the vehicles leaving the cell, thickness their number."""
-    many = np.sqrt(ways.n / ways.n.max(initial=1.0))
-    color = np.full((many.size, 4), 255, np.uint8)
-    color[:, :3] = np.rint(np.array(FLOW_COLOR) * (0.35 + 0.65 * ways.share[:, None]))
-    return rr.Arrows3D(
-        origins=_raised(ways.origin, HEIGHT["flow"]),
-        vectors=_raised(ways.vector, 0.0),
-        radii=rr.Radius.ui_points(FLOW_WIDTH * np.maximum(many, 0.3)),
-        colors=color,
     )
 
 

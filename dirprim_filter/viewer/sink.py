@@ -114,7 +114,6 @@ class RerunSink:
         self._primitives, self._box = primitives, shapes.busy_box(primitives, share=BUSY_SHARE)
         self.stream.log("/map/cells", marks.cells(primitives.tessellation))
         self.stream.log("/map/roses", marks.roses(petals, fastest=fastest))
-        self.stream.log("/map/flow", marks.flow(shapes.Flow.of(primitives)))
         for path, parts in legend(primitives, extent=self._box, fastest=fastest):
             self.stream.log(path, *parts)
 

@@ -29,8 +29,6 @@ LEGEND = f"""\
 colour is their mean speed, from violet (0 m/s) to yellow ({{fastest:g}} m/s and more). A violet
 disc: standing vehicles.
 
-**Orange arrows**: transitions from cell to cell: thickness is the count, brightness the share of the cell.
-
 **White dots**: detections. **White outlines**: true vehicles, where known.
 
 **Large dots, arrows, ellipses**: estimates, where they will be in one second, and the region that holds the vehicle

@@ -39,14 +39,13 @@ def rough(monkeypatch):
     monkeypatch.setattr(self_calibration, "MOST_STEPS", 5)
 
 
-def test_a_log_is_calibrated_and_drawn(log, tmp_path, capsys):
-    sensor, plot = tmp_path / "sensor.toml", tmp_path / "sensor.png"
-    assert run(["calibrate", str(log), "--truth", str(log), "-o", str(sensor), "--plot", str(plot)]) == DONE
+def test_a_log_is_calibrated(log, tmp_path, capsys):
+    sensor = tmp_path / "sensor.toml"
+    assert run(["calibrate", str(log), "--truth", str(log), "-o", str(sensor)]) == DONE
     said = capsys.readouterr().out
     assert "latency_s" in said
     assert "of 15 true vehicles" in said
     assert load_sensor(sensor).latency_s == pytest.approx(0.3, abs=0.03)
-    assert plot.stat().st_size > 10_000
 
 
 def test_a_sensor_file_reads_as_it_was_written(tmp_path):

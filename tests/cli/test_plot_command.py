@@ -25,7 +25,6 @@ def plot(files, *arguments):
     ("figure", "more"),
     [
         ("map", ()),
-        ("transitions", ("--log", "log.mcap")),
         ("place", ("--at", 20, 0, "--log", "log.mcap")),
         ("place", ("--cue", "left", "--heading-deg", 90)),
     ],
@@ -39,9 +38,8 @@ def test_every_picture(files, tmp_path, capsys, figure, more):
     assert "--force" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("figure", ["map", "transitions"])
-def test_a_part_of_the_map_in_a_given_width_and_resolution(files, tmp_path, figure):
-    options = ["--figure", figure, "--log", files / "log.mcap", "--width", 3.5, "--dpi", 60]
+def test_a_part_of_the_map_in_a_given_width_and_resolution(files, tmp_path):
+    options = ["--log", files / "log.mcap", "--width", 3.5, "--dpi", 60]
     for name, extent in (("a", (0, 0, 20, 20)), ("b", (0, 0, 20, 10))):
         assert plot(files, "-o", tmp_path / f"{name}.png", *options, "--extent", *extent) == DONE
     a, b = (imread(tmp_path / f"{name}.png").shape for name in "ab")

@@ -14,7 +14,6 @@ from matplotlib.collections import LineCollection, PathCollection, PolyCollectio
 from matplotlib.image import imread
 
 from dirprim_filter.drawing import shapes
-from dirprim_filter.drawing.colors import direction_color
 from dirprim_filter.estimates import Estimates, TrackedFrame
 from dirprim_filter.primitives.cues import TURN_LEFT, TURN_RIGHT
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
@@ -23,7 +22,6 @@ from dirprim_filter.viewer.charts import tracking_chart
 from dirprim_filter.viewer.figures import demo_figure, map_figure, place_figure, save_figure
 from dirprim_filter.viewer.figures.place import Place
 from dirprim_filter.viewer.layers import INK
-from situations import with_ways
 from tessellation import GridTessellation
 
 FUTURES = np.cumsum(np.full((6, 5, 2), 2.0), axis=1) + 20.0
@@ -43,18 +41,6 @@ def test_the_map_shows_every_petal_with_north_up_and_equal_scales(
     assert color_bar.get_ylabel() == "mean speed [m/s]"
     explained = [text.get_text() for text in figure.legends[0].get_texts()]
     assert explained == ["cells", "roots, where petals start", "tracks"]
-
-
-def test_arrows_are_as_wide_as_their_share_in_the_colour_of_their_direction(scene_map: PrimitiveMap) -> None:
-    learned = with_ways(scene_map, cell=[0, 1, 2], ways=[(0, 1, 9.0), (1, 2, 6.0), (1, 0, 2.0)])
-    axes = map_figure(learned, transitions=True).axes[0]
-    (arrows,) = [c for c in axes.collections if isinstance(c, PolyCollection)]
-    shafts = np.array([np.hypot(*(path.vertices[0] - path.vertices[6])) for path in arrows.get_paths()])
-    np.testing.assert_allclose(shafts / shafts[0], [1.0, 0.75, 0.25])  # the widest lies lowest
-    to_north_east, back = (direction_color(np.array(angle)) / 255.0 for angle in (np.pi / 4, -3 * np.pi / 4))
-    np.testing.assert_allclose(arrows.get_facecolor(), [to_north_east, to_north_east, back])
-    none = map_figure(scene_map, transitions=True).axes[0]
-    assert all(len(c.get_paths()) == 0 for c in none.collections if isinstance(c, PolyCollection))
 
 
 def test_a_long_road_gets_a_close_up_of_its_busy_part(scene_map: PrimitiveMap) -> None:
