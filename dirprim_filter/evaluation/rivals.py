@@ -1,6 +1,6 @@
 """What a tracking experiment compares, and the Kalman filters among it, fitted to training vehicles.
 
-The Kalman filters are of filterpy, in `filtering.kalman`. What is maximised is the evidence: the density of each
+The Kalman filters are in `filtering.kalman`. What is maximised is the evidence: the density of each
 measured position of a vehicle, given those before it, with the gaps and misses that the filter will meet.
 """
 

@@ -22,7 +22,7 @@ _HOME = {
     "Tracker": "tracker",
     "Worlds": "worlds",
 }
-"""The module of each name, imported when it is first used: filterpy, of the Kalman filters, takes a second."""
+"""The module of each name, imported when it is first used."""
 
 __all__ = list(_HOME)
 __getattr__ = _late(__name__, _HOME)

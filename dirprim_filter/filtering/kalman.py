@@ -1,22 +1,22 @@
-"""The Kalman filters of filterpy that every result is printed beside: constant velocity, constant turn, and both.
+"""The Kalman filters that every result is printed beside: constant velocity, constant turn, and both.
 
-All share one state, x, y, their rates and the rate of turn, so that the interacting multiple model can mix them.
-filterpy holds one vehicle; here the numbers of all vehicles stand in arrays, and its filters are lent to each in turn.
+All share one state, x, y, their rates and the rate of turn, so that the interacting multiple model can mix them; the
+numbers of all vehicles stand in arrays. Measurements are linear in the state, so that an unscented filter differs from
+a linear one in its prediction alone.
 
-Source: Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, ch. 6 and 11.
+Source: Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, ch. 6 and 11;
+Wan and van der Merwe, The Unscented Kalman Filter for Nonlinear Estimation, 2000.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from copy import copy
-from dataclasses import replace
-from functools import lru_cache
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
-from filterpy.common import Q_continuous_white_noise
-from filterpy.kalman import IMMEstimator, KalmanFilter, MerweScaledSigmaPoints, UnscentedKalmanFilter
 
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.config import FilterConfig
@@ -33,19 +33,67 @@ FIRST_TURN_STD = 0.2
 """rad/s, likewise."""
 SMALLEST_TURN = 1e-6
 """rad/s; slower than this is straight on."""
+ALPHA, BETA = 0.3, 2.0
+"""Of the sigma points: how far they are apart, and what is known of the tails; kappa is 0."""
+
+
+GaussianMotion = Callable[[FloatArray, FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
+"""A motion model: beliefs (v, 5), (v, 5, 5) moved on by (v,) seconds."""
+
+
+@dataclass(frozen=True)
+class ConstantVelocity:
+    """Straight on at the same speed, but for white acceleration of a density in m^2/s^3 per axis."""
+
+    acceleration_density: float
+
+    def transition(self, dt_s: FloatArray) -> FloatArray:
+        """(v,) -> (v, 5, 5); whoever drives straight on does not turn."""
+        moved = np.tile(np.diag([1.0, 1.0, 1.0, 1.0, 0.0]), (dt_s.size, 1, 1))
+        moved[:, 0, 2] = moved[:, 1, 3] = dt_s
+        return moved
+
+    def __call__(self, mean: FloatArray, covariance: FloatArray, dt_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Beliefs (v, 5), (v, 5, 5) moved on by (v,) seconds."""
+        moved, noise = self.transition(dt_s), _white_acceleration(self.acceleration_density, dt_s)
+        noise[:, 4, 4] = FIRST_TURN_STD**2  # for the turn that may begin next
+        return (moved @ mean[..., None])[..., 0], moved @ covariance @ moved.swapaxes(1, 2) + noise
+
+
+@dataclass(frozen=True)
+class ConstantTurn:
+    """Along a circle, by sigma points: noise in m^2/s^3 per axis, and of the rate of turn in rad^2/s^3."""
+
+    acceleration_density: float
+    turn_density: float
+
+    def __call__(self, mean: FloatArray, covariance: FloatArray, dt_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Beliefs (v, 5), (v, 5, 5) moved on by (v,) seconds."""
+        spread = ALPHA**2 * N_STATES
+        root = np.linalg.cholesky(spread * covariance).swapaxes(1, 2)
+        points = turned(np.concatenate([0.0 * root[:, :1], root, -root], axis=1) + mean[:, None], dt_s[:, None])
+        weight = np.full(2 * N_STATES + 1, 0.5 / spread)
+        weight[0] = 1.0 - N_STATES / spread
+        later = weight @ points
+        off = points - later[:, None]
+        weight[0] += 1.0 - ALPHA**2 + BETA
+        noise = _white_acceleration(self.acceleration_density, dt_s)
+        noise[:, 4, 4] = self.turn_density * dt_s
+        return later, (off * weight[:, None]).swapaxes(1, 2) @ off + noise
 
 
 class KalmanBank:
-    """A `BayesFilter` of Gaussians, or of mixtures of one Gaussian for each motion model.
+    """A `BayesFilter` of Gaussians, or of mixtures of one Gaussian for each motion model: interacting multiple models.
 
     Args:
-        models: filterpy's filters, one for each motion model; `predict` is called with their `dt_s` set.
+        models: how vehicles move.
         config: the noise of the measurements, and how many of them are outliers.
+        switching_rate: 1/s, how often a vehicle goes over from one model to another.
     """
 
-    def __init__(self, models: list[ConstantVelocity | ConstantTurn], config: FilterConfig) -> None:
+    def __init__(self, models: Sequence[GaussianMotion], config: FilterConfig, *, switching_rate: float = 0.0) -> None:
         self.config = config
-        self._models = models
+        self._models, self._rate = models, switching_rate
         m = len(models)
         self.mean: FloatArray = np.empty((0, m, N_STATES))
         self.covariance: FloatArray = np.empty((0, m, N_STATES, N_STATES))
@@ -65,16 +113,13 @@ class KalmanBank:
 
     def begin(self, slot: IntArray, key: AnyArray, measured: Detections) -> None:
         """Start beliefs from one measurement each; nothing here is random, so `key` is not used."""
-        place = measured_covariance(measured, self.config)
-        direction, speed = measured_motion(measured)
-        for i, s in enumerate(slot):
-            first = np.diag([0.0, 0.0, FIRST_SPEED_STD**2, FIRST_SPEED_STD**2, FIRST_TURN_STD**2])
-            first[:2, :2] = place[i]
-            state = np.array([*measured.position[i], 0.0, 0.0, 0.0])
-            if np.isfinite(direction[i]) and np.isfinite(speed[i]):
-                state[2:4], first[2:4, 2:4] = self._velocity(direction[i], speed[i])
-            self.mean[s], self.covariance[s] = state, first
-            self.probability[s] = 1.0 / len(self._models)
+        unknown = np.diag([0.0, 0.0, FIRST_SPEED_STD**2, FIRST_SPEED_STD**2, FIRST_TURN_STD**2])
+        mean, covariance = np.zeros((slot.size, N_STATES)), np.tile(unknown, (slot.size, 1, 1))
+        mean[:, :2], covariance[:, :2, :2] = measured.position, measured_covariance(measured, self.config)
+        row, velocity, noise = self._velocities(measured)
+        mean[row, 2:4], covariance[row, 2:4, 2:4] = velocity, noise
+        self.mean[slot], self.covariance[slot] = mean[:, None], covariance[:, None]
+        self.probability[slot] = 1.0 / len(self._models)
 
     def copy(self, source: IntArray, target: IntArray) -> None:
         """Make the beliefs of `target` those of `source`. (v,), (v,)."""
@@ -82,38 +127,50 @@ class KalmanBank:
             column[target] = column[source]
 
     def predict(self, slot: IntArray, dt_s: FloatArray) -> None:
-        """Move beliefs on. (v,), (v,) seconds."""
-        for s, dt in zip(slot, dt_s, strict=True):
-            self._lend(s, float(dt))
-            self._models[0].predict()
-            self._take_back(s)
+        """Mix the models, then move each. (v,), (v,) seconds."""
+        mean, covariance = self.mean[slot], self.covariance[slot]
+        m = len(self._models)
+        if m > 1:
+            kept = np.exp(-m * self._rate * dt_s)[:, None, None]
+            before = np.maximum(self.probability[slot], 1e-12)[..., None] * (kept * np.eye(m) + (1.0 - kept) / m)
+            after = before.sum(axis=1)
+            share = (before / after[:, None]).swapaxes(1, 2)[..., None]  # (v, m, m, 1) of the former in each model
+            mixed = (share * mean[:, None]).sum(axis=2)
+            off = mean[:, None] - mixed[:, :, None]
+            spread = covariance[:, None] + off[..., :, None] * off[..., None, :]
+            mean, covariance = mixed, (share[..., None] * spread).sum(axis=2)
+            self.probability[slot] = after
+        for i, model in enumerate(self._models):
+            self.mean[slot, i], moved = model(mean[:, i], covariance[:, i], dt_s)
+            self.covariance[slot, i] = _symmetric(moved)
 
     def log_likelihood(self, slot: IntArray, measured: Detections) -> FloatArray:
         """Log density of measurements under the beliefs, outlying positions aside. (v,), v rows -> (v,)."""
-        mean, covariance = self.mean[slot], self.covariance[slot]
-        spread = covariance[..., :2, :2] + measured_covariance(measured, self.config)[:, None]
-        off = measured.position[:, None] - mean[..., :2]
-        log_p = _log_gaussian(off, spread) + np.log(np.maximum(self.probability[slot], 1e-300))
-        direction, speed = measured_motion(measured)
-        for i in np.flatnonzero(np.isfinite(direction) & np.isfinite(speed)):
-            gain = np.linalg.solve(spread[i], covariance[i, :, :2, 2:4]).swapaxes(-1, -2)
-            moves = mean[i, :, 2:4] + (gain @ off[i, ..., None])[..., 0]
-            p = covariance[i, :, 2:4, 2:4] - gain @ covariance[i, :, :2, 2:4]
-            log_p[i] += np.logaddexp(self._log_velocity(moves, p, direction[i], speed[i]), self._log_astray)
-        return np.asarray(np.logaddexp.reduce(log_p, axis=1)) if slot.size else np.empty(0)
+        mean, covariance, noise = self.mean[slot], self.covariance[slot], measured_covariance(measured, self.config)
+        off, spread = measured.position[:, None] - mean[..., :2], covariance[..., :2, :2] + noise[:, None]
+        log_p = log_gaussian(off, spread) + self._log_probability(slot)
+        row, velocity, velocity_noise = self._velocities(measured)
+        if row.size:
+            given = corrected(mean[row], covariance[row], measured.position[row], PLACE, noise[row])
+            fit = self._log_velocity(*given, velocity, velocity_noise)
+            log_p[row] += np.logaddexp(fit, self._log_astray)
+        return np.asarray(np.logaddexp.reduce(log_p, axis=1))
 
     def weigh(self, slot: IntArray, measured: Detections) -> Evidence:
         """Correct beliefs by measurements; an outlier corrects nothing."""
         unmoving = replace(measured, direction=np.empty(0), speed=np.empty(0))
         fit = self._log_kept + self.log_likelihood(slot, unmoving)
         evidence = np.logaddexp(fit, self._log_outlier)
-        place = measured_covariance(measured, self.config)
-        direction, speed = measured_motion(measured)
-        for i, s in enumerate(slot):
-            if fit[i] > self._log_outlier:
-                self._update(int(s), measured.position[i], PLACE, place[i])
-            if np.isfinite(direction[i]) and np.isfinite(speed[i]):
-                evidence[i] += self._weigh_velocity(int(s), direction[i], speed[i])
+        noise, near = measured_covariance(measured, self.config), fit > self._log_outlier
+        self._correct(slot[near], measured.position[near], PLACE, noise[near])
+        row, velocity, noise = self._velocities(measured)
+        if row.size:
+            moving = slot[row]
+            log_p = self._log_velocity(self.mean[moving], self.covariance[moving], velocity, noise)
+            fits = np.logaddexp.reduce(log_p + self._log_probability(moving), axis=1)
+            evidence[row] += np.logaddexp(fits, self._log_astray)
+            near = fits > self._log_astray
+            self._correct(moving[near], velocity[near], VELOCITY, noise[near])
         unexplained = ~(np.logaddexp(fit, self._log_outlier) >= np.log(2.0) + self._log_outlier)
         return Evidence(evidence, unexplained, np.ones(slot.size, np.bool_))
 
@@ -124,54 +181,42 @@ class KalmanBank:
         off = self.mean[slot] - mean[:, None]
         covariance = (share[..., None] * (self.covariance[slot] + off[..., :, None] * off[..., None, :])).sum(axis=1)
         direction = np.arctan2(mean[:, 3], mean[:, 2])
-        along = np.column_stack([np.cos(direction), np.sin(direction)])
+        along, certain = np.column_stack([np.cos(direction), np.sin(direction)]), np.ones(slot.size)
         speed_std = np.sqrt(np.einsum("ni,nij,nj->n", along, covariance[:, 2:4, 2:4], along))
-        return np.column_stack(
-            [
-                mean[:, :2], covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1],
-                direction, np.ones(slot.size), np.hypot(mean[:, 2], mean[:, 3]), speed_std, np.ones(slot.size),
-            ]
-        )  # fmt: skip
+        pace, (xx, xy, _, yy) = np.hypot(mean[:, 2], mean[:, 3]), covariance[:, :2, :2].reshape(-1, 4).T
+        return np.column_stack([mean[:, :2], xx, xy, yy, direction, certain, pace, speed_std, certain])
 
     def resample(self, slot: IntArray) -> None:
         """Nothing to resample."""
 
-    def _update(self, s: int, z: FloatArray, of_state: FloatArray, noise: FloatArray) -> None:
-        self._lend(s, 0.0)
-        self._models[0].measure(of_state, noise)
-        self._models[0].update(z)
-        self._take_back(s)
+    def _correct(self, slot: IntArray, z: FloatArray, of_state: FloatArray, noise: FloatArray) -> None:
+        """Correct beliefs (v,) by measurements (v, 2) of `of_state` (2, 5), and models by how well each expected it."""
+        mean, covariance = self.mean[slot], self.covariance[slot]
+        spread = of_state @ covariance @ of_state.T + noise[:, None]
+        fit = log_gaussian(z[:, None] - mean @ of_state.T, spread) + self._log_probability(slot)
+        self.probability[slot] = np.exp(fit - np.logaddexp.reduce(fit, axis=1)[:, None])
+        self.mean[slot], self.covariance[slot] = corrected(mean, covariance, z, of_state, noise)
 
-    def _lend(self, s: int, dt_s: float) -> None:
-        for i, model in enumerate(self._models):
-            model.lend(self.mean[s, i], self.covariance[s, i], dt_s)
+    def _log_probability(self, slot: IntArray) -> FloatArray:
+        """(v, m) of each model."""
+        return np.log(np.maximum(self.probability[slot], 1e-300))
 
-    def _take_back(self, s: int) -> None:
-        for i, model in enumerate(self._models):
-            self.mean[s, i], self.covariance[s, i] = model.x, _symmetric(model.P)
+    def _velocities(self, measured: Detections) -> tuple[IntArray, FloatArray, FloatArray]:
+        """(k,) rows with a measured course and speed, and these as velocities (k, 2) of covariance (k, 2, 2)."""
+        direction, speed = measured_motion(measured)
+        row = np.flatnonzero(np.isfinite(direction) & np.isfinite(speed))
+        direction, speed = direction[row], speed[row]
+        along = np.column_stack([np.cos(direction), np.sin(direction)])
+        across = np.column_stack([-along[:, 1], along[:, 0]])
+        sideways = np.maximum(speed * self.config.direction_noise, self.config.speed_noise)[:, None]
+        root = np.stack([self.config.speed_noise * along, sideways * across], axis=-1)
+        return row, speed[:, None] * along, root @ root.swapaxes(1, 2)
 
-    def _velocity(self, direction: float, speed: float) -> tuple[FloatArray, FloatArray]:
-        """A measured course and speed as a velocity (2,) and its covariance (2, 2)."""
-        along = np.array([np.cos(direction), np.sin(direction)])
-        across = np.array([-along[1], along[0]])
-        sideways = max(speed * self.config.direction_noise, self.config.speed_noise)
-        spread = self.config.speed_noise**2 * np.outer(along, along) + sideways**2 * np.outer(across, across)
-        return speed * along, spread
-
-    def _log_velocity(self, mean: FloatArray, covariance: FloatArray, direction: float, speed: float) -> FloatArray:
-        """(m, 2), (m, 2, 2) of velocities -> (m,) log ratio of a measured one, no outlier, to a false detection's."""
-        z, noise = self._velocity(direction, speed)
-        per_course_and_speed = speed * 2.0 * np.pi * FASTEST
-        return np.asarray(_log_gaussian(z - mean, covariance + noise) + np.log(per_course_and_speed) + self._log_steady)
-
-    def _weigh_velocity(self, s: int, direction: float, speed: float) -> float:
-        """Correct a belief by a measured velocity unless it is an outlier; -> its log ratio."""
-        log_p = self._log_velocity(self.mean[s, :, 2:4], self.covariance[s, :, 2:4, 2:4], direction, speed)
-        fit = float(np.logaddexp.reduce(log_p + np.log(np.maximum(self.probability[s], 1e-300))))
-        if fit > self._log_astray:
-            z, noise = self._velocity(direction, speed)
-            self._update(s, z, VELOCITY, noise)
-        return float(np.logaddexp(fit, self._log_astray))
+    def _log_velocity(self, mean: FloatArray, covariance: FloatArray, z: FloatArray, noise: FloatArray) -> FloatArray:
+        """(k, m) log ratio of measured velocities (k, 2), no outliers, to a false detection's, under each Gaussian."""
+        per_course_and_speed = np.hypot(*z.T)[:, None] * 2.0 * np.pi * FASTEST
+        fit = log_gaussian(z[:, None] - mean[..., 2:4], covariance[..., 2:4, 2:4] + noise[:, None])
+        return np.asarray(fit + np.log(per_course_and_speed) + self._log_steady)
 
 
 class ConstantVelocityKalman(KalmanBank):
@@ -230,27 +275,17 @@ class KalmanPaths:
         direction = [np.arctan2(state[:, 3, 0], state[:, 2, 0])[:, None] for state in pair]
         means = [[of[..., 0], np.cos(angle), np.sin(angle)] for of, angle in zip(pair, direction, strict=True)]
         p, later = (state[..., 1:] for state in pair)
-        moved = np.tile(np.diag([1.0, 1.0, 1.0, 1.0, 0.0]), (row.size, 1, 1))
-        moved[:, 0, 2] = moved[:, 1, 3] = dt_s
-        c = p @ moved.swapaxes(1, 2)
+        c = p @ ConstantVelocity(0.0).transition(dt_s).swapaxes(1, 2)
         return np.hstack([*means[0], *means[1]]), np.block([[p, c], [c.swapaxes(1, 2), later]])
 
     def arrivals(self, now: FloatArray, mean: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
         """As `Paths.arrivals`."""
         d = mean.shape[1]
-        spread = now[:, :d, 1 : d + 1] + covariance
-        density = [float(log_gaussian(*pair)) for pair in zip(mean - now[:, :d, 0], spread, strict=True)]
-        return np.array(density), np.ones((len(now), 1))
+        return log_gaussian(mean - now[:, :d, 0], now[:, :d, 1 : d + 1] + covariance), np.ones((len(now), 1))
 
 
 class ConstantTurnUKF(KalmanBank):
-    """Along a circle whose rate of turn drifts: an unscented Kalman filter.
-
-    Args:
-        acceleration_density: m^2/s^3 per axis, what the turn leaves unexplained.
-        turn_density: rad^2/s^3, of the white noise that changes the rate of turn.
-        config: the noise of the measurements.
-    """
+    """Along a circle whose rate of turn drifts: an unscented Kalman filter; see `ConstantTurn`."""
 
     def __init__(self, *, acceleration_density: float, turn_density: float, config: FilterConfig | None = None) -> None:
         super().__init__([ConstantTurn(acceleration_density, turn_density)], config or FilterConfig())
@@ -271,110 +306,38 @@ class InteractingModels(KalmanBank):
         self, *, straight: float, acceleration_density: float, turn_density: float, switching_rate: float = 0.5,
         config: FilterConfig | None = None,
     ) -> None:  # fmt: skip
-        turning = ConstantTurn(acceleration_density, turn_density)
-        super().__init__([ConstantVelocity(straight), turning], config or FilterConfig())
-        self._rate = switching_rate
-        self._imm = IMMEstimator(self._models, [0.5, 0.5], np.full((2, 2), 0.5))
-
-    def predict(self, slot: IntArray, dt_s: FloatArray) -> None:
-        """Mix the models, then move each."""
-        for s, dt in zip(slot, dt_s, strict=True):
-            stays = 0.5 + 0.5 * np.exp(-2.0 * self._rate * dt)
-            self._lend(s, float(dt))
-            self._imm.M = np.array([[stays, 1.0 - stays], [1.0 - stays, stays]])
-            self._imm._compute_mixing_probabilities()  # filterpy mixes after updates only; here beliefs also coast
-            self._imm.predict()
-            self._take_back(s)
-            self.probability[s] = self._imm.cbar
-
-    def _update(self, s: int, z: FloatArray, of_state: FloatArray, noise: FloatArray) -> None:
-        self._lend(s, 0.0)
-        for model in self._models:
-            model.measure(of_state, noise)
-        self._imm.cbar = self.probability[s].copy()
-        self._imm.update(z)
-        self._take_back(s)
-        self.probability[s] = self._imm.mu
-
-    def _lend(self, s: int, dt_s: float) -> None:
-        super()._lend(s, dt_s)
-        self._imm.mu = np.maximum(self.probability[s], 1e-12)
+        both = [ConstantVelocity(straight), ConstantTurn(acceleration_density, turn_density)]
+        super().__init__(both, config or FilterConfig(), switching_rate=switching_rate)
 
 
-class ConstantVelocity(KalmanFilter):  # type: ignore[misc]  # filterpy has no types
-    """filterpy's filter, lent to one vehicle after the other."""
-
-    def __init__(self, acceleration_density: float) -> None:
-        super().__init__(dim_x=N_STATES, dim_z=2)  # kinematic_kf builds a wrong H in filterpy 2.0
-        self._density = acceleration_density
-        self.x = np.zeros(N_STATES)
-        self.F = np.diag([1.0, 1.0, 1.0, 1.0, 0.0])  # whoever drives straight on does not turn
-
-    def lend(self, mean: FloatArray, covariance: FloatArray, dt_s: float) -> None:
-        """Take a vehicle's belief, to move it by `dt_s`."""
-        self.x, self.P = mean.copy(), covariance.copy()
-        self.F[0, 2] = self.F[1, 3] = dt_s
-        self.Q = _white_acceleration(self._density, dt_s).copy()
-        self.Q[4, 4] = FIRST_TURN_STD**2  # for the turn that may begin next
-
-    def measure(self, of_state: FloatArray, noise: FloatArray) -> None:
-        """What the next update is of, (2, 5), and its covariance (2, 2)."""
-        self.H, self.R = of_state, noise
+def turned(state: FloatArray, dt_s: FloatArray) -> FloatArray:
+    """(..., 5) -> (..., 5) along a circle for (...) seconds: Bar-Shalom et al., Eq. 11.7.1-4."""
+    x, y, east, north, rate = np.moveaxis(state, -1, 0)
+    is_straight = np.abs(rate) < SMALLEST_TURN
+    c, s, rates = np.cos(rate * dt_s), np.sin(rate * dt_s), np.where(is_straight, 1.0, rate)
+    ahead, aside = np.where(is_straight, dt_s, s / rates), np.where(is_straight, 0.0, (1.0 - c) / rates)
+    moved = [x + ahead * east - aside * north, y + aside * east + ahead * north]
+    return np.stack([*moved, c * east - s * north, s * east + c * north, rate], axis=-1)
 
 
-class ConstantTurn(UnscentedKalmanFilter):  # type: ignore[misc]  # filterpy has no types
-    """filterpy's filter, lent to one vehicle after the other."""
-
-    def __init__(self, acceleration_density: float, turn_density: float) -> None:
-        points = MerweScaledSigmaPoints(N_STATES, alpha=0.3, beta=2.0, kappa=0.0)
-        super().__init__(dim_x=N_STATES, dim_z=2, dt=0.0, hx=self._measured, fx=turned, points=points)
-        self._density, self._turn_density = acceleration_density, turn_density
-        self._of_state = PLACE
-
-    def lend(self, mean: FloatArray, covariance: FloatArray, dt_s: float) -> None:
-        """Take a vehicle's belief, to move it by `dt_s`."""
-        self.x, self.P, self._dt = mean.copy(), covariance.copy(), dt_s
-        self.Q = _white_acceleration(self._density, dt_s).copy()
-        self.Q[4, 4] = self._turn_density * dt_s
-
-    def measure(self, of_state: FloatArray, noise: FloatArray) -> None:
-        """What the next update is of, (2, 5), and its covariance (2, 2)."""
-        self._of_state, self.R = of_state, noise
-        self.sigmas_f = self.points_fn.sigma_points(self.x, self.P)
-
-    def _measured(self, state: FloatArray) -> FloatArray:
-        return self._of_state @ state
+def corrected(
+    mean: FloatArray, covariance: FloatArray, z: FloatArray, of_state: FloatArray, noise: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Gaussians (v, m, 5), (v, m, 5, 5) given measurements (v, 2) of `of_state` (2, 5), of covariance (v, 2, 2)."""
+    noise = noise[:, None]
+    gain = np.linalg.solve(of_state @ covariance @ of_state.T + noise, of_state @ covariance).swapaxes(-1, -2)
+    off, kept = z[:, None] - mean @ of_state.T, np.eye(N_STATES) - gain @ of_state
+    spread = kept @ covariance @ kept.swapaxes(-1, -2) + gain @ noise @ gain.swapaxes(-1, -2)
+    return mean + (gain @ off[..., None])[..., 0], _symmetric(spread)
 
 
-def turned(state: FloatArray, dt_s: float) -> FloatArray:
-    """(5,) -> (5,) along a circle for `dt_s`: the coordinated turn of Bar-Shalom et al., Eq. 11.7.1-4."""
-    x, y, east, north, rate = state
-    if abs(rate) < SMALLEST_TURN:
-        return np.array([x + east * dt_s, y + north * dt_s, east, north, rate])
-    c, s = np.cos(rate * dt_s), np.sin(rate * dt_s)
-    return np.array(
-        [
-            x + (s * east - (1.0 - c) * north) / rate, y + ((1.0 - c) * east + s * north) / rate,
-            c * east - s * north, s * east + c * north, rate,
-        ]
-    )  # fmt: skip
-
-
-@lru_cache
-def _white_acceleration(density: float, dt_s: float) -> FloatArray:
-    """(5, 5), of which users take a copy."""
-    noise = np.zeros((N_STATES, N_STATES))
-    noise[:4, :4] = np.kron(Q_continuous_white_noise(dim=2, dt=dt_s, spectral_density=density), np.eye(2))
+def _white_acceleration(density: float, dt_s: FloatArray) -> FloatArray:
+    """(v,) -> (v, 5, 5)."""
+    noise = np.zeros((dt_s.size, N_STATES, N_STATES))
+    for i in (0, 1):
+        noise[:, i, i], noise[:, i + 2, i + 2] = density * dt_s**3 / 3.0, density * dt_s
+        noise[:, i, i + 2] = noise[:, i + 2, i] = density * dt_s**2 / 2.0
     return noise
-
-
-def _log_gaussian(off: FloatArray, covariance: FloatArray) -> FloatArray:
-    """(..., 2), (..., 2, 2) -> (...); filterpy asks scipy.stats, at ten times the cost."""
-    a, b, d = covariance[..., 0, 0], covariance[..., 0, 1], covariance[..., 1, 1]
-    determinant = a * d - b * b
-    x, y = off[..., 0], off[..., 1]
-    distance = (d * x * x - 2.0 * b * x * y + a * y * y) / determinant
-    return np.asarray(-0.5 * (distance + np.log(determinant)) - np.log(2.0 * np.pi))
 
 
 def _log(probability: float) -> float:
@@ -382,4 +345,4 @@ def _log(probability: float) -> float:
 
 
 def _symmetric(matrix: FloatArray) -> FloatArray:
-    return 0.5 * (matrix + matrix.T)
+    return 0.5 * (matrix + matrix.swapaxes(-1, -2))

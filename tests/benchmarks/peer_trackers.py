@@ -87,7 +87,7 @@ class Reported:
 
 
 def ours(fold: Fold, learned: PrimitiveMap) -> dict[str, Peer]:
-    """Our tracker on the map, on that without its places, and on filterpy's Kalman filter of constant velocity.
+    """Our tracker on the map, on that without its places, and on a Kalman filter of constant velocity.
 
     Where vehicles leave is what the map knows; without it how often they do is chosen, as others choose when to delete.
     """

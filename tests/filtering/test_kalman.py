@@ -1,13 +1,21 @@
-"""The baseline against a plain loop over matrices."""
+"""The baselines against filterpy's filters and a plain loop over matrices."""
 
 import numpy as np
 import pytest
+from filterpy.common import Q_continuous_white_noise
+from filterpy.kalman import IMMEstimator, KalmanFilter, MerweScaledSigmaPoints, UnscentedKalmanFilter
 
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.filtering import ConstantVelocityKalman, Tracker
-from dirprim_filter.filtering.kalman import FIRST_SPEED_STD, ConstantTurnUKF, InteractingModels
+from dirprim_filter.filtering.kalman import (
+    FIRST_SPEED_STD,
+    FIRST_TURN_STD,
+    ConstantTurnUKF,
+    InteractingModels,
+    turned,
+)
 from dirprim_filter.filtering.manoeuvre import acceleration_density
 from dirprim_filter.tracks import Tracks
 from oracles import kalman_positions
@@ -45,15 +53,6 @@ def test_means_covariances_and_evidence_are_those_of_the_plain_loop():
         np.testing.assert_allclose(found.direction[rows], np.arctan2(*velocity.T[::-1]), atol=1e-9)
         other = kalman_positions(seen, 0.1, noise_m=0.8, density=2.0, first_speed_std=FIRST_SPEED_STD)[0]
         assert np.abs(found.position[rows] - other[:, :2]).max() > 1e-3
-
-
-def test_speed_deviates_as_the_velocity_does_along_the_course():
-    measured = np.outer(np.arange(30), [0.6, 0.8])
-    found = run(
-        Detections(track_id=["a"], time_ns=[i * 100_000_000], position=place[None]) for i, place in enumerate(measured)
-    )
-    _, covariance, _ = kalman_positions(measured, 0.1, noise_m=0.7, density=2.0, first_speed_std=FIRST_SPEED_STD)
-    np.testing.assert_allclose(found.speed_std**2, covariance[:, 2, 2], rtol=1e-9)  # alike in all directions here
 
 
 def test_after_the_gap_it_restarts_and_before_it_it_does_not():
@@ -107,3 +106,48 @@ def test_the_likelihood_of_a_measurement_is_the_evidence_that_weighing_gives(mod
         likelihood = made.log_likelihood(slot, seen) if i else None
         evidence = made.weigh(slot, seen).log_density if i else made.begin(slot, key, seen)
     np.testing.assert_allclose(likelihood, evidence, rtol=1e-6)
+
+
+def filterpys(name, density, turn_density, straight, dt_s):
+    """The models of `MODELS` as filterpy has them, of one vehicle that is seen every `dt_s`."""
+    first = np.diag([0.49, 0.49, FIRST_SPEED_STD**2, FIRST_SPEED_STD**2, FIRST_TURN_STD**2])
+    line = KalmanFilter(dim_x=5, dim_z=2)
+    line.F = np.diag([1.0, 1.0, 1.0, 1.0, 0.0])
+    line.F[0, 2] = line.F[1, 3] = dt_s
+    points = MerweScaledSigmaPoints(5, alpha=0.3, beta=2.0, kappa=0.0)
+    turn = UnscentedKalmanFilter(5, 2, dt_s, hx=lambda x: x[:2], fx=turned, points=points)
+    for one, white, last in ((line, straight, FIRST_TURN_STD**2), (turn, density, turn_density * dt_s)):
+        one.x, one.P, one.H, one.R, one.Q = (
+            np.zeros(5),
+            first,
+            np.eye(2, 5),
+            0.49 * np.eye(2),
+            np.diag([0.0] * 4 + [last]),
+        )
+        one.Q[:4, :4] += np.kron(Q_continuous_white_noise(2, dt_s, white), np.eye(2))
+    stays = 0.5 + 0.5 * np.exp(-2.0 * 0.5 * dt_s)
+    both = IMMEstimator([line, turn], [0.5, 0.5], np.array([[stays, 1.0 - stays], [1.0 - stays, stays]]))
+    return {"constant velocity": line, "constant turn": turn, "both": both}[name]
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_predictions_and_corrections_are_filterpys(model):
+    rng, slot = np.random.default_rng(4), np.zeros(1, np.int64)
+    ours = MODELS[model](FilterConfig(noise_m=0.7, outlier_probability=0.0))
+    theirs = filterpys(model, 1.0, 0.1, 2.0 if model == "constant velocity" else 0.5, 0.5)
+    ours.reserve(1)
+    for i in range(40):
+        place = np.array([4.0 * i, 0.2 * i**2]) + rng.normal(0.0, 0.7, 2) * (i > 0)
+        seen = Detections(track_id=[""], time_ns=[i], position=[place])
+        if i == 0:
+            ours.begin(slot, slot.astype(np.uint64), seen)
+            continue
+        ours.predict(slot, np.full(1, 0.5))
+        ours.weigh(slot, seen)
+        theirs.predict()
+        if model == "constant turn":
+            theirs.sigmas_f = theirs.points_fn.sigma_points(theirs.x, theirs.P)  # not those before the noise
+        theirs.update(place)
+        found = ours.moments(slot)[0]
+        np.testing.assert_allclose(found[:2], theirs.x[:2], atol=1e-5)
+        np.testing.assert_allclose(found[[2, 3, 4]], theirs.P[[0, 0, 1], [0, 1, 1]], atol=1e-5)
