@@ -306,7 +306,7 @@ class InteractingModels(KalmanBank):
         self, *, straight: float, acceleration_density: float, turn_density: float, switching_rate: float = 0.5,
         config: FilterConfig | None = None,
     ) -> None:  # fmt: skip
-        both = [ConstantVelocity(straight), ConstantTurn(acceleration_density, turn_density)]
+        both: list[GaussianMotion] = [ConstantVelocity(straight), ConstantTurn(acceleration_density, turn_density)]
         super().__init__(both, config or FilterConfig(), switching_rate=switching_rate)
 
 
