@@ -1,12 +1,14 @@
 """What a store costs, by the path that users take, and what a half-life is worth where a street turns around.
 
-Decides: that rows are kept as they are (`store.rows`), and that age is a weight (`store.sampling`). The peers of the
-latter are all days alike, and the last day alone.
+Decides: that rows are kept as they are, encoded as in `store.rows` (the peers are Delta's own writer, and positions of
+1 cm), that learning holds a sample of a block (`store.sampling`), and that age is a weight. The peers of the latter are
+all days alike, and the last day alone.
 
+    python tests/benchmarks/fleet.py size [LOG...]
     python tests/benchmarks/fleet.py columns 10000000
     python tests/benchmarks/fleet.py logs 20
-    python tests/benchmarks/fleet.py learn 10000000 [--workers 2]
-    python tests/benchmarks/fleet.py known 10000
+    python tests/benchmarks/fleet.py learn 100000000 [--workers 2]
+    python tests/benchmarks/fleet.py known 10000    (STORE=s3://bucket/store for another place)
     python tests/benchmarks/fleet.py rounding
     python tests/benchmarks/fleet.py turned [--vehicles 6] [--seeds 3]
 """
@@ -20,19 +22,25 @@ import tempfile
 import time
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import patch
+from uuid import uuid4
 
 import numpy as np
+import pyarrow as pa
 
 from dirprim_filter import Tracks, learn_primitives, read_tracks, write_tracks
-from dirprim_filter.store import add_logs, find_logs, learn_from_store
+from dirprim_filter.store import add_logs, find_logs, learn_from_store, rows
 from dirprim_filter.store.config import StoreConfig
-from dirprim_filter.store.rows import Rows
+from dirprim_filter.store.files import File
+from dirprim_filter.store.rows import SCHEMA, Rows
 from dirprim_filter.store.store import Store
 from dirprim_filter.store.workers import Workers
 
 ROOT = Path(__file__).parents[2]
-ROWS, PLACE_M, SIDE = 100_000, 1500.0, 4
-"""Of a recording; and between places, each in a block of its own, of which there are 16."""
+ROWS, DISTINCT, SIDE = 100_000, 100, 7
+"""Of a recording; recordings that differ; and places in a row."""
+PLACE_M, ANYWHERE_M = 2048.0, 512.0
+"""Between the middles of blocks with a place; and a place lies anywhere in its block, at most so far east and north."""
 DAY_NS = 86_400 * 10**9
 STREETS = {"turned": 0.0, "one way": 150.0, "both ways": 300.0}
 
@@ -50,36 +58,90 @@ def processor_s() -> float:
 def repeated(tracks: Tracks, n_rows: int, seed: int) -> Tracks:
     """So many rows of the same vehicles again and again, of each time a little elsewhere, one after the other."""
     n, rng = -(-n_rows // len(tracks)), np.random.default_rng(seed)
-    lasts = int(np.ptp(tracks.time_ns)) + 10**9
+    place, lasts = seed % SIDE**2, int(np.ptp(tracks.time_ns)) + 10**9
+    middle = PLACE_M * np.array(divmod(place, SIDE))
+    middle += np.random.default_rng(place).uniform(-ANYWHERE_M, ANYWHERE_M, 2)
     parts = [
         replace(
             tracks, track_id=tracks.vehicle + i * tracks.n_tracks, time_ns=tracks.time_ns + i * lasts,
-            position=tracks.position + rng.normal(0.0, 0.1, 2) + PLACE_M * np.array([seed % SIDE, seed // SIDE % SIDE]),
+            position=tracks.position + rng.normal(0.0, 0.1, 2) + middle,
         )
         for i in range(n)
     ]  # fmt: skip
     return Tracks.concatenate(parts)[:n_rows]
 
 
-def store_of_columns(path: Path, n_rows: int) -> tuple[Store, float]:
-    """A store of so many rows, in recordings of `ROWS`; -> it, and the processor time to write and commit them."""
+def size(paths: list[str]) -> None:
+    """Bytes a row, in the middle of a block, beside positions of 1 cm and Delta's own writer."""
+    import deltalake
+
+    zstd = {"compression": "ZSTD", "compression_level": 15}
+    split = deltalake.ColumnProperties(dictionary_enabled=False, encoding="BYTE_STREAM_SPLIT")
+    delta = deltalake.ColumnProperties(dictionary_enabled=False, encoding="DELTA_BINARY_PACKED")
+    peers = {
+        "as it is": None, "zstd": deltalake.WriterProperties(**zstd),
+        "bytes apart": deltalake.WriterProperties(**zstd, default_column_properties=split),
+        "differences": deltalake.WriterProperties(**zstd, default_column_properties=delta),
+    }  # fmt: skip
+    for path in paths or sorted(map(str, (ROOT / "recordings").glob("*.mcap"))):
+        tracks = read_tracks(path)
+        of = Rows.of(tracks)
+        with patch.object(rows, "STEP_CM", 1):
+            fine = Rows.of(tracks)
+        table = pa.table([pa.array(np.asarray(getattr(of, f.name)), f.type) for f in SCHEMA], schema=SCHEMA)
+        found = [f"{len(each.to_parquet()) / len(each):.2f}" for each in (of, fine)]
+        for name, properties in peers.items():
+            with tempfile.TemporaryDirectory() as folder:
+                try:
+                    deltalake.write_deltalake(folder, table, writer_properties=properties)
+                except Exception as error:  # noqa: BLE001 (of a thread in Rust)
+                    found.append(f"{name}: {str(error).splitlines()[0][-90:]}")
+                    continue
+                n_bytes = sum(file.stat().st_size for file in Path(folder).glob("*.parquet"))
+                found.append(f"{name} {n_bytes / len(of):.2f}")
+        print(f"{path}: {len(of):,} rows, {found[0]} bytes each, of 1 cm {found[1]}; Delta's {', '.join(found[2:])}")
+
+
+def store_of_columns(path: Path, n_rows: int, *, distinct: int = 1 << 30) -> tuple[Store, float]:
+    """A store of so many rows, in recordings of `ROWS`; -> it, and the processor time to write and commit them.
+
+    Recordings after the first so many have the bytes of earlier ones, by links, under names of their own.
+    """
     log = replace(tracks := read_tracks(ROOT / "recordings/roundabout_learn.mcap"), track_id=tracks.vehicle)
     store, took_s = Store.create(path, StoreConfig(), "map"), 0.0
+    written: list[list[File]] = []
     for i in range(-(-n_rows // ROWS)):
-        tracks = repeated(log, ROWS, i)
-        began_s = processor_s()
-        files = store.write(Rows.of(tracks), log=f"/{i}", mark="0", status="whole")
+        if i < distinct:
+            tracks = repeated(log, ROWS, i)
+            began_s = processor_s()
+            files = store.write(Rows.of(tracks), log=f"/{i}", mark="0", status="whole")
+            written.append(files)
+        else:
+            files, began_s = [linked(path, file, i) for file in written[i % distinct]], processor_s()
         store.commit(lambda _, files=files: (files, []))
         took_s += processor_s() - began_s
     return store, took_s
 
 
+def linked(path: Path, file: File, i: int) -> File:
+    """The same rows as those of another recording."""
+    name = f"rows/{uuid4().hex}-{file.digest}.parquet"
+    (path / name).hardlink_to(path / file.path)
+    return file._replace(path=name, log=f"/{i}", recording=f"{i:064x}")
+
+
 def columns(n_rows: int) -> None:
-    """Rows a second from columns, and bytes a row."""
+    """Rows a second from columns, and bytes a row, those included that are kept near borders a second time."""
     with tempfile.TemporaryDirectory() as folder:
         store, took_s = store_of_columns(Path(folder) / "store", n_rows)
-        size = sum(entry.size for entry in store.contents().entries.values())
-    print(f"{n_rows:,} rows: {n_rows / took_s:,.0f} a second, {size / n_rows:.2f} bytes each; {most_mib():.0f} MiB")
+        files = [file for entry in store.contents().entries.values() for file in entry.files]
+        kept, n_bytes = sum(file.n_rows for file in files), sum(file.size for file in files)
+        log = sum(file.stat().st_size for file in (Path(folder) / "store/_delta_log").rglob("*") if file.is_file())
+    print(
+        f"{n_rows:,} rows: {n_rows / took_s:,.0f} a second of processor time; {n_bytes / kept:.2f} bytes each, "
+        f"{kept / n_rows:.2f} times each, so {n_bytes / n_rows:.2f} bytes; {log / n_rows:.2f} of the transaction log; "
+        f"{most_mib():.0f} MiB"
+    )
 
 
 def logs(n_logs: int) -> None:
@@ -102,7 +164,7 @@ def logs(n_logs: int) -> None:
 def learn(n_rows: int, n_workers: int) -> None:
     """Time and memory of learning."""
     with tempfile.TemporaryDirectory() as folder:
-        store, _ = store_of_columns(Path(folder) / "store", n_rows)
+        store, _ = store_of_columns(Path(folder) / "store", n_rows, distinct=DISTINCT)
         before, began_s, began = most_mib(), time.monotonic(), processor_s()
         found = learn_from_store(store, workers=Workers(n_workers), tessellation="grid", cell_size=8.0)
         print(
@@ -203,17 +265,19 @@ def turned(n_vehicles: int, n_seeds: int) -> None:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser()
-    parser.add_argument("what", choices=("columns", "logs", "learn", "known", "rounding", "turned"))
-    parser.add_argument("n", type=int, nargs="?", default=0)
+    parser.add_argument("what", choices=("size", "columns", "logs", "learn", "known", "rounding", "turned"))
+    parser.add_argument("of", nargs="*")
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--vehicles", type=int, default=6)
     parser.add_argument("--seeds", type=int, default=3)
     given = parser.parse_args()
-    if given.what == "learn":
-        learn(given.n, given.workers)
+    if given.what == "size":
+        size(given.of)
+    elif given.what == "learn":
+        learn(int(given.of[0]), given.workers)
     elif given.what == "turned":
         turned(given.vehicles, given.seeds)
     elif given.what == "rounding":
         rounding()
     else:
-        {"columns": columns, "logs": logs, "known": known}[given.what](given.n)
+        {"columns": columns, "logs": logs, "known": known}[given.what](int(given.of[0]))
