@@ -7,15 +7,13 @@ from collections.abc import Callable, Sequence
 from dirprim_filter.cli.texts import columns
 
 FIGURES = {
-    "rmse": "RMSE, m", "seen_rmse": "RMSE in sight, m", "settled_rmse": "RMSE settled, m",
-    "hidden_rmse": "RMSE in gaps, m", "direction_rmse": "RMSE of course, rad", "speed_rmse": "RMSE of speed, m/s",
+    "rmse": "RMSE, m", "seen_rmse": "RMSE in sight, m", "hidden_rmse": "RMSE in gaps, m",
+    "direction_rmse": "RMSE of course, rad", "speed_rmse": "RMSE of speed, m/s",
     "nees": "NEES", "seen_nees": "NEES in sight", "hidden_nees": "NEES in gaps",
-    "coverage_50": "truth in 50 %", "coverage_90": "truth in 90 %", "hidden_coverage_90": "in 90 %, in gaps",
+    "coverage_90": "truth in 90 %", "hidden_coverage_90": "in 90 %, in gaps",
     "reported": "reported", "interpolated": "truth interpolated", "hota": "HOTA", "deta": "DetA", "assa": "AssA",
-    "loca": "LocA", "idf1": "IDF1", "mota": "MOTA", "switches": "identity switches", "swaps": "  swaps",
-    "breaks": "  breaks",
-    "late_start": "missed: late start", "early_end": "  early end", "merged": "  merged", "overlooked": "  overlooked",
-    "duplicate": "false: duplicate", "ghost": "  ghost", "gospa": "GOSPA per vehicle, m",
+    "loca": "LocA", "idf1": "IDF1", "mota": "MOTA", "switches": "identity switches",
+    "gospa": "GOSPA per vehicle, m",
     "localisation": "  localisation, m2", "missed": "  missed, m2", "false": "  false, m2",
 }  # fmt: skip
 """The figures of a `TrackingReport`, and what tables call them."""

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
+from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.distributions.angles import difference
 from dirprim_filter.evaluation.metrics.clear_mot import clear_mot
 from dirprim_filter.evaluation.metrics.comparison import Comparison
-from dirprim_filter.evaluation.metrics.error_kinds import error_kinds
 from dirprim_filter.evaluation.metrics.gospa import gospa
 from dirprim_filter.evaluation.metrics.hota import hota
 from dirprim_filter.evaluation.metrics.identity import identity_f1
@@ -18,8 +17,6 @@ from dirprim_filter.evaluation.tracked_rows import TrackedRows, names_in_group
 from dirprim_filter.track_ids import vehicle_numbers
 from dirprim_filter.tracks import Tracks
 
-SETTLED_S = 1.0
-"""Seconds after a vehicle came into sight before its estimate counts as settled, past the initial transient."""
 MOVING_FROM = 0.5
 """m/s; below it a vehicle has no course to be wrong about."""
 GAP_FROM_S = 0.5
@@ -58,15 +55,13 @@ class TrackingReport:
     Attributes:
         rmse: metres, of all estimates of vehicles.
         seen_rmse: metres, of vehicles in sight.
-        settled_rmse: metres, of vehicles that have been in sight for a second, since they appeared or were found again.
         hidden_rmse: metres, inside gaps.
         direction_rmse: radians, of vehicles that move at 0.5 m/s or faster.
         speed_rmse: m/s.
         nees: mean normalised squared error of the position; 2 where the covariances are right.
         seen_nees: of vehicles in sight.
         hidden_nees: inside gaps.
-        coverage_50: share of the true positions in the ellipses that should hold half of them, seen and hidden.
-        coverage_90: likewise, nine tenths.
+        coverage_90: share of the true positions in the ellipses that should hold nine tenths of them, seen and hidden.
         hidden_coverage_90: inside gaps.
         reported: share of the truth's rows that have an estimate.
         interpolated: share of the truth's rows that are interpolated.
@@ -77,14 +72,6 @@ class TrackingReport:
         idf1: share of the time for which one track stands for one vehicle.
         mota: CLEAR MOT's accuracy.
         switches: of identity, by CLEAR MOT's rule.
-        late_start: of these misses, false estimates and switches the kinds, see `ErrorKinds`.
-        early_end: likewise, as are the next six.
-        merged: likewise.
-        overlooked: likewise.
-        duplicate: likewise.
-        ghost: likewise.
-        swaps: likewise.
-        breaks: likewise.
         gospa: metres; its square, like its parts, is per row of the truth: a vehicle at an instant.
         localisation: square metres per row of the truth, the part of `gospa` squared that is distance.
         missed: likewise, vehicles without an estimate.
@@ -93,14 +80,12 @@ class TrackingReport:
 
     rmse: float
     seen_rmse: float
-    settled_rmse: float
     hidden_rmse: float
     direction_rmse: float
     speed_rmse: float
     nees: float
     seen_nees: float
     hidden_nees: float
-    coverage_50: float
     coverage_90: float
     hidden_coverage_90: float
     reported: float
@@ -112,14 +97,6 @@ class TrackingReport:
     idf1: float
     mota: float
     switches: float
-    late_start: float
-    early_end: float
-    merged: float
-    overlooked: float
-    duplicate: float
-    ghost: float
-    swaps: float
-    breaks: float
     gospa: float
     localisation: float
     missed: float
@@ -156,23 +133,20 @@ class TrackingReport:
         clear = clear_mot(comparison, similarity_m=scales.similarity_m)
         sets = gospa(comparison, cutoff_m=scales.cutoff_m)
         row, column = _by_name(rows, truth, comparison) if with_ids else sets.pairs[:2]
-        errors = _Errors.of(rows, truth, row, column)
-        if is_hidden is None:
-            seen, hidden, settled = (of[column] for of in _as_said(rows, comparison.track))
+        squared, normalised, turn, pace = _errors(rows, truth, row, column)
+        if is_hidden is None:  # as the tracker says; neither seen nor hidden without that
+            seen, hidden = rows.unseen_s[column] <= GAP_FROM_S, rows.unseen_s[column] > GAP_FROM_S
         else:
             seen, hidden = ~is_hidden[row], is_hidden[row]
-            settled = seen & (_in_sight_s(comparison.vehicle, truth.time_ns, is_hidden)[row] >= SETTLED_S)
         per_row = 1.0 / len(truth)
         return cls(
-            rmse=errors.rmse(), seen_rmse=errors.rmse(seen), settled_rmse=errors.rmse(settled),
-            hidden_rmse=errors.rmse(hidden), direction_rmse=_root_mean_square(errors.turn),
-            speed_rmse=_root_mean_square(errors.pace), nees=errors.nees(), seen_nees=errors.nees(seen),
-            hidden_nees=errors.nees(hidden), coverage_50=errors.coverage(0.5), coverage_90=errors.coverage(0.9),
-            hidden_coverage_90=errors.coverage(0.9, hidden), reported=row.size * per_row, interpolated=interpolated,
-            hota=points.hota, deta=points.deta, assa=points.assa, loca=points.loca,
+            rmse=_root(squared), seen_rmse=_root(squared[seen]), hidden_rmse=_root(squared[hidden]),
+            direction_rmse=_root(turn**2), speed_rmse=_root(pace**2), nees=_mean(normalised),
+            seen_nees=_mean(normalised[seen]), hidden_nees=_mean(normalised[hidden]),
+            coverage_90=coverage(normalised, 0.9), hidden_coverage_90=coverage(normalised[hidden], 0.9),
+            reported=row.size * per_row, interpolated=interpolated, **points._asdict(),
             idf1=identity_f1(comparison, similarity_m=scales.similarity_m), mota=clear.mota, switches=clear.switches,
-            **error_kinds(comparison, clear)._asdict(), gospa=sets.distance * np.sqrt(per_row),
-            localisation=sets.localisation * per_row,
+            gospa=sets.distance * np.sqrt(per_row), localisation=sets.localisation * per_row,
             missed=sets.missed * per_row, false=sets.false * per_row,
         )  # fmt: skip
 
@@ -187,52 +161,22 @@ def errors_by_row(rows: TrackedRows, truth: Tracks, *, with_ids: bool, scales: S
         scales: of the metrics.
     """
     comparison = scales.comparison(rows, truth)
-    if with_ids:
-        row, column = _by_name(rows, truth, comparison)
-    else:
-        row, column, _ = gospa(comparison, cutoff_m=scales.cutoff_m).pairs
-    errors, found = _Errors.of(rows, truth, row, column), np.full((2, len(truth)), np.nan)
-    found[:, row] = errors.squared, errors.normalised
+    by_place = None if with_ids else gospa(comparison, cutoff_m=scales.cutoff_m)
+    row, column = by_place.pairs[:2] if by_place else _by_name(rows, truth, comparison)
+    found = np.full((2, len(truth)), np.nan)
+    found[:, row] = _errors(rows, truth, row, column)[:2]
     return found
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Errors:
-    """Of estimates of vehicles, NaN where unknown.
-
-    Attributes:
-        squared: (p,) square metres.
-        normalised: (p,) the same in units of the covariance.
-        turn: (p,) radians of direction; of standing vehicles unknown.
-        pace: (p,) m/s of speed.
-    """
-
-    squared: FloatArray
-    normalised: FloatArray
-    turn: FloatArray
-    pace: FloatArray
-
-    @classmethod
-    def of(cls, rows: TrackedRows, truth: Tracks, row: IntArray, column: IntArray) -> _Errors:
-        error = rows.position[column] - truth.position[row]
-        covariance = rows.covariance[column]
-        known = np.isfinite(covariance).all(axis=(1, 2))
-        normalised = np.full(row.size, np.nan)
-        normalised[known] = normalised_squared(error[known], covariance[known])
-        turn = difference(rows.direction[column], truth.direction[row])
-        return cls(
-            squared=(error**2).sum(axis=1), normalised=normalised, pace=rows.speed[column] - truth.speed[row],
-            turn=np.where(truth.speed[row] >= MOVING_FROM, turn, np.nan),
-        )  # fmt: skip
-
-    def rmse(self, which: BoolArray | slice = slice(None)) -> float:
-        return float(np.sqrt(_mean(self.squared[which])))
-
-    def nees(self, which: BoolArray | slice = slice(None)) -> float:
-        return _mean(_known(self.normalised[which]))
-
-    def coverage(self, share: float, which: BoolArray | slice = slice(None)) -> float:
-        return coverage(_known(self.normalised[which]), share)
+def _errors(rows: TrackedRows, truth: Tracks, row: IntArray, column: IntArray) -> FloatArray:
+    """(4, p) of pairs: squared error, the same by the covariance, radians of course, m/s of speed; NaN if unknown."""
+    error, covariance = rows.position[column] - truth.position[row], rows.covariance[column]
+    known = np.isfinite(covariance).all(axis=(1, 2))
+    normalised = np.full(row.size, np.nan)
+    normalised[known] = normalised_squared(error[known], covariance[known])
+    turn = difference(rows.direction[column], truth.direction[row])
+    turn = np.where(truth.speed[row] >= MOVING_FROM, turn, np.nan)  # standing vehicles have no course
+    return np.stack([(error**2).sum(axis=1), normalised, turn, rows.speed[column] - truth.speed[row]])
 
 
 def normalised_squared(error: FloatArray, covariance: FloatArray) -> FloatArray:
@@ -242,20 +186,18 @@ def normalised_squared(error: FloatArray, covariance: FloatArray) -> FloatArray:
 
 
 def coverage(squared: FloatArray, share: float) -> float:
-    """Share of normalised squared errors (n,) in the ellipse that should hold `share` of them; NaN of none."""
-    return float((squared <= -2.0 * np.log(1.0 - share)).mean()) if squared.size else float("nan")
+    """How many of the normalised squared errors (n,) in the ellipse that should hold `share` of them; NaN of none."""
+    known = squared[~np.isnan(squared)]
+    return float((known <= -2.0 * np.log(1.0 - share)).mean()) if known.size else float("nan")
 
 
-def _root_mean_square(values: FloatArray) -> float:
-    return float(np.sqrt(_mean(_known(values) ** 2)))
+def _root(squared: FloatArray) -> float:
+    return float(np.sqrt(_mean(squared)))
 
 
 def _mean(values: FloatArray) -> float:
-    return float(values.mean()) if values.size else float("nan")
-
-
-def _known(values: FloatArray) -> FloatArray:
-    return values[~np.isnan(values)]
+    known = values[~np.isnan(values)]
+    return float(known.mean()) if known.size else float("nan")
 
 
 def _by_name(rows: TrackedRows, truth: Tracks, comparison: Comparison) -> tuple[IntArray, IntArray]:
@@ -267,22 +209,3 @@ def _by_name(rows: TrackedRows, truth: Tracks, comparison: Comparison) -> tuple[
     _, row, column = np.intersect1d(key[: len(truth)], key[len(truth) :], assume_unique=True, return_indices=True)
     order = np.argsort(column)
     return row[order], column[order]
-
-
-def _as_said(rows: TrackedRows, track: IntArray) -> tuple[AnyArray, AnyArray, AnyArray]:
-    """(m,) estimates in sight, in gaps, and settled, by the tracker's `unseen_s`; none without it."""
-    hidden = rows.unseen_s > GAP_FROM_S
-    seen = rows.unseen_s <= GAP_FROM_S
-    return seen, hidden, seen & (_in_sight_s(track, rows.time_ns, hidden) >= SETTLED_S)
-
-
-def _in_sight_s(identity: IntArray, time_ns: IntArray, is_hidden: BoolArray) -> FloatArray:
-    """(n,) seconds since the vehicle of a row in sight appeared, or was found again."""
-    order = np.lexsort((time_ns, identity))
-    of, hidden = identity[order], is_hidden[order]
-    begins = np.ones(order.size, np.bool_)
-    begins[1:] = (of[1:] != of[:-1]) | (hidden[:-1] & ~hidden[1:])
-    first = np.maximum.accumulate(np.where(begins, np.arange(order.size), 0))
-    since = np.empty(order.size)
-    since[order] = (time_ns[order] - time_ns[order][first]) * 1e-9
-    return since

@@ -2,35 +2,23 @@
 
 Defends `tessellation="joint"` as the default: beside it stand square cells of every size, of which the best is picked
 in hindsight, which flatters them; Voronoi cells by positions alone; joint cells half as many as the best grid has; flat
-primitives; one cell; the model without the map; and a neural field (torch: see neural_field.py). What is compared is
-the mean log density of direction and speed of held-out vehicles (or groups: `--by group`) of all folds, rows every
-0.5 s, faster than 0.5 m/s. `difference` is that of joint, curved cells less the row's, with its 95 % interval over
-vehicles or groups.
-
-`--moved` learns the joint map again from data moved by (1e6, -1e6) m and from data turned by 90 degrees.
-`--speed` measures fit_jointly instead: 1e5 and 1e6 rows of ring traffic, no log needed.
+primitives; one cell; and the model without the map. What is compared is the mean log density of direction and speed of
+held-out vehicles, or groups, of all folds, rows every 0.5 s, faster than 0.5 m/s. `difference` is that of joint, curved
+cells less the row's, with its 95 % interval over vehicles or groups.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import resource
 import sys
-import time
-from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
 from dirprim_filter import learn_primitives, read_tracks
-from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.evaluation.density import mean_over, rows_to_judge
 from dirprim_filter.evaluation.splits import honest_split, split
 from dirprim_filter.track_ids import vehicle_numbers
-from situations import ring_traffic
 
 SIZES = (2.0, 3.0, 4.5, 7.0, 10.0, 15.0)
 JOINT = "joint, curved"
@@ -47,14 +35,6 @@ def in_all_folds(folds, *, without_map=False, **options):
     return np.concatenate(log_p), float(np.mean(n_cells))
 
 
-def of_field(folds, by):
-    from neural_field import neural_field
-
-    groups = [fold.train.group if by == "group" else fold.train.vehicle for fold in folds]
-    models = (neural_field(fold.train, group) for fold, group in zip(folds, groups, strict=True))
-    return np.concatenate([model(fold.test) for model, fold in zip(models, folds, strict=True)]), None
-
-
 def best_grid(folds, primitive):
     """The grid that is best in hindsight, by its name."""
     found = {size: in_all_folds(folds, tessellation="grid", cell_size=size, primitive=primitive) for size in SIZES}
@@ -62,16 +42,7 @@ def best_grid(folds, primitive):
     return f"grid, {primitive}, {size:g} m is best", found[size]
 
 
-def moved(tracks):
-    return replace(tracks, position=tracks.position + np.array([1e6, -1e6]))
-
-
-def turned(tracks):
-    x, y = tracks.position.T
-    return replace(tracks, position=np.column_stack([-y, x]), direction=wrap(tracks.direction + np.pi / 2))
-
-
-def methods(folds, by, given):
+def methods(folds):
     """Every row of the table: its name, log densities and cells."""
     yield JOINT, in_all_folds(folds)
     yield "voronoi, curved", in_all_folds(folds, tessellation="voronoi")
@@ -84,18 +55,12 @@ def methods(folds, by, given):
     yield "one cell", in_all_folds(folds, n_cells=1)
     one_flat = {"tessellation": "grid", "n_cells": 1, "primitive": "flat"}
     yield "without the map", in_all_folds(folds, without_map=True, **one_flat)
-    if not given.no_field:
-        yield "neural field", of_field(folds, by)
-    if given.moved:
-        for name, change in (("moved by (1e6, -1e6) m", moved), ("turned by 90 degrees", turned)):
-            there = [f._replace(train=change(f.train), test=change(f.test)) for f in folds]
-            yield f"{JOINT}, {name}", in_all_folds(there)
 
 
 def table(given):
     """The rows by their names."""
     rows = rows_to_judge(read_tracks(given.logs), min_speed=0.5, interval_s=0.5)
-    by = given.by or honest_split(rows)
+    by = honest_split(rows)
     folds = split(rows, by=by, n_folds=given.folds, rng=np.random.default_rng(0))
     group = np.concatenate([fold.test.group for fold in folds])
     vehicle = vehicle_numbers(np.concatenate([fold.test.track_id for fold in folds]), group)
@@ -103,50 +68,26 @@ def table(given):
     print(f"{len(rows):,} rows, {rows.n_tracks} vehicles, held out by {by}, {len(folds)} folds", file=sys.stderr)
     print(f"{'':42}mean log density   cells   joint is ahead by", file=sys.stderr)
     found, joint = {}, None
-    for name, (log_p, cells) in methods(folds, by, given):
+    for name, (log_p, cells) in methods(folds):
         joint = log_p if joint is None else joint
         ahead = mean_over(cluster, joint - log_p)
         found[name] = {
             "mean": log_p.mean(), "cells": cells, "difference": ahead.value, "low": ahead.low, "high": ahead.high
         }  # fmt: skip
-        shown = "" if cells is None else f"{cells:.0f}"
         text = "" if joint is log_p else f"   {ahead.value:.3f} ({ahead.low:.3f} to {ahead.high:.3f})"
-        print(f"{name:42}{log_p.mean():16.3f}{shown:>8}{text}", flush=True, file=sys.stderr)
+        print(f"{name:42}{log_p.mean():16.3f}{cells:8.0f}{text}", flush=True, file=sys.stderr)
     return found
-
-
-def speed():
-    print("ring traffic           rows    cells   seconds   peak memory of the process [MB]   of the data [MB]")
-    for n_vehicles in (1_000, 10_000):
-        tracks = ring_traffic(np.random.default_rng(0), n_vehicles=n_vehicles, dt_s=0.25, n_rows=100)
-        for label in ("cold or cached", "warm"):
-            began = time.perf_counter()
-            m = learn_primitives(tracks, n_cells=100, rng=np.random.default_rng(0))
-            taken = time.perf_counter() - began
-            peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-            data = sum(getattr(tracks, name).nbytes for name in tracks.__slots__ if name != "group") / 1e6
-            cells = m.tessellation.n_cells
-            print(f"{label:16} {len(tracks):10,} {cells:8} {taken:9.1f} {peak:12.0f} {data:12.0f}", flush=True)
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("logs", nargs="*")
-    parser.add_argument("--by", choices=["vehicle", "group"])
+    parser.add_argument("logs", nargs="+")
     parser.add_argument("--folds", type=int, default=4)
-    parser.add_argument("--moved", action="store_true")
-    parser.add_argument("--no-field", action="store_true")
-    parser.add_argument("--speed", action="store_true")
     parser.add_argument("--json", action="store_true", help="the rows again, on stdout")
     given = parser.parse_args()
-    if given.speed:
-        speed()
-    elif given.logs:
-        found = table(given)
-        if given.json:
-            print(json.dumps({"rows": found}, default=float))
-    else:
-        parser.print_help()
+    found = table(given)
+    if given.json:
+        print(json.dumps({"rows": found}, default=float))
 
 
 if __name__ == "__main__":

@@ -138,7 +138,7 @@ def test_tracking_tells_people_and_machines_the_same_and_can_be_had_again(log, c
     assert evaluate(*options, "--json") == DONE
     first = capsys.readouterr().out
     table = json.loads(first)
-    heads = {"gospa": "GOSPA per vehicle, m", "hota": "HOTA", "settled_rmse": "RMSE settled, m"}
+    heads = {"gospa": "GOSPA per vehicle, m", "hota": "HOTA", "seen_rmse": "RMSE in sight, m"}
     for figure, head in heads.items():
         line = next(line for line in text.splitlines() if line.startswith(f"{head}  "))
         means = [sum(report[figure] for report in row["reports"]) / 2 for row in table["methods"]]

@@ -1,7 +1,7 @@
 """The field's metrics against its reference implementations, and against all there is to choose from."""
 
 from datetime import datetime
-from itertools import groupby, permutations
+from itertools import permutations
 
 import numpy as np
 import pytest
@@ -11,7 +11,6 @@ from trackeval.metrics import CLEAR, HOTA, Identity
 
 from dirprim_filter.evaluation.metrics.clear_mot import clear_mot
 from dirprim_filter.evaluation.metrics.comparison import Comparison
-from dirprim_filter.evaluation.metrics.error_kinds import ErrorKinds, error_kinds
 from dirprim_filter.evaluation.metrics.gospa import gospa
 from dirprim_filter.evaluation.metrics.hota import hota
 from dirprim_filter.evaluation.metrics.identity import identity_f1
@@ -138,52 +137,6 @@ def test_groups_are_worlds_however_much_they_lie_on_each_other():
     assert got == pytest.approx(combined, abs=1e-9)
     overlaid = of_ours(truth, [(f"{g}{r[0]}", *r[1:]) for g, r in zip(groups[1], one[1] + other[1], strict=True)])
     assert overlaid["HOTA"] != pytest.approx(combined["HOTA"], abs=1e-3)
-
-
-def kinds_one_by_one(truth, estimated):
-    """Each error of CLEAR MOT looked at by itself, in loops over its matches."""
-    comparison = comparison_of(truth, estimated)
-    clear = clear_mot(comparison)
-    truth = sorted(truth, key=lambda row: row[1])
-    matched = [(truth[i], estimated[j]) for i, j in zip(clear.matches.row, clear.matches.column, strict=True)]
-    seen, used = ([pair[i][:2] for pair in matched] for i in range(2))
-    kinds = dict.fromkeys(ErrorKinds._fields, 0)
-
-    def near(a, b):
-        return a[1] == b[1] and np.hypot(a[2] - b[2], a[3] - b[3]) <= SIMILARITY_M / 2
-
-    for name, k, *place in truth:
-        when = [t for n, t in seen if n == name]
-        if (name, k) in seen:
-            continue
-        if when and (k < min(when) or k > max(when)):
-            kinds["late_start" if k < min(when) else "early_end"] += 1
-        else:
-            kinds["merged" if any(near((name, k, *place), e) for e in estimated) else "overlooked"] += 1
-    for e in estimated:
-        if e[:2] not in used:
-            kinds["duplicate" if any(near(e, row) for row in truth) else "ghost"] += 1
-    track_of, vehicle_of = {}, {}
-    for _, of_instant in groupby(matched, key=lambda pair: pair[0][1]):
-        pairs = [(vehicle[0], track[0]) for vehicle, track in of_instant]
-        for v, t in pairs:
-            if track_of.get(v, t) != t:
-                kinds["swaps" if vehicle_of.get(t, v) != v else "breaks"] += 1
-        track_of |= dict(pairs)
-        vehicle_of |= {t: v for v, t in pairs}
-    return kinds, clear
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_kinds_of_errors_are_those_told_one_by_one_and_add_to_all(seed):
-    truth, estimated = traffic(seed, side=12.0)
-    expected, clear = kinds_one_by_one(truth, estimated)
-    found = error_kinds(comparison_of(truth, estimated), clear)
-    assert found._asdict() == expected
-    assert min(found[:-1]) > 0 or seed  # a scene that has all kinds
-    assert sum(found[:4]) == clear.misses
-    assert sum(found[4:6]) == clear.false
-    assert sum(found[6:]) == clear.switches
 
 
 def test_a_match_that_is_still_valid_is_kept_though_another_track_is_nearer():

@@ -1,4 +1,4 @@
-"""The report of a tracker: what is seen, what is settled, and what is in a gap."""
+"""The report of a tracker: what is seen, and what is in a gap."""
 
 from dataclasses import replace
 
@@ -31,14 +31,13 @@ def report(of, *, is_hidden=HIDDEN, with_ids=True, truth=TRUTH):
     return TrackingReport.of(of, truth, is_hidden=is_hidden, with_ids=with_ids, scales=Scales())
 
 
-def test_errors_in_sight_settled_and_in_gaps_are_those_worked_out_by_hand():
+def test_errors_in_sight_and_in_gaps_are_those_worked_out_by_hand():
     got = report(rows())
     assert got.rmse == pytest.approx(np.sqrt((OFF**2).mean()))
     assert got.seen_rmse == pytest.approx(np.sqrt((40 * 1 + 10 * 4) / 50))
-    assert got.settled_rmse == 1.0  # a second after it appeared, and a second after it was found again
     assert got.hidden_rmse == 3.0
     assert got.reported == 1.0
-    assert np.isnan([got.seen_nees, got.hidden_nees, got.coverage_50, got.coverage_90]).all()
+    assert np.isnan([got.seen_nees, got.hidden_nees, got.coverage_90]).all()
 
 
 def test_where_only_the_tracker_says_so_a_gap_is_what_it_did_not_measure_for_longer_than_a_missed_frame():
@@ -47,10 +46,9 @@ def test_where_only_the_tracker_says_so_a_gap_is_what_it_did_not_measure_for_lon
     got = report(rows(unseen_s=unseen), is_hidden=None)
     assert got.hidden_rmse == 3.0
     assert got.seen_rmse == pytest.approx(np.sqrt((40 * 1 + 10 * 4 + 5 * 9) / 55))  # the first half second as well
-    assert got.settled_rmse == pytest.approx(np.sqrt((10 * 1 + 20 * 1 + 5 * 9) / 35))
     unknown = report(rows(), is_hidden=None)
     assert unknown.rmse == got.rmse
-    assert np.isnan([unknown.seen_rmse, unknown.settled_rmse, unknown.hidden_rmse]).all()
+    assert np.isnan([unknown.seen_rmse, unknown.hidden_rmse]).all()
 
 
 TWO = Tracks(

@@ -20,22 +20,16 @@ UNMATCHED = -1
 
 
 class ClearMot(NamedTuple):
-    """Accuracy and what it counts.
+    """Accuracy, and the matches that it counts.
 
     Attributes:
         mota: 1 - (misses + false + switches) / rows of the truth; below 0 where more is wrong than there is.
-        misses: rows of the truth without a match.
-        false: estimates without a match.
         switches: how often a vehicle is matched to another track than when it was last matched.
-        valid: the pairs that may be matched.
-        matches: those that are, by instant.
+        matches: the pairs that are matched, by instant.
     """
 
     mota: float
-    misses: int
-    false: int
     switches: int
-    valid: Pairs
     matches: Pairs
 
 
@@ -53,9 +47,8 @@ def clear_mot(comparison: Comparison, *, similarity_m: float = 5.0) -> ClearMot:
     is_valid = similarity >= MATCH_FROM - EPSILON
     valid = near.chosen(is_valid)
     matched, switches = _matched(comparison, valid, similarity[is_valid])
-    n_rows, n_columns, n_matched = comparison.vehicle.size, comparison.track.size, matched.size
-    accuracy = (2 * n_matched - n_columns - switches) / max(1, n_rows)
-    return ClearMot(accuracy, n_rows - n_matched, n_columns - n_matched, switches, valid, valid.chosen(matched))
+    accuracy = (2 * matched.size - comparison.track.size - switches) / max(1, comparison.vehicle.size)
+    return ClearMot(accuracy, switches, valid.chosen(matched))
 
 
 def _matched(comparison: Comparison, valid: Pairs, similarity: FloatArray) -> tuple[IntArray, int]:

@@ -1,7 +1,7 @@
 """ROS 2 messages in CDR, by the definition that the log carries: "ros2msg" or "ros2idl".
 
-`rosbags` parses the definitions; the program made of them skips what is not wanted. Measured beside the decoders
-of rosbags and of mcap-ros2-support in tests/benchmarks/decoding.py: both build an object for every field.
+`rosbags` parses the definitions; the program made of them skips what is not wanted, where the decoders of
+rosbags and of mcap-ros2-support build an object for every field.
 
 Source: OMG CORBA 3.3 part 2, 9.3; ROS 2 interface definitions, https://design.ros2.org/articles/legacy_interface_definition.html.
 """
