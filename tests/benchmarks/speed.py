@@ -33,12 +33,11 @@ from dirprim_filter.distributions import VonMisesMixture
 from dirprim_filter.distributions.product import multiply_mixtures
 from dirprim_filter.filtering import ParticleFilter, Tracker
 from dirprim_filter.primitives.fitting import bounds_of, fit_all
-from dirprim_filter.primitives.rows import CellRows
 from dirprim_filter.recording.reader import stream_detections
 from dirprim_filter.recording.scan import scan
 from dirprim_filter.recording.writer import EstimateWriter
 from dirprim_filter.replay import replay
-from situations import ring_traffic
+from situations import one_cell, ring_traffic
 
 RUNS = 15
 
@@ -64,7 +63,7 @@ def fit() -> None:
         def ours(direction=direction, speed=speed, n=n) -> object:
             spread = float(np.log(speed.mean()) - np.log(speed).mean())
             bounds = bounds_of(LearningConfig(), prior_strength=0.02, speed_spread=spread)
-            return fit_all(CellRows.one(direction, speed, n_vehicles=n), bounds, merged_from=0)
+            return fit_all(one_cell(direction, speed, n_vehicles=n), bounds)
 
         own, theirs = least_ms(ours, lambda direction=direction: em_in_numpy(direction))
         print(f"{n:,} angles {own:.3f} ms {theirs:.1f} ms")
