@@ -185,10 +185,11 @@ NoIds = Annotated[
 StoreFolder = Annotated[
     Path, typer.Argument(metavar="STORE", help="The folder of the store, or a URL such as s3://bucket/fleet.")
 ]
-StoreWorkers = Annotated[int | None, typer.Option("--workers", min=1, help="Of a store: processes. Default: one.")]
+StoreWorkers = Annotated[
+    int | None, typer.Option("--workers", min=1, help="Processes. Default: one; to add many logs, one per core.")
+]
 Scheduler = Annotated[
-    str | None,
-    typer.Option("--scheduler", help="Of a store: a running scheduler of Dask, such as tcp://192.168.0.7:8786."),
+    str | None, typer.Option("--scheduler", help="A running scheduler of Dask, such as tcp://192.168.0.7:8786.")
 ]
 Save = Annotated[Path | None, typer.Option("--save", help="Write an .rrd for the rerun viewer."), WRITTEN]
 Spawn = Annotated[bool, typer.Option("--spawn", help="Start a new rerun viewer and stream to it.")]

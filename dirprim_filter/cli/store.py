@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from dirprim_filter.cli import losses, store_maps
-from dirprim_filter.cli.options import Scheduler, StoreFolder, Topics
+from dirprim_filter.cli.options import Scheduler, StoreFolder, StoreWorkers, Topics
 from dirprim_filter.cli.outputs import checked
 from dirprim_filter.cli.reading import TimeSource
 from dirprim_filter.cli.texts import counted, say
@@ -40,9 +40,7 @@ def add(
         str | None, typer.Option("--origin", help="Latitude,longitude of the origin, for satellite fixes.")
     ] = None,
     labels: Annotated[str | None, typer.Option("--labels", help="Classes to read, such as car|truck.")] = None,
-    workers: Annotated[
-        int | None, typer.Option("--workers", min=1, help="Processes. Default: one, or of many logs one per core.")
-    ] = None,
+    workers: StoreWorkers = None,
     scheduler: Scheduler = None,
 ) -> int:
     """Add logs to a store, which is made if need be.

@@ -139,8 +139,6 @@ def update(
         folder, workers=workers, scheduler=scheduler,
         **stated(min_vehicles=int, half_life_s=float, now=str, hours=str, zone=str),
     )  # fmt: skip
-    how = stated(tessellation=str, cell_size=float, n_cells=int, modes=str, primitive=str, seed=int)
-    return write_map(
-        learned_from, output or map_file, force=force or output is None,
-        **{"cell_size": None, "n_cells": None} | how,
-    )  # fmt: skip
+    kinds = {"tessellation": str, "cell_size": float, "n_cells": int, "modes": str, "primitive": str}
+    how = dict.fromkeys(kinds) | stated(**kinds)  # in the order of `learn`, for the same bytes
+    return write_map(learned_from, output or map_file, seed=int(said["seed"]), force=force or output is None, **how)

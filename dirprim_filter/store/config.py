@@ -26,7 +26,7 @@ class StoreConfig:
     """
 
     topics: str | None = None
-    time_source: TimeSource = "log"
+    time_source: TimeSource = "header"
     frame: str | None = None
     fields: str | None = None
     origin: str | None = None

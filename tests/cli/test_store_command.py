@@ -4,9 +4,14 @@ import json
 
 import numpy as np
 import pytest
+import typer
 
 from dirprim_filter import load_map, write_tracks
+from dirprim_filter.cli.main import app as whole_program
 from dirprim_filter.cli.main import run
+from dirprim_filter.cli.store import store as store_commands
+from dirprim_filter.recording.reader import ReadOptions
+from dirprim_filter.store.config import StoreConfig
 from situations import ring_traffic
 
 
@@ -115,3 +120,15 @@ def test_one_log_that_fails_does_not_hide_that_others_were_added(logs, capsys):
     told = capsys.readouterr()
     assert "added 2 logs" in told.out
     assert "2.mcap" in told.err
+
+
+def test_what_several_commands_take_is_one_option_and_logs_are_read_as_everywhere():
+    commands = typer.main.get_command(store_commands).commands
+    learn, of_store = typer.main.get_command(whole_program).commands["learn"], commands["learn"]
+    for one, other in ((learn, of_store), (commands["add"], of_store), (commands["update"], of_store)):
+        ours, theirs = ({p.name: (p.opts, p.help, p.default) for p in each.params if p.param_type_name == "option"}
+                        for each in (one, other))  # fmt: skip
+        shared = ours.keys() & theirs.keys() - {"output"}  # of `update` in the place of the map
+        assert len(shared) >= 2
+        assert {name: ours[name] for name in shared} == {name: theirs[name] for name in shared}
+    assert StoreConfig().reading == ReadOptions()

@@ -73,7 +73,7 @@ def test_logs_are_read_as_the_store_s_are(tmp_path):
     config = StoreConfig(time_source="publish")
     store = add_logs(tmp_path / "store", find_logs([path["a"]]), config=config).store
     assert Store.open(store.path).config == config
-    with pytest.raises(ValueError, match="expected time_source publish, as its logs are read, got log"):
+    with pytest.raises(ValueError, match="expected time_source publish, as its logs are read, got header"):
         add_logs(store.path, find_logs([path["b"]]), config=StoreConfig())
     with pytest.raises(ValueError, match="expected time_source publish"):
         merge(store, store_of(tmp_path / "other", path["b"]))
