@@ -35,10 +35,13 @@ def metadata_of(path: Path) -> dict[str, str]:
 
 def checksum(path: Path) -> str:
     """The file's SHA-256, in hexadecimal; of several files that of theirs."""
-    from dirprim_filter.recording.container.source import local_files
+    from dirprim_filter.recording.container.source import open_files
 
     sums = []
-    for one in local_files(path):
-        with one.open("rb") as file:
-            sums.append(hashlib.file_digest(file, "sha256").hexdigest())
+    for _, bytes_of in open_files(path):
+        whole = hashlib.sha256()
+        for block in bytes_of.blocks():
+            whole.update(block)
+        bytes_of.close()
+        sums.append(whole.hexdigest())
     return sums[0] if len(sums) == 1 else hashlib.sha256(" ".join(sums).encode()).hexdigest()

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from mcap.records import Statistics
 
 from dirprim_filter.recording.container.damage import Damage
-from dirprim_filter.recording.container.source import local_files, log_bytes
+from dirprim_filter.recording.container.source import log_files
 from dirprim_filter.recording.container.summary_section import Summary, read_summary
 from dirprim_filter.recording.name_patterns import matching
 
@@ -113,12 +113,12 @@ def summarise_by_index(
         NotMcapError: the file is no MCAP log.
         OSError: it cannot be opened.
     """
-    files = local_files(path)
-    if sum(file.stat().st_size for file in files) < from_bytes:
+    files = log_files(path)
+    if sum(len(bytes_of) for _, bytes_of in files) < from_bytes:
         return None
     sections = []
-    for file in files:
-        section = read_summary(log_bytes(file, path))
+    for _, bytes_of in files:
+        section = read_summary(bytes_of)
         if section is None or section.statistics is None:
             return None
         sections.append((section, section.statistics))
@@ -142,6 +142,6 @@ def _of(sections: list[tuple[Summary, Statistics]], wanted: Callable[[str], bool
         topics=topics, messages=n_messages, damage=(), is_checked=False, stamps=None, labels={}, groups={}, sizes={},
         start_ns=min(start for start, _ in spans) if n_messages and wanted is None else None,
         end_ns=max(end for _, end in spans) if n_messages and wanted is None else None,
-        attachments=tuple(name for section, _ in sections for name in section.attachments),
-        metadata=tuple(name for section, _ in sections for name in section.metadata),
+        attachments=tuple(one.name for section, _ in sections for one in section.attachments),
+        metadata=tuple(one.name for section, _ in sections for one in section.metadata),
     )  # fmt: skip

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from dirprim_filter.recording.container.partial_copy import NotInPartsError
-from dirprim_filter.recording.container.source import copy_in_parts, drop_copy
+from dirprim_filter.recording.container.source import drop_copy
 from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.losses import ALONE
 from dirprim_filter.recording.reader import TrackResult, read_track_logs
@@ -164,23 +162,10 @@ def _written(log: LogFile, *, path: str, config: StoreConfig) -> Receipt:
 
 
 def _read(log: LogFile, config: StoreConfig) -> TrackResult:
-    """Of a remote log no more is fetched than is read; where something of that is damaged, all of it."""
-    read = _read_in_parts(log, config) or read_track_logs(log.url, config.reading)
+    read = read_track_logs(log.url, config.reading)
     if not len(read.tracks):
         raise RecordingError(f"{log.url}: expected moving objects, got none; left out: {read.losses}")
     return read
-
-
-def _read_in_parts(log: LogFile, config: StoreConfig) -> TrackResult | None:
-    """None of a log that is not read in parts, or not well."""
-    if not copy_in_parts(log.url):
-        return None
-    with suppress(NotInPartsError):
-        read = read_track_logs(log.url, config.reading)
-        if not read.losses.damage:
-            return read
-    drop_copy(log.url)
-    return None
 
 
 def failures(added: Added) -> Iterator[str]:

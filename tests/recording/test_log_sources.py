@@ -1,10 +1,10 @@
 """Pipes, standard input and URLs read as files do; seeking opens no more chunks than needed; memory is bounded."""
 
-import errno
 import io
 import os
 import subprocess
 import sys
+import tempfile
 import threading
 from types import SimpleNamespace
 
@@ -33,8 +33,7 @@ def rows(log):
 
 @pytest.fixture(autouse=True)
 def forget_copies(monkeypatch):
-    monkeypatch.setattr(source, "_copies", {})
-    monkeypatch.setattr(source, "_pipes", {})
+    monkeypatch.setattr(source, "_kept", {})
 
 
 def test_a_fifo(tmp_path):
@@ -203,34 +202,18 @@ def test_learn_and_track_read_pipes_and_urls(tmp_path, ring, monkeypatch):
         np.testing.assert_array_equal(same[2], same[0])
 
 
-def test_a_copy_that_finds_no_room_blames_the_disk_and_not_the_url(monkeypatch):
-    fsspec = pytest.importorskip("fsspec", reason="reading URLs needs fsspec")
-    with fsspec.open("memory://large.mcap", "wb") as file:
-        file.write(b"x" * 100)
-
-    def full(_):
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr(source, "_blocks", lambda _: full)
-    with pytest.raises(NoRoomError, match=r"memory://large\.mcap: expected to copy it to .*: No space left .* TMPDIR"):
-        source.local_files("memory://large.mcap")
-    assert not source._copies
-
-
-@pytest.mark.parametrize("named", [False, True])
-def test_a_copy_has_no_name_where_the_system_allows_it_and_goes_when_it_is_dropped(tmp_path, monkeypatch, named):
-    if named:
-        monkeypatch.setattr(source, "OPEN_FILES", tmp_path / "absent")
-    elif not source.OPEN_FILES.is_dir():
-        pytest.skip("open files cannot be opened by number here")
-    monkeypatch.setattr(source.tempfile, "tempdir", str(tmp_path))
+def test_a_copy_that_finds_no_room_blames_the_disk_and_not_the_pipe(tmp_path, monkeypatch):
+    """And of a copy nothing is left when the process is killed: it has no name."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(log_bytes(SENT))))
-    (copy,) = source.local_files("-")
-    assert len(list(tmp_path.glob("dirprim-*"))) == named  # what a killed process would leave
     assert rows(scan("-")) == rows(scan("-")) == SENT
-    source.drop_copy("-")
-    assert not copy.exists()
     assert not any(tmp_path.iterdir())
+    source.drop_copy("-")
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(log_bytes(SENT))))
+    monkeypatch.setattr(source.tempfile, "TemporaryFile", lambda **_: io.FileIO("/dev/full", "w"))
+    with pytest.raises(NoRoomError, match=r"-: expected to copy it to .*: No space left .* TMPDIR"):
+        scan("-")
+    assert not source._kept
 
 
 @pytest.mark.parametrize(

@@ -29,7 +29,7 @@ PARTS = [  # channel 1 is another topic in each; the second begins before the fi
 
 @pytest.fixture(autouse=True)
 def forget_copies(monkeypatch):
-    monkeypatch.setattr(source, "_copies", {})
+    monkeypatch.setattr(source, "_kept", {})
 
 
 def rows(log):

@@ -149,7 +149,7 @@ def test_conformance_files_read_to_what_their_json_says_streamed_and_sought(monk
             for a in attached
         ], path.name
         assert [_as_row(message) for message in log] == expected, path.name
-        monkeypatch.setattr(source, "_copies", {})
+        monkeypatch.setattr(source, "_kept", {})
         monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(path.with_suffix(".mcap").read_bytes())))
         assert [_as_row(message) for message in scan("-")] == expected, path.name
         middle = [row for row in expected if 3 <= row[0] < 7]

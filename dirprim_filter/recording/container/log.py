@@ -28,7 +28,7 @@ from dirprim_filter.recording.container.merge import TimeMerge
 from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.container.outline import LogFile
 from dirprim_filter.recording.container.records import Attachment, Channel, MalformedRecordError, Message
-from dirprim_filter.recording.container.source import is_in_parts, local_files, log_bytes
+from dirprim_filter.recording.container.source import log_files
 
 UNSEEN, UNKNOWN, UNWANTED = -3, -2, -1
 """What stands for a channel id in place of an index into the list of channels."""
@@ -48,8 +48,8 @@ def scan(
     """Open an MCAP log for reading.
 
     Args:
-        path: a file; the folder of a rosbag2 recording, split or not; "-" for standard input, another pipe, or a URL
-            that fsspec can read: these are copied to a temporary file first, as are bags in SQLite.
+        path: a file; the folder of a rosbag2 recording, split or not; "-" for standard input, another pipe, or a bag:
+            these are copied to a temporary file first; or a URL that fsspec can read.
         topics: says whether a topic's messages are wanted; left out: all are. Chunks that hold none of them by the
             log's index are not opened, so damage in them is not seen.
         start_ns: the first log time wanted. Chunks outside of the time are not opened, as above.
@@ -83,12 +83,8 @@ class Log(AbstractContextManager["Log"]):
 
     def __init__(self, path: str | PathLike[str], *, live: bool = False) -> None:
         self.path = Path(path)
-        files = local_files(path, live=live)
-        self.files: list[LogFile] = []
-        for file in files:
-            is_one = len(files) == 1
-            bytes_of = log_bytes(file, self.path if is_one else file, live=live)
-            self.files.append(LogFile("" if is_one else file.name, bytes_of, by_summary=is_in_parts(path)))
+        files = log_files(path, live=live)
+        self.files = [LogFile(file.name if len(files) > 1 else "", bytes_of) for file, bytes_of in files]
         self.is_live = any(file.bytes_of.is_live for file in self.files)
         if self.is_live:
             next(self.files[0].chunks(), None)  # until messages come, nothing is known of channels

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
-from io import FileIO
-from typing import Any, cast
+from typing import Any, Protocol, cast
 
 from mcap.writer import Writer
 
 from dirprim_filter.recording.container.records import NO_SCHEMA, Channel, Schema
 
 N_IDS = 1 << 16
+
+
+class Stream(Protocol):
+    """A file that may take less than it is given."""
+
+    def write(self, data: memoryview, /) -> int: ...  # noqa: D102
+    def tell(self) -> int: ...  # noqa: D102
+    def flush(self) -> None: ...  # noqa: D102
 
 
 class McapWriter(Writer):
@@ -21,7 +28,7 @@ class McapWriter(Writer):
         library: of the header: who writes.
     """
 
-    def __init__(self, file: FileIO, *, profile: str = "", library: str) -> None:
+    def __init__(self, file: Stream, *, profile: str = "", library: str) -> None:
         super().__init__(cast("Any", _Through(file)))
         self._schemas: dict[Schema, int] = {NO_SCHEMA: 0}
         self._n_channels = 0
@@ -47,7 +54,7 @@ class McapWriter(Writer):
 class _Through:
     """A file that takes all of what it is given; what was written outlives the process."""
 
-    def __init__(self, file: FileIO) -> None:
+    def __init__(self, file: Stream) -> None:
         self._file = file
         self.tell, self.flush = file.tell, file.flush
 

@@ -19,7 +19,6 @@ from dirprim_filter.recording.container._kernels import MESSAGE_HEAD, MIN_MESSAG
 from dirprim_filter.recording.container.chunk import Chunk, chunk_at, indexes_after
 from dirprim_filter.recording.container.damage import Damage, DamageKind
 from dirprim_filter.recording.container.file_bytes import FileBytes
-from dirprim_filter.recording.container.partial_copy import NotInPartsError
 from dirprim_filter.recording.container.records import (
     CHUNK,
     MAGIC,
@@ -81,24 +80,25 @@ class Outline:
 class LogFile:
     """One file of a log.
 
+    Of a file elsewhere that has a whole Summary section with the places of its chunks, nothing else is read; damage in
+    what is not read is not seen then.
+
     Args:
         name: of the file, where the log has several; else empty.
         bytes_of: what it holds.
-        by_summary: the Summary section alone says where chunks stand, as of a file that is fetched as it is read.
 
     Attributes:
         outline: where everything stands in it, and what of that is broken; of a live pipe as far as it has come.
         kept: contents of chunks by their offset, with what is wrong with them.
-
-    Raises:
-        NotInPartsError: by its summary, which is not whole or does not say so.
     """
 
-    def __init__(self, name: str, bytes_of: FileBytes, *, by_summary: bool = False) -> None:
+    def __init__(self, name: str, bytes_of: FileBytes) -> None:
         self.name, self.bytes_of = name, bytes_of
         self.kept: dict[int, tuple[bytes, Damage | None]] = {}
-        self._walk = None if by_summary else _Walk(bytes_of)
-        self.outline = outline_by_summary(bytes_of) if self._walk is None else self._walk.outline
+        self.outline = (_by_summary(bytes_of) if bytes_of.is_remote else None) or Outline()
+        self._walk: _Walk | None = None
+        if not self.outline.chunks:
+            self._walk = _Walk(bytes_of, self.outline)
 
     def chunks(self) -> Iterator[Chunk]:
         """Those of the outline, and those that come meanwhile."""
@@ -108,37 +108,40 @@ class LogFile:
             i += 1
 
 
-def outline_by_summary(file: FileBytes) -> Outline:
-    """The chunks and channels of a file by its Summary section alone.
-
-    Raises:
-        NotInPartsError: the file has no whole Summary section with the places of its chunks.
-    """
+def _by_summary(file: FileBytes) -> Outline | None:
+    """By the Summary section alone; None where that is not whole or does not say where chunks stand."""
     summary = read_summary(file)
     if summary is None or not summary.chunks:
-        raise NotInPartsError("expected a whole Summary section with the places of chunks")
-    chunks = []
+        return None
+    outline = Outline(summary=summary)
     for index in sorted(summary.chunks.values(), key=lambda index: index.chunk_start_offset):
         head = RECORD_HEADER_SIZE + CHUNK.size + len(index.compression.encode()) + U64.size
         if head + index.compressed_size != index.chunk_length:
-            raise NotInPartsError(f"chunk index of byte {index.chunk_start_offset}: its numbers contradict each other")
-        chunks.append(
+            return None
+        outline.chunks.append(
             Chunk(
                 offset=index.chunk_start_offset, data_offset=index.chunk_start_offset + head,
                 data_length=index.compressed_size, size=index.uncompressed_size,
                 start_ns=index.message_start_time, end_ns=index.message_end_time, crc=0, compression=index.compression,
             )
         )  # fmt: skip
-    return Outline(chunks=chunks, summary=summary)
+    try:
+        for one in summary.metadata:
+            record = parse(file, one.offset)
+            outline.metadata.append((record.name, record.metadata))
+        outline.attachments = [parse_attachment(file, one.offset) for one in summary.attachments]
+    except (MalformedRecordError, IndexError, struct.error, AttributeError):
+        return None
+    return outline
 
 
 class _Walk:
     """The state of the pass: what was found so far, what the summary claims."""
 
-    def __init__(self, file: FileBytes) -> None:
+    def __init__(self, file: FileBytes, outline: Outline) -> None:
         self.file = file
         self.resync = Resync(file)
-        self.outline = Outline()
+        self.outline = outline
         self.has_unchunked = False
         self.data_end: int | None = None  # the byte after the DataEnd record
         self.summary_crc_holds = False

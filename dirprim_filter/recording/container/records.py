@@ -9,7 +9,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, cast
 
 from mcap import records as fields
 from mcap.data_stream import ReadDataStream
@@ -18,9 +18,10 @@ from mcap.opcode import Opcode
 from mcap.well_known import MessageEncoding
 from mcap.writer import MCAP0_MAGIC
 
-from dirprim_filter.recording.container.file_bytes import FileBytes
+if TYPE_CHECKING:
+    from dirprim_filter.recording.container.file_bytes import FileBytes
 
-Bytes = bytes | FileBytes
+Bytes: TypeAlias = "bytes | FileBytes"
 
 ENCODINGS = (MessageEncoding.Protobuf, MessageEncoding.CDR, MessageEncoding.JSON)
 """Of messages, those that can be read as objects."""

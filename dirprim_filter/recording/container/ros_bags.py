@@ -6,12 +6,11 @@ Source: rosbag2's `metadata.yaml`, which lists the files of a folder in their or
 from __future__ import annotations
 
 from collections.abc import Callable
-from io import FileIO
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
 from dirprim_filter.recording.container.errors import RecordingError
-from dirprim_filter.recording.container.mcap_writer import McapWriter
+from dirprim_filter.recording.container.mcap_writer import McapWriter, Stream
 from dirprim_filter.recording.container.records import Channel, Schema
 
 if TYPE_CHECKING:
@@ -51,35 +50,31 @@ def files_of(folder: Path) -> list[Path]:
     return [] if storage == "sqlite3" else files
 
 
-def as_mcap(bag: Path) -> Callable[[FileIO], None]:
-    """Writes the messages of a folder, or of a single file, into an MCAP log; those of ROS 1 as ROS 2 has them.
+def write_mcap(bag: Path, file: Stream) -> None:
+    """Write the messages of a folder, or of a single file, as an MCAP log; those of ROS 1 as ROS 2 has them.
 
-    Raises (when it writes):
+    Raises:
         RecordingError: rosbags cannot read it.
     """
+    from apsw import Error as SqliteError  # noqa: PLC0415  (loaded for such bags alone)
+    from rosbags import rosbag1, rosbag2  # noqa: PLC0415
 
-    def write(file: FileIO) -> None:
-        from apsw import Error as SqliteError  # noqa: PLC0415  (loaded for such bags alone)
-        from rosbags import rosbag1, rosbag2  # noqa: PLC0415
-
-        is_old = bag.suffix == ROS_1
-        writer = McapWriter(file, profile="ros2", library="rosbags")
-        try:
-            with (rosbag1 if is_old else rosbag2).Reader(bag) as reader:
-                streams = {}
-                for one in reader.connections:
-                    definition, as_cdr = _of_ros_1(one) if is_old else (_definition(one), bytes)
-                    streams[one.id] = writer.define(_channel(one, *definition)), as_cdr
-                for connection, time_ns, data in reader.messages():
-                    channel, as_cdr = streams[connection.id]
-                    writer.add_message(channel, max(time_ns, 0), as_cdr(data), max(time_ns, 0))
-        except (rosbag1.ReaderError, rosbag2.ReaderError, SqliteError) as error:
-            way = "`sqlite3 OLD.db3 .recover | sqlite3 NEW.db3` saves what is left"
-            way = f"of a broken one {'`rosbag reindex` makes its index anew' if is_old else way}"
-            raise RecordingError(f"{bag}: expected a bag that rosbags can read, got {error}; {way}") from error
-        writer.finish()
-
-    return write
+    is_old = bag.suffix == ROS_1
+    writer = McapWriter(file, profile="ros2", library="rosbags")
+    try:
+        with (rosbag1 if is_old else rosbag2).Reader(bag) as reader:
+            streams = {}
+            for one in reader.connections:
+                definition, as_cdr = _of_ros_1(one) if is_old else (_definition(one), bytes)
+                streams[one.id] = writer.define(_channel(one, *definition)), as_cdr
+            for connection, time_ns, data in reader.messages():
+                channel, as_cdr = streams[connection.id]
+                writer.add_message(channel, max(time_ns, 0), as_cdr(data), max(time_ns, 0))
+    except (rosbag1.ReaderError, rosbag2.ReaderError, SqliteError) as error:
+        way = "`sqlite3 OLD.db3 .recover | sqlite3 NEW.db3` saves what is left"
+        way = f"of a broken one {'`rosbag reindex` makes its index anew' if is_old else way}"
+        raise RecordingError(f"{bag}: expected a bag that rosbags can read, got {error}; {way}") from error
+    writer.finish()
 
 
 def _channel(connection: Connection, encoding: str, definition: str) -> Channel:

@@ -1,13 +1,12 @@
-"""Where the bytes of a log come from: files, a pipe, a URL or a bag; in the end always files.
+"""Where the bytes of a log come from: files, a pipe, a URL or a bag.
 
-The order of log time needs the whole log, so what is no file is copied to a temporary one first; memory stays bounded.
-The copy lasts as long as the process: a pipe can be read only once, but a log is opened several times. Where open
-files can be opened again by number, the copy has no name: nothing is left of it when the process is killed.
+The order of log time needs the whole log, and a log is read several times: a pipe and a bag are copied to a temporary
+file that has no name, so nothing is left of it when the process is killed; of a URL blocks come as they are asked for,
+so of a log that says where its chunks stand no more is fetched than is read.
 """
 
 from __future__ import annotations
 
-import atexit
 import errno
 import logging
 import os
@@ -15,19 +14,17 @@ import re
 import stat
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from functools import partial
-from io import BufferedReader, FileIO
+from io import BufferedReader
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, BinaryIO, cast
 
-from dirprim_filter.recording.container import partial_copy
 from dirprim_filter.recording.container.errors import NoRoomError, NotMcapError, RecordingError
-from dirprim_filter.recording.container.file_bytes import FileBytes
+from dirprim_filter.recording.container.file_bytes import FileBytes, PipeBytes, RemoteBytes
 from dirprim_filter.recording.container.other_formats import READ_BYTES
-from dirprim_filter.recording.container.partial_copy import NotInPartsError, PartialCopy, Remote
 from dirprim_filter.recording.container.records import MAGIC
 
 logger = logging.getLogger(__name__)
@@ -37,131 +34,52 @@ BAGS = (".db3", ".bag")
 """What the names of bags end in: in SQLite, and of ROS 1."""
 VERSION_FREE_MAGIC = MAGIC[:5]
 """A log whose opening magic differs only behind this is read, and reported as damaged."""
-BLOCK_BYTES = 1 << 22
+READ_AT_ONCE = 1 << 22
+FETCHED_BYTES, BLOCKS_KEPT = 1 << 20, 256
+"""Of a URL: bytes of a block, and how many blocks stay in memory."""
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 URL = re.compile(r"(?P<scheme>[A-Za-z][A-Za-z0-9+.:-]+?):/+(?P<rest>[^/].*)")
 """`Path` folds the slashes of a URL; what names no file and starts like this is taken for one."""
 
-OPEN_FILES = Path("/proc/self/fd")
-"""Of this process by their numbers, where the system lists them."""
 
-_copies: dict[str, Path] = {}
-_in_parts: dict[str, PartialCopy] = {}
-"""Of which copies chunks are missing."""
-_pipes: dict[str, _Pipe] = {}
-"""Of which copies the end may be missing."""
+_kept: dict[str, _Copy | _Remote] = {}
 
 
-def local_files(path: str | PathLike[str], *, live: bool = False) -> list[Path]:
-    """The file itself, or those of a folder that rosbag2 recorded; of what is none the copy.
+def open_files(path: str | PathLike[str], *, live: bool = False) -> list[tuple[Path, FileBytes]]:
+    """The files of a log or a table, open: one, or those of a folder that rosbag2 recorded.
 
-    A pipe ("-" is standard input), a URL and a bag in SQLite are copied when they are first asked for; a live pipe as
-    it is read.
+    Args:
+        path: a file, a folder, "-" for standard input, another pipe, a URL, or a bag.
+        live: a pipe is read as it comes, not to its end first.
 
     Raises:
         RecordingError: a URL or a folder that cannot be read, or fsspec or what it needs for this scheme is missing.
         OSError: it cannot be read.
     """
-    name = fspath(path)
-    if copy := _copies.get(_key(name)):
-        return [copy]
-    if name == STDIN:
-        return [_piped(name, sys.stdin.buffer, live=live)]
-    file = Path(name)
-    if url := as_url(name):
-        return [_fetched(name, url)]
-    if file.is_dir() or file.suffix in BAGS:
-        from dirprim_filter.recording.container import ros_bags  # noqa: PLC0415  (`dirprim info` of a log does without)
+    name, key = fspath(path), _key(path)
+    file = Path(path)
+    if key not in _kept:
+        if name == STDIN:
+            _kept[key] = _Pipe(name, sys.stdin.buffer)
+        elif url := as_url(name):
+            _kept[key] = _remote(name, url)
+        elif file.is_dir() or file.suffix in BAGS:
+            from dirprim_filter.recording.container import ros_bags  # noqa: PLC0415 - `dirprim info` does without
 
-        files = ros_bags.files_of(file) if file.is_dir() else []
-        return files or [_copied(name, ros_bags.as_mcap(file))]
-    if not stat.S_ISREG(file.stat().st_mode):
-        pipe = file.open("rb")
-        copy = _piped(name, pipe, live=live)
-        if not live:
-            pipe.close()
-        return [copy]
-    return [file]
-
-
-def _piped(name: str, stream: BinaryIO, *, live: bool) -> Path:
-    """The copy of a pipe; of a live one without what comes later."""
-    if not live:
-        return _copied(name, _blocks(stream))
-    copy = _copied(name, lambda _: None)
-    _pipes[_key(name)] = _Pipe(stream, copy)
-    return copy
-
-
-class _Pipe:
-    """What has come of a live pipe, in a file."""
-
-    def __init__(self, stream: BinaryIO, copy: Path) -> None:
-        self._stream = cast("BufferedReader", stream)
-        self._copy = copy.open("ab", buffering=0)
-        self._size: float = 0
-
-    def wait(self, _: int, stop: int) -> None:
-        """Until so many bytes have come, or no more will."""
-        while self._size < stop:
-            block = self._stream.read1(BLOCK_BYTES)
-            self._size += len(block)
-            if not block:
-                self.close()
-            while block:
-                block = block[self._copy.write(block) :]
-
-    def close(self) -> None:
-        """No more comes."""
-        self._size = float("inf")
-        self._copy.close()
-        if self._stream is not sys.stdin.buffer:
-            self._stream.close()
-
-
-def copy_in_parts(path: str | PathLike[str]) -> bool:
-    """Until `drop_copy`, have chunks of a URL's log come when they are first read, see `partial_copy`; whether that is.
-
-    A log that is short, or has no whole Summary section with the places of its chunks, is to be copied whole; so is one
-    of which all bytes are wanted, for a checksum.
-
-    Raises:
-        RecordingError: as `local_files`.
-        OSError: as there.
-    """
-    name = fspath(path)
-    if (url := as_url(name)) is None or _key(name) in _copies:
-        return False
-
-    from dirprim_filter.recording.container.outline import outline_by_summary  # noqa: PLC0415  (it has kernels)
-
-    def write(file: FileIO) -> None:
-        _in_parts[_key(name)] = PartialCopy(remote, file)
-
-    try:
-        with _asking(url) as fsspec:
-            files, place = fsspec.core.url_to_fs(url)
-            remote = Remote(files, place, int(files.info(place).get("size") or 0))
-            if remote.size >= partial_copy.SHORT_BYTES:
-                outline_by_summary(log_bytes(_copied(name, write), path))
-    except NotInPartsError as error:
-        logger.info("%s: copied whole: %s", name, error)
-        drop_copy(path)
-    return _key(name) in _in_parts
+            if files := ros_bags.files_of(file) if file.is_dir() else []:
+                return [(one, FileBytes(os.open(one, os.O_RDONLY))) for one in files]
+            copy = _Copy(name, ())
+            ros_bags.write_mcap(file, copy)
+            _kept[key] = copy
+        elif not stat.S_ISREG(file.stat().st_mode):
+            _kept[key] = _Pipe(name, file.open("rb"))
+    bytes_of = _kept[key].bytes_of(live=live) if key in _kept else FileBytes(os.open(path, os.O_RDONLY))
+    return [(Path(path), bytes_of)]
 
 
 def drop_copy(path: str | PathLike[str]) -> None:
-    """Remove the copy of a pipe or a URL, if there is one: who reads many need not keep them all."""
-    _in_parts.pop(_key(path), None)
-    if pipe := _pipes.pop(_key(path), None):
-        pipe.close()
-    copy = _copies.pop(_key(path), None)
-    if copy is None:
-        return
-    if copy.parent == OPEN_FILES:
-        os.close(int(copy.name))
-    else:
-        copy.unlink(missing_ok=True)
+    """Forget what is kept of a pipe or a URL: who reads many need not keep them all."""
+    _kept.pop(_key(path), None)
 
 
 def _key(path: str | PathLike[str]) -> str:
@@ -169,38 +87,22 @@ def _key(path: str | PathLike[str]) -> str:
     return str(Path(path))
 
 
-def is_in_parts(path: str | PathLike[str]) -> bool:
-    """Whether chunks of the log come when they are first read."""
-    return _key(path) in _in_parts
-
-
-def log_bytes(file: Path, path: str | PathLike[str], *, live: bool = False) -> FileBytes:
-    """The bytes of a local file of a log.
-
-    Args:
-        file: what is read.
-        path: what the user calls it.
-        live: of a pipe as they come, if it was opened so.
+def log_files(path: str | PathLike[str], *, live: bool = False) -> list[tuple[Path, FileBytes]]:
+    """The same of an MCAP log.
 
     Raises:
-        NotMcapError: it is empty, or neither starts nor ends like an MCAP log.
-        OSError: it cannot be opened.
+        NotMcapError: a file is empty, or neither starts nor ends like one.
+        RecordingError: as `open_files`.
+        OSError: as there.
     """
-    copy, pipe = _in_parts.get(_key(path)), _pipes.get(_key(path))
-    if pipe and not live:
-        pipe.wait(0, 1 << 63)
-    if pipe and live:
-        bytes_of = FileBytes(file, supply=pipe.wait, is_live=True)
-    else:
-        bytes_of = FileBytes(file, supply=partial(copy.fetch, file) if copy else None)
-    opening = bytes_of.read(0, READ_BYTES)
-    if opening.startswith(VERSION_FREE_MAGIC):
-        return bytes_of
-    size = len(bytes_of)
-    if bytes_of.read(max(size - len(MAGIC), 0), size) == MAGIC:
-        return bytes_of
-    bytes_of.close()
-    raise NotMcapError(path, opening)
+    files = open_files(path, live=live)
+    for file, bytes_of in files:
+        opening = bytes_of.read(0, READ_BYTES)
+        if not opening.startswith(VERSION_FREE_MAGIC):
+            size = len(bytes_of)
+            if bytes_of.read(max(size - len(MAGIC), 0), size) != MAGIC:
+                raise NotMcapError(path if len(files) == 1 else file, opening)
+    return files
 
 
 def as_url(name: str) -> str | None:
@@ -212,9 +114,95 @@ def as_url(name: str) -> str | None:
     return f"{match['scheme']}://{root}{match['rest']}"
 
 
-def _fetched(name: str, url: str) -> Path:
-    with _asking(url) as fsspec, fsspec.open(url, "rb") as remote:
-        return _copied(name, _blocks(remote))
+class _Copy:
+    """A temporary file of blocks; `name` is what the user calls it."""
+
+    def __init__(self, name: str, blocks: Iterable[bytes]) -> None:
+        self.file = tempfile.TemporaryFile(prefix="dirprim-", buffering=0)  # noqa: SIM115
+        self.tell, self.flush = self.file.tell, self.file.flush
+        self._name = name
+        for block in blocks:
+            self.write(block)
+
+    def write(self, block: bytes | memoryview) -> int:
+        """All of it.
+
+        Raises:
+            NoRoomError: there is none.
+        """
+        left = memoryview(block)
+        try:
+            while left:
+                left = left[self.file.write(left) :]
+        except OSError as error:
+            if error.errno not in NO_ROOM:
+                raise
+            drop_copy(self._name)
+            raise NoRoomError(
+                f"{self._name}: expected to copy it to {tempfile.gettempdir()}: {error.strerror}; make room there, or "
+                "set TMPDIR to a folder that has some"
+            ) from error
+        return len(block)
+
+    def bytes_of(self, *, live: bool) -> FileBytes:
+        return FileBytes(os.dup(self.file.fileno()))
+
+    def __del__(self) -> None:
+        self.file.close()
+
+
+class _Pipe(_Copy):
+    """What has come of a pipe."""
+
+    def __init__(self, name: str, stream: Any) -> None:
+        super().__init__(name, ())
+        self._stream = cast("BufferedReader", stream)
+        self._size: float = 0
+
+    def wait(self, size: int) -> None:
+        """Until so many bytes have come, or no more will."""
+        while self._size < size:
+            block = self._stream.read1(READ_AT_ONCE)
+            self._size += len(block) if block else float("inf")
+            self.write(block)
+
+    def bytes_of(self, *, live: bool) -> FileBytes:
+        if live:
+            return PipeBytes(os.dup(self.file.fileno()), self.wait)
+        self.wait(1 << 63)
+        return super().bytes_of(live=False)
+
+    def __del__(self) -> None:
+        super().__del__()
+        if self._stream is not sys.stdin.buffer:
+            self._stream.close()
+
+
+class _Remote:
+    """A file elsewhere, and the blocks of it that were read last."""
+
+    def __init__(self, name: str, file: BinaryIO) -> None:
+        self._name, self._file = name, file
+
+    def bytes_of(self, *, live: bool) -> FileBytes:
+        return RemoteBytes(self._name, self._file)
+
+
+def _remote(name: str, url: str) -> _Remote | _Copy:
+    """By fsspec's cache of blocks; all of it where a server does not send parts."""
+    with _asking(url) as fsspec:
+        files, place = fsspec.core.url_to_fs(url)
+        cache = {"block_size": FETCHED_BYTES, "cache_type": "blockcache", "cache_options": {"maxblocks": BLOCKS_KEPT}}
+        try:
+            remote = _Remote(name, files.open(place, "rb", **cache))
+            remote.bytes_of(live=False).read(0, READ_BYTES)
+        except FileNotFoundError:
+            raise
+        except (OSError, ValueError, TypeError, RecordingError) as error:  # no parts, or no length
+            logger.info("%s: copied whole: %s", name, error)
+            with files.open(place, "rb", block_size=0) as stream:
+                return _Copy(name, iter(partial(stream.read, READ_AT_ONCE), b""))
+        return remote
 
 
 @contextmanager
@@ -236,37 +224,3 @@ def _asking(url: str) -> Iterator[Any]:
     except Exception as error:  # the scheme is unknown, its package is missing, or of that package's own kind
         why = str(error) or type(error).__name__
         raise RecordingError(f"{url}: expected a URL that fsspec can read: {why}; copy the log here") from error
-
-
-def _copied(name: str, write: Callable[[FileIO], None]) -> Path:
-    with tempfile.NamedTemporaryFile(prefix="dirprim-", suffix=".mcap", buffering=0, delete=False) as copy:
-        path = Path(copy.name)
-        if OPEN_FILES.is_dir():
-            path.unlink()
-            path = OPEN_FILES / str(os.dup(copy.fileno()))
-        else:
-            atexit.register(path.unlink, missing_ok=True)
-        _copies[_key(name)] = path
-        try:
-            write(cast("FileIO", copy))
-        except BaseException as error:
-            drop_copy(name)
-            if not isinstance(error, OSError) or error.errno not in NO_ROOM:
-                raise
-            raise NoRoomError(
-                f"{name}: expected to copy it to {tempfile.gettempdir()}: {error.strerror}; make room there, or "
-                "set TMPDIR to a folder that has some"
-            ) from error
-    logger.info("%s: copied to %s", name, tempfile.gettempdir())
-    return path
-
-
-def _blocks(stream: BinaryIO) -> Callable[[FileIO], None]:
-    """Writes what a stream holds."""
-
-    def write(file: FileIO) -> None:
-        while block := memoryview(stream.read(BLOCK_BYTES)):
-            while block:
-                block = block[file.write(block) :]
-
-    return write

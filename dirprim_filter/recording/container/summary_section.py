@@ -14,7 +14,7 @@ from collections import ChainMap
 from dataclasses import dataclass, field
 
 from mcap.opcode import Opcode
-from mcap.records import ChunkIndex, Statistics
+from mcap.records import AttachmentIndex, ChunkIndex, MetadataIndex, Statistics
 
 from dirprim_filter.recording.container.file_bytes import FileBytes
 from dirprim_filter.recording.container.records import (
@@ -47,8 +47,8 @@ class Summary:
         channels: by id.
         chunks: chunk indexes, by the offset of their chunk.
         statistics: None where there is no such record.
-        attachments: their names.
-        metadata: their records' names.
+        attachments: their indexes.
+        metadata: likewise.
         is_whole: it is not damaged, and the schemas of all its channels are known.
     """
 
@@ -56,8 +56,8 @@ class Summary:
     channels: dict[int, Channel] = field(default_factory=dict)
     chunks: dict[int, ChunkIndex] = field(default_factory=dict)
     statistics: Statistics | None = None
-    attachments: list[str] = field(default_factory=list)
-    metadata: list[str] = field(default_factory=list)
+    attachments: list[AttachmentIndex] = field(default_factory=list)
+    metadata: list[MetadataIndex] = field(default_factory=list)
     is_whole: bool = True
 
     def take(self, opcode: int, buffer: Bytes, at: int, schemas: dict[int, Schema]) -> None:
@@ -77,9 +77,9 @@ class Summary:
             except UndefinedSchemaError:
                 self.is_whole = False
         elif opcode == Opcode.ATTACHMENT_INDEX:
-            self.attachments.append(parse(buffer, at).name)
+            self.attachments.append(parse(buffer, at))
         elif opcode == Opcode.METADATA_INDEX:
-            self.metadata.append(parse(buffer, at).name)
+            self.metadata.append(parse(buffer, at))
         elif opcode == Opcode.STATISTICS:
             self.statistics = parse(buffer, at)
 

@@ -1,0 +1,149 @@
+"""Remote logs: what of them is fetched, and that they read as if they were here."""
+
+import io
+
+import numpy as np
+import pytest
+from mcap.writer import Writer
+
+from dirprim_filter import read_tracks, write_tracks
+from dirprim_filter.recording.container import source
+from dirprim_filter.recording.errors import RecordingError
+from dirprim_filter.recording.reader import read_track_logs
+from dirprim_filter.recording.scan import scan
+from dirprim_filter.store.adding import add_logs, failures
+from dirprim_filter.store.logs import find_logs
+from situations import ring_traffic
+
+fsspec = pytest.importorskip("fsspec", reason="reading URLs needs fsspec")
+URL = "counting://log.mcap"
+
+
+class Part(fsspec.spec.AbstractBufferedFile):
+    def _fetch_range(self, start, end):
+        if not Counting.knows_ranges:
+            raise ValueError("no range requests")
+        if end - start > Counting.most_bytes:
+            raise TimeoutError("no answer")
+        Counting.fetched += end - start
+        return Counting.log[start:end]
+
+
+class Counting(fsspec.AbstractFileSystem):
+    """One log, and how many bytes of it were asked for."""
+
+    protocol = "counting"
+    cachable = False
+    log = b""
+    fetched, most_bytes, knows_ranges = 0, 1 << 30, True
+
+    def info(self, path, **_):
+        return {"name": path, "size": len(self.log), "type": "file", "ETag": "1"}
+
+    def _open(self, path, mode="rb", block_size=None, **options):
+        if block_size == 0:
+            Counting.fetched += len(self.log)
+            return io.BytesIO(self.log)
+        return Part(self, path, mode, block_size, **options)
+
+
+fsspec.register_implementation("counting", Counting, clobber=True)
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory):
+    """Tracks, and a log of them and of a camera that says much after every tenth of their messages."""
+    path = tmp_path_factory.mktemp("drive") / "tracks.mcap"
+    rng = np.random.default_rng(0)
+    write_tracks(ring_traffic(rng, n_vehicles=40, n_rows=60), path)
+    sent = [message for message in scan(path) if message.channel.schema.name == "dirprim.Observations"]
+    file = io.BytesIO()
+    writer = Writer(file, chunk_size=1 << 14)
+    writer.start()
+    said = sent[0].channel
+    schema = writer.register_schema(said.schema.name, said.schema.encoding, said.schema.data)
+    tracks = writer.register_channel("/tracks", said.message_encoding, schema)
+    camera = writer.register_channel("/camera", "raw", 0)
+    for i, message in enumerate(sent):
+        writer.add_message(tracks, message.log_time_ns, message.data, message.publish_time_ns)
+        for _ in range(8 if i % 10 == 9 else 0):
+            writer.add_message(camera, message.log_time_ns, rng.bytes(1 << 15), message.publish_time_ns)
+    writer.finish()
+    return read_tracks(path), file.getvalue()
+
+
+@pytest.fixture(autouse=True)
+def asked(monkeypatch, drive):
+    """Nothing was fetched before, nothing is kept, and blocks are small."""
+    for name, value in {"fetched": 0, "log": drive[1], "knows_ranges": True, "most_bytes": 1 << 30}.items():
+        monkeypatch.setattr(Counting, name, value)
+    monkeypatch.setattr(source, "FETCHED_BYTES", 1 << 9)
+    monkeypatch.setattr(source, "BLOCKS_KEPT", 1 << 14)
+    monkeypatch.setattr(source, "_kept", {})
+
+
+def test_little_more_is_fetched_than_the_chunks_that_carry_tracks(drive):
+    with scan(URL) as log:
+        summary = log.log.files[0].outline.summary
+        size = dict.fromkeys(summary.channels, 0)
+        for index in summary.chunks.values():
+            for channel in index.message_index_offsets:
+                size[channel] += index.chunk_length + index.message_index_length
+    tracks, camera = (size[k] for k, _ in sorted(summary.channels.items(), key=lambda item: item[1].topic)[::-1])
+    assert read_tracks(URL) == drive[0]
+    assert tracks <= Counting.fetched <= 1.1 * tracks < 0.5 * camera
+    before = Counting.fetched
+    assert read_tracks(URL) == drive[0]
+    assert Counting.fetched == before
+
+
+def changed(log, at, to=b"x"):
+    return log[:at] + to + log[at + len(to) :]
+
+
+HARMLESS = ("another time in the chunk", "another length of the chunk", "another message index")
+"""The contents have a checksum of their own, and the Summary section says where they stand."""
+
+
+HARMS = {
+    "none": lambda log, _: log,
+    "no summary": lambda log, _: log[: log.rindex(b"\x0f\x04\x00\x00\x00\x00\x00\x00\x00")],
+    "summary damaged": lambda log, _: changed(log, len(log) - 60),
+    "footer cut": lambda log, _: log[:-9],
+    "contents damaged": lambda log, chunk: changed(log, chunk.data_offset + 40),
+    "another time in the chunk": lambda log, chunk: changed(log, chunk.offset + 9),
+    "another length of the chunk": lambda log, chunk: changed(log, chunk.offset + 1),
+    "another message index": lambda log, chunk: changed(log, chunk.end + 9),
+}
+
+
+@pytest.mark.parametrize("name", HARMS)
+@pytest.mark.parametrize("knows_ranges", [True, False])
+def test_a_log_reads_as_if_it_were_here(name, knows_ranges, drive, tmp_path, monkeypatch):
+    path = tmp_path / "log.mcap"
+    path.write_bytes(drive[1])
+    with scan(path) as whole:
+        first = whole.log.chunks[0]
+    harmed = HARMS[name](drive[1], first)
+    path.write_bytes(harmed)
+    monkeypatch.setattr(Counting, "log", harmed)
+    monkeypatch.setattr(Counting, "knows_ranges", knows_ranges)
+    here, there = read_track_logs(path), read_track_logs(URL)
+    assert there.tracks == here.tracks
+    assert bool(there.losses.damage) == (bool(here.losses.damage) and not (knows_ranges and name in HARMLESS))
+    with scan(URL) as far, scan(path) as near:
+        assert list(far) == list(near)
+        assert far.metadata == near.metadata
+
+
+def test_a_connection_that_breaks_is_said_in_one_line_and_the_next_read_goes_on(monkeypatch, tmp_path, drive):
+    monkeypatch.setattr(source, "FETCHED_BYTES", 1 << 12)
+    with scan(URL) as log:
+        monkeypatch.setattr(Counting, "most_bytes", 0)
+        with pytest.raises(RecordingError, match="no answer; try again"):
+            list(log)
+        (line,) = failures(add_logs(tmp_path / "store", find_logs([URL])))
+        assert line.startswith("counting://log.mcap: ")
+        assert "no answer" in line
+        monkeypatch.setattr(Counting, "most_bytes", 1 << 30)
+        assert list(log)
