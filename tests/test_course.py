@@ -18,7 +18,7 @@ from dirprim_filter.course import (
     motion_of,
 )
 from dirprim_filter.distributions.angles import difference, wrap
-from dirprim_filter.recording.tables import read_csv
+from dirprim_filter.recording.tables import read_named
 from dirprim_filter.tracks import Tracks
 from oracles import central_differences, nearest_moving, noise_of_neighbours
 
@@ -164,7 +164,7 @@ def test_nothing_has_no_course():
 @pytest.mark.skipif(not DATA.exists(), reason=f"real data are not at {DATA}")
 @pytest.mark.parametrize(("scene", "median", "high"), [("roundabout", 0.038, 0.157), ("intersection", 0.005, 0.105)])
 def test_on_the_bends_of_town03_yaw_and_course_differ_as_was_measured(scene, median, high):
-    tracks = read_csv(DATA / f"{scene}.csv").tracks
+    tracks = read_named(DATA / f"{scene}.csv").tracks
     driving = tracks.speed > 1.0
     off = np.abs(difference(tracks.heading, tracks.direction))[driving]
     assert np.quantile(off, [0.5, 0.9]) == pytest.approx([median, high], abs=0.005)

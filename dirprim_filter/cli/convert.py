@@ -72,11 +72,10 @@ def convert(
     from dirprim_filter.cli.provenance import provenance
     from dirprim_filter.recording import write_tracks
     from dirprim_filter.recording.schemas.family import FieldMapping
-    from dirprim_filter.recording.tables.formats import recognised
     from dirprim_filter.recording.tables.named_columns import parse_columns
     from dirprim_filter.recording.transforms.geodesy import Origin
 
-    known = form.value if form else recognised(source)
+    known = form.value if form else "csv"
     options = {
         "metres_per_pixel": metres_per_pixel, "frames_per_second": frames_per_second,
         "columns": parse_columns(columns) if columns else None,
@@ -107,7 +106,7 @@ def convert(
 
 def _read(source: Path, form: str, given: dict[str, Any]) -> Table:
     """The table, by the reader of its format; options that it has not are refused, as are those that it needs."""
-    from dirprim_filter.recording.tables.formats import FORMATS, options_of
+    from dirprim_filter.recording.tables import FORMATS, options_of
 
     takes = options_of(form)
     for name in given.keys() - takes.keys():

@@ -14,7 +14,7 @@ from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.reader import read_estimates
 from dirprim_filter.recording.schemas.family import matrices
 from dirprim_filter.recording.tables.columns import Columns
-from dirprim_filter.recording.tables.files import arrow_columns, text_columns
+from dirprim_filter.recording.tables.files import columns_of, text_columns
 from dirprim_filter.recording.tables.named_columns import check_header
 from dirprim_filter.track_ids import as_texts
 from dirprim_filter.tracks import Tracks
@@ -50,9 +50,9 @@ def read_tracked_rows(
     """
     form = Path(Path(path).name.removesuffix(".gz")).suffix.lower()
     if form in (".csv", ".parquet", ".feather"):
-        columns = _named(text_columns(path) if form == ".csv" else arrow_columns(path))
+        columns = _named(columns_of(path))
     elif form == ".txt":
-        columns = _mot(text_columns(path, MOT, delimiters=","), truth)
+        columns = _mot(text_columns(path, MOT), truth)
     else:
         rows = TrackedRows.of(read_estimates(path, smoothed=smoothed))
         columns = {field.name: getattr(rows, field.name) for field in fields(rows) if field.name != "group"}

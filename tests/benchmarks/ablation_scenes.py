@@ -23,7 +23,7 @@ from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
 from dirprim_filter.filtering import Tracker
 from dirprim_filter.filtering.particle_filter import bayes_filter_of
 from dirprim_filter.primitives import PrimitiveMap, learn_primitives
-from dirprim_filter.recording.tables import read_csv
+from dirprim_filter.recording.tables import read_named
 from dirprim_filter.simulation.sensor import detect
 from dirprim_filter.tracks import Tracks
 
@@ -174,7 +174,7 @@ def rows_of(errors: RowErrors) -> Outcome:
 @cache
 def log_of(path: str) -> Tracks:
     """A table of the data."""
-    return read_csv(DATA / path).tracks
+    return read_named(DATA / path).tracks
 
 
 def town(name: str) -> Callable[[int], Simulated]:

@@ -13,7 +13,7 @@ from dirprim_filter.cli.main import run
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
-from dirprim_filter.recording.tables import read_csv
+from dirprim_filter.recording.tables import read_named
 from dirprim_filter.recording.tables.estimate_table import write_estimates
 from dirprim_filter.recording.tracked_table import read_tracked_rows
 from dirprim_filter.recording.writer import EstimateWriter
@@ -97,7 +97,7 @@ def test_every_column_of_a_csv_is_what_is_believed_and_convert_reads_it(tracked,
         ("effective_sample_size", "effective_sample_size"), ("direction_resultant", "direction_resultant"),
     ):  # fmt: skip
         assert [float(row[column]) for row in table] == getattr(estimates, attribute).tolist()
-    tracks = read_csv(out).tracks
+    tracks = read_named(out).tracks
     assert np.array_equal(np.sort(tracks.time_ns), np.sort(estimates.time_ns))
     assert set(tracks.track_id) == set(odd)
 

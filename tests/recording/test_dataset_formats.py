@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from dirprim_filter.cli.convert import Format
 from dirprim_filter.cli.main import run
 from dirprim_filter.recording.errors import TableError
-from dirprim_filter.recording.tables import FORMATS, read_arrow, read_sdd, read_sumo_fcd, read_trajnet
+from dirprim_filter.recording.tables import FORMATS, read_named, read_sdd, read_sumo_fcd, read_trajnet
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT / "../shared/data/death_circle"
@@ -110,7 +110,7 @@ def test_an_example_brings_a_data_set_into_a_table(tmp_path, made, label, start_
     source = made(tmp_path)
     table = runpy.run_path(str(ROOT / f"docs/examples/{made.__name__}.py"))[made.__name__](source)
     pa.parquet.write_table(table, tmp_path / "out.parquet")
-    read = read_arrow(tmp_path / "out.parquet")
+    read = read_named(tmp_path / "out.parquet")
     tracks = read.tracks
     assert (read.losses.dropped, set(read.labels.values()), list(read.unused)) == ({}, {label}, [])
     assert tracks.time_ns.tolist() == (start_ns + STEPS * 100_000_000).tolist()

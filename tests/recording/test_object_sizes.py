@@ -21,7 +21,7 @@ from dirprim_filter.recording import read_tracks, write_tracks
 from dirprim_filter.recording.foxglove.vehicles import VEHICLE_SIZE
 from dirprim_filter.recording.reader import inspect, stream_detections
 from dirprim_filter.recording.schemas.family import FieldMapping
-from dirprim_filter.recording.tables import read_csv
+from dirprim_filter.recording.tables import read_named
 from dirprim_filter.recording.writer import EstimateWriter
 from dirprim_filter.tracks import Tracks
 
@@ -279,11 +279,11 @@ def test_sizes_of_a_table(tmp_path):
         "0,a,0,0,0,1,4.5,1.9,3\n1,a,1,0,0,1,,1.9,3\n2,a,2,0,0,1,0,-1,3\n3,a,nan,0,0,1,7,7,3\n"
     )
     expected = [[4.5, 1.9, NAN], [NAN, 1.9, NAN], [NAN, NAN, NAN]]
-    read = read_csv(path)
+    read = read_named(path)
     np.testing.assert_array_equal(read.tracks.size, expected)
     assert list(read.losses.dropped.values()) == [1]
     lines = [line.split(",") for line in path.read_text().splitlines()[:-1]]
     path.write_text("\n".join(",".join(cells[:4] + cells[6:]) for cells in lines))
-    np.testing.assert_array_equal(read_csv(path).tracks.size, expected)  # motion from positions
+    np.testing.assert_array_equal(read_named(path).tracks.size, expected)  # motion from positions
     assert run(["convert", str(path), "-o", str(tmp_path / "log.mcap"), "--format", "csv"]) == 0
     np.testing.assert_array_equal(read_tracks(tmp_path / "log.mcap").size, expected)

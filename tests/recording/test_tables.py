@@ -21,7 +21,7 @@ from dirprim_filter.estimates import Estimates
 from dirprim_filter.recording import write_tracks
 from dirprim_filter.recording.errors import RecordingError, TableError
 from dirprim_filter.recording.reader import read_track_logs, stream_detections
-from dirprim_filter.recording.tables import read_arrow, read_csv
+from dirprim_filter.recording.tables import read_named
 from dirprim_filter.recording.tables.estimate_table import write_estimates
 from dirprim_filter.recording.tables.named_columns import parse_columns
 
@@ -37,28 +37,26 @@ def table(tmp_path, text, name="table.csv"):
     return path
 
 
-def lines(header, rows):
-    return "\n".join([header, *rows])
+def read(tmp_path, header, rows):
+    return read_named(table(tmp_path, "\n".join([header, *rows])))
 
 
 def test_columns_are_found_by_name_in_any_order(tmp_path):
     header = "speed_mps,lane,y_m,time_s,course_rad,group,x_m,track_id,heading_rad"
-    read = read_csv(table(tmp_path, f"{header}\n5,L1,2,0.1,-0.5,3,+1,a,1.5\n6,L1,4,0.2,0.25,3,2,a,\n"))
-    tracks = read.tracks
-    assert read.unused == ["lane"]
-    assert tracks.track_id.tolist() == ["a", "a"]
-    assert tracks.time_ns.tolist() == [100_000_000, 200_000_000]
+    found = read(tmp_path, header, ["5,L1,2,0.1,-0.5,3,+1,a,1.5", "6,L1,4,0.2,0.25,3,2,a,"])
+    tracks = found.tracks
+    assert found.unused == ["lane"]
+    assert (tracks.track_id.tolist(), tracks.time_ns.tolist()) == (["a", "a"], [100_000_000, 200_000_000])
     assert tracks.position.tolist() == [[1.0, 2.0], [2.0, 4.0]]
     assert tracks.direction.tolist() == [-0.5, 0.25]  # kept as it is, whatever the positions say
     np.testing.assert_array_equal(tracks.heading, [1.5, np.nan])
     assert (tracks.speed.tolist(), tracks.group.tolist()) == ([5.0, 6.0], [3, 3])
-    assert (read.losses.dropped, read.losses.notes) == ({}, {})
+    assert (found.losses.dropped, found.losses.notes) == ({}, {})
 
 
 @pytest.mark.parametrize("start", ["0", "1700000000", "-1700000000", "999998", "8999999000"])
 def test_tenths_of_a_second_are_exact_at_any_epoch(tmp_path, start):
-    rows = [f"{Decimal(start) + Decimal(i) / 10},1,{i},0,0,1" for i in range(40)]
-    tracks = read_csv(table(tmp_path, lines(HEADER, rows))).tracks
+    tracks = read(tmp_path, HEADER, [f"{Decimal(start) + Decimal(i) / 10},1,{i},0,0,1" for i in range(40)]).tracks
     assert tracks.time_ns.tolist() == [int(start) * 10**9 + i * 10**8 for i in range(40)]
 
 
@@ -74,7 +72,7 @@ def test_tenths_of_a_second_are_exact_at_any_epoch(tmp_path, start):
 )
 def test_times_are_exact_to_the_nanosecond_in_seconds_and_as_iso_times(tmp_path, cell, time_ns):
     for name in ("time_s", *["timestamp"] * ("T" in cell or " " in cell)):
-        tracks = read_csv(table(tmp_path, f"{HEADER.replace('time_s', name)}\n{cell},1,2,0,0,1\n")).tracks
+        tracks = read(tmp_path, HEADER.replace("time_s", name), [f"{cell},1,2,0,0,1"]).tracks
         assert tracks.time_ns.tolist() == [time_ns]
 
 
@@ -83,65 +81,57 @@ def test_bad_rows_are_dropped_and_counted_and_good_ones_kept(tmp_path):
         "0.0,a,0,0,0,1", "0.2,a,2,0,0,1", "0.1,a,1,0,0,1", "0.1,a,9,9,0,1", "0.3,a,nan,0,0,1", "0.4,a,,0,0,1",
         ",a,4,0,0,1", "", "0.5,a,5,0,0,inf", "0.6,a,6,0,0,-1", "0.7,a,1e308,0,,", "0.8,a,-1e308,0,,", "0.1,b,7,0,0,1",
     ]  # fmt: skip
-    for n in (1, 500):  # more rows than are held as text at one time
-        more = [f"{k},c{k},0,0,0,1" for k in range(1, n) for _ in range(8)]
-        read = read_csv(table(tmp_path, lines(HEADER, [*rows, *more])))
-        repeated = "a second row of a vehicle at one time"
-        assert read.losses.dropped == {MISSING: 6, "negative speed": 1, repeated: 1 + 7 * (n - 1)}
-        assert list(read.losses.notes.values()) == [1]
-        assert read.tracks.position[:4, 0].tolist() == [0.0, 1.0, 7.0, 2.0]
+    found = read(tmp_path, HEADER, rows)
+    repeated = "a second row of a vehicle at one time"
+    assert found.losses.dropped == {MISSING: 6, "negative speed": 1, repeated: 1}
+    assert list(found.losses.notes.values()) == [1]
+    assert found.tracks.position[:4, 0].tolist() == [0.0, 1.0, 7.0, 2.0]
 
 
 def test_an_id_in_two_groups_is_two_vehicles(tmp_path):
     rows = ["0.0,7,1,0,0,1,1", "0.0,7,2,0,0,1,2", "0.1,8,3,0,0,1,2"]
-    read = read_csv(table(tmp_path, lines(f"{HEADER},group", rows)))
-    assert read.tracks.track_id.tolist() == ["1/7", "2/7", "2/8"]
-    assert list(read.losses.notes.values()) == [1]
-    apart = read_csv(table(tmp_path, lines(f"{HEADER},group", [rows[0], rows[2]])))
+    found = read(tmp_path, f"{HEADER},group", rows)
+    assert found.tracks.track_id.tolist() == ["1/7", "2/7", "2/8"]
+    assert list(found.losses.notes.values()) == [1]
+    apart = read(tmp_path, f"{HEADER},group", [rows[0], rows[2]])
     assert (apart.tracks.track_id.tolist(), apart.losses.notes) == ([7, 8], {})
 
 
 def test_several_columns_make_the_group(tmp_path):
     rows = [f"{t},v,{t},0,{site},{day}" for site in ("north", "south") for day in (1, 2) for t in (0, 1)]
-    path = table(tmp_path, lines(f"{PLACES},site,day", rows))
+    path = table(tmp_path, "\n".join([f"{PLACES},site,day", *rows]))
     for group, groups in (("site+day", [0, 1, 2, 3]), ("day", [1, 2])):
-        read = read_csv(path, columns=parse_columns(f"group={group}"))
-        assert np.unique(read.tracks.group).tolist() == groups
-        assert read.unused == (["site"] if group == "day" else [])
+        found = read_named(path, columns=parse_columns(f"group={group}"))
+        assert np.unique(found.tracks.group).tolist() == groups
+        assert found.unused == (["site"] if group == "day" else [])
     with pytest.raises(TableError, match="expected column week"):
-        read_csv(path, columns={"group": "site+week"})
+        read_named(path, columns={"group": "site+week"})
 
 
 @pytest.mark.parametrize("names", ["latitude_deg,longitude_deg", "lat,lon"])
 def test_latitudes_and_longitudes_come_onto_a_plane(tmp_path, names):
     """An ellipsoid's own geodesics measure the way, in metres and from north."""
     rows = [f"{t},v,{48 + 1e-4 * t},{11 + 2e-4 * t}" for t in range(3)] + ["3,v,91,11"]
-    read = read_csv(table(tmp_path, lines(f"time_s,track_id,{names}", rows)))
+    found = read(tmp_path, f"time_s,track_id,{names}", rows)
     azimuth, _, metres = Geod(ellps="WGS84").inv(11, 48, 11.0002, 48.0001)
-    east, north = read.tracks.position[1] - read.tracks.position[0]
+    east, north = found.tracks.position[1] - found.tracks.position[0]
     np.testing.assert_allclose(np.hypot(east, north), metres, atol=1e-3)
     np.testing.assert_allclose(np.degrees(np.arctan2(east, north)), azimuth, atol=1e-3)
-    assert read.losses.dropped == {MISSING: 1}
-    there = read_tracks([tmp_path / "table.csv", table(tmp_path, lines(f"time_s,track_id,{names}", rows[1:]), "b.csv")])
+    assert found.losses.dropped == {MISSING: 1}
+    other = table(tmp_path, "\n".join([f"time_s,track_id,{names}", *rows[1:]]), "b.csv")
+    there = read_tracks([tmp_path / "table.csv", other])
     for row in there[there.track_id == "b/v"].position:  # of the second table on the plane of the first
         assert np.abs(there[there.track_id == "table/v"].position - row).sum(axis=1).min() < 1e-6
 
 
-def test_motion_is_differenced_where_the_table_has_none(tmp_path):
-    rows = [f"{0.1 * i:.1f},v,{3 * 0.1 * i:.4f},{4 * 0.1 * i:.4f}" for i in range(20)]
-    read = read_csv(table(tmp_path, lines(PLACES, [*rows, "90,v,0,0"])))
-    np.testing.assert_allclose(read.tracks.speed, 5.0, rtol=1e-9)
-    np.testing.assert_allclose(read.tracks.direction, np.arctan2(4, 3), rtol=1e-9)
-    assert read.losses.dropped == {"alone in time, so that no velocity can be derived": 1}
-
-
-def test_a_vehicle_of_which_a_speed_is_missing_gets_its_motion_from_positions(tmp_path):
+def test_motion_that_a_vehicle_has_not_in_all_rows_is_that_of_its_positions(tmp_path):
     rows = [f"{0.1 * k:.1f},{name},{k},0,{course},{speed}" for k in range(4) for name, course, speed in (
         ("reported", 1.5, 3), ("part", 1.5, "" if k == 2 else 3), ("none", "", ""))]  # fmt: skip
-    read = read_csv(table(tmp_path, lines(HEADER.replace("heading", "course"), rows)))
-    assert (read.losses.dropped, list(read.losses.notes.values())) == ({}, [3])
+    found = read(tmp_path, HEADER.replace("heading", "course"), [*rows, "90,none,0,0,,"])
+    assert found.losses.dropped == {"alone in time, so that no velocity can be derived": 1}
+    assert list(found.losses.notes.values()) == [3]
     for name, direction, speed in (("reported", 1.5, 3.0), ("part", 0.0, 10.0), ("none", 0.0, 10.0)):
-        motion = read.tracks[read.tracks.track_id == name]  # a metre each 0.1 s to the east
+        motion = found.tracks[found.tracks.track_id == name]  # a metre each 0.1 s to the east
         np.testing.assert_allclose(motion.direction, [direction] * 4, atol=1e-12)
         np.testing.assert_allclose(motion.speed, [speed] * 4)
 
@@ -161,10 +151,13 @@ WRONG = [
     ("Time,Id,x_m,y_m,class\n", "time_s, track_id, x_m, y_m, got Time, Id, x_m, y_m, class; name"),
     *((f"time_s,x_m,y_m,{name}\n0,1,2,3\n", "track_id") for name in ("id", "Vehicle_ID", "trackid", "object id")),
     ("time,track_id,x_m,y_m\n12.5,1,2,3\n", "line 2: expected an ISO time as time, got '12.5'; name seconds time_s"),
+    ("time,track_id,x_m,y_m\n9999-01-01T00:00:00,1,2,3\n", "line 2: expected an ISO time as time, got '9999"),
     (f"{HEADER}\n0,1,2,3,0,1\n0,1,2,fast,0,1\n", r"line 3: expected a number as y_m, got 'fast'"),
     (f"{HEADER}\n\n\n0,1,2,3,0,1\nsoon,1,2,3,0,1\n", r"line 5: expected seconds as time_s, got 'soon'"),
-    (f"{HEADER}\n0,1,2,3,0\n", r"line 2: expected 6 cells, got 5"),
-    (f'{HEADER}\n0,"1\n', "unexpected end of data"),
+    (f"{HEADER}\n\n0,1,2,3,0\n", r"line 3: expected 6 cells, got 5"),
+    (f'{HEADER}\n0,"1\n', "line 2: expected 6 cells, got 2"),
+    (f'{PLACES},label\n0,a,1,2,"car\n1,a,1,2,car\n', "expected quotes in pairs, got one that is not closed"),
+    (f"{PLACES}\n0,{'a' * 3_000_000},1,2\n", "expected rows of cells in UTF-8 text"),
     (f"{HEADER}\n1700000000000,1,2,3,0,1\n", r"line 2: expected seconds as time_s, got '1700000000000'; divide by 1e3"),
     (f"{HEADER},group\n0,1,2,3,0,1,red\n", "a whole number as group, got 'red'"),
     (f"{HEADER},group\n0,1,2,3,0,1,{2**70}\n", "a whole number as group"),
@@ -178,7 +171,7 @@ WRONG = [
 @pytest.mark.parametrize(("text", "message"), WRONG)
 def test_a_wrong_table_is_reported_in_one_line(tmp_path, text, message):
     with pytest.raises(TableError, match=message) as caught:
-        read_csv(table(tmp_path, text))
+        read_named(table(tmp_path, text))
     assert "table.csv" in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -186,13 +179,13 @@ def test_a_wrong_table_is_reported_in_one_line(tmp_path, text, message):
 def test_bytes_that_are_no_text_are_reported_and_a_byte_order_mark_is_no_part_of_the_name(tmp_path):
     (tmp_path / "a.csv").write_bytes(f"{HEADER}\n0,M\xfcller,2,3,0,1\n".encode("latin-1"))
     with pytest.raises(TableError, match="UTF-8"):
-        read_csv(tmp_path / "a.csv")
+        read_named(tmp_path / "a.csv")
     (tmp_path / "a.csv").write_text(f"{HEADER}\n0,1,2,3,0,1\n", encoding="utf-8-sig")
-    assert len(read_csv(tmp_path / "a.csv").tracks) == 1
+    assert len(read_named(tmp_path / "a.csv").tracks) == 1
     whole = gzip.compress((f"{HEADER}\n" + "".join(f"{i},a,{i},{i * i},0,1\n" for i in range(500))).encode())
     (tmp_path / "cut.csv.gz").write_bytes(whole[:-40])
     with pytest.raises(TableError, match=r"cut\.csv\.gz.*expected a whole gzip file"):
-        read_csv(tmp_path / "cut.csv.gz")
+        read_named(tmp_path / "cut.csv.gz")
 
 
 UNLABELLED = """\
@@ -206,15 +199,15 @@ group,time_s,sensor,x_m,y_m,own_x_m
 
 def test_a_table_without_ids_is_detections_by_sensor_and_none_is_lost(tmp_path):
     path = table(tmp_path, UNLABELLED)
-    read = read_csv(path)
-    assert (len(read.tracks), read.unused, read.losses.dropped, read.losses.notes) == (0, ["own_x_m"], {}, {})
-    radar, lidar = read.detections["radar"], read.detections["lidar"]
-    assert list(read.detections) == ["radar", "lidar"]
+    found = read_named(path)
+    assert (len(found.tracks), found.unused, found.losses.dropped, found.losses.notes) == (0, ["own_x_m"], {}, {})
+    radar, lidar = found.detections["radar"], found.detections["lidar"]
+    assert list(found.detections) == ["radar", "lidar"]
     assert radar.position.tolist() == [[-609.376, -159.392], [-352.215, 86.0], [5.0, 6.0]]
     assert radar.time_ns.tolist() == [10**9] * 3
     assert (radar.group.tolist(), lidar.group.tolist()) == ([2, 2, 3], [2])
     assert set(radar.track_id.tolist()) == {NO_ID}
-    write_tracks(read.tracks, tmp_path / "log.mcap", detections=read.detections)
+    write_tracks(found.tracks, tmp_path / "log.mcap", detections=found.detections)
     for asked in ({}, {"topics": "/detections/radar"}, {"group": 2}, {"start_ns": 10**9 + 1}):
         stream, of_log = stream_detections(path, **asked), stream_detections(tmp_path / "log.mcap", **asked)
         assert list(map(len, stream)) == list(map(len, of_log))
@@ -225,12 +218,11 @@ def test_a_table_without_ids_is_detections_by_sensor_and_none_is_lost(tmp_path):
 
 def test_rows_of_no_vehicle_are_detections(tmp_path):
     """The empty id would be one that jumps; a radar that numbers its rows has each alone in time."""
-    rows = ["0,a,0,0", "0,,50,0", "1,a,1,0", "1, ,-50,0"]
-    read = read_csv(table(tmp_path, lines(PLACES, rows)))
-    assert (read.tracks.track_id.tolist(), read.losses.dropped) == (["a", "a"], {})
-    assert read.detections[""].track_id.tolist() == ["a", NO_ID, "a", NO_ID]
-    read = read_csv(table(tmp_path, lines(PLACES, [f"{k},{k},{k},0" for k in range(9)])))
-    assert (len(read.tracks), len(read.detections[""]), read.losses.dropped) == (0, 9, {})
+    found = read(tmp_path, PLACES, ["0,a,0,0", "0,,50,0", "1,a,1,0", "1, ,-50,0"])
+    assert (found.tracks.track_id.tolist(), found.losses.dropped) == (["a", "a"], {})
+    assert found.detections[""].track_id.tolist() == ["a", NO_ID, "a", NO_ID]
+    found = read(tmp_path, PLACES, [f"{k},{k},{k},0" for k in range(9)])
+    assert (len(found.tracks), len(found.detections[""]), found.losses.dropped) == (0, 9, {})
 
 
 @pytest.mark.skipif(not DATA.exists(), reason=f"real data are not at {DATA}")
@@ -239,14 +231,14 @@ def test_rows_of_no_vehicle_are_detections(tmp_path):
     [("lankershim/lankershim.csv", 60_567, 1091), ("town03/roundabout.csv", 64_201, 567)],
 )
 def test_real_csv_comes_whole_and_on_the_tenth(name, n_rows, n_tracks):
-    read = read_csv(DATA / name)
-    assert (len(read.tracks), read.tracks.n_tracks, read.losses.dropped) == (n_rows, n_tracks, {})
+    found = read_named(DATA / name)
+    assert (len(found.tracks), found.tracks.n_tracks, found.losses.dropped) == (n_rows, n_tracks, {})
     with (DATA / name).open() as file:
         slow = sorted(
             (round(float(r["time_s"]) * 10), int(r["track_id"]), float(r["x_m"]), float(r["speed_mps"]))
             for r in csv.DictReader(file)
         )
-    columns = (read.tracks.time_ns / 1e8, read.tracks.track_id, read.tracks.position[:, 0], read.tracks.speed)
+    columns = (found.tracks.time_ns / 1e8, found.tracks.track_id, found.tracks.position[:, 0], found.tracks.speed)
     assert sorted(zip(*(column.tolist() for column in columns), strict=True)) == slow
 
 
@@ -259,35 +251,32 @@ PLAIN = f"{HEADER},label\n0,a,1.5,-2,0.25,3,car\n0.5,a,2.5,-2,0.25,3,car\n0,b,7,
         lambda text: text.replace(",", ";"),
         lambda text: text.replace(",", ";").replace(".", ","),
         lambda text: text.replace(",", "\t"),
-        lambda text: "\n" + text.replace("label", "class").replace(",", ", "),
+        lambda text: "\n" + text.replace("label", "class").replace(",", ", ").replace("\n", "\r\n"),
     ],
-    ids=["semicolons", "semicolons and decimal commas", "tabs", "spaces and a class"],
+    ids=["semicolons", "semicolons and decimal commas", "tabs", "spaces, a class and other line ends"],
 )
 def test_a_table_reads_the_same_whatever_stands_between_its_cells(tmp_path, form):
-    wanted = read_csv(table(tmp_path, PLAIN))
+    wanted = read_named(table(tmp_path, PLAIN))
     (tmp_path / "other.csv.gz").write_bytes(gzip.compress(form(PLAIN).encode()))
     for path in (table(tmp_path, form(PLAIN), "other.csv"), tmp_path / "other.csv.gz"):
-        assert read_csv(path) == wanted
+        assert read_named(path) == wanted
         assert read_tracks(path) == wanted.tracks
     assert wanted.labels == {"a": "car", "b": "truck"}
     assert set(read_tracks(path, labels="car").track_id) == {"a"}
-
-
-def test_a_vehicle_has_the_label_of_most_of_its_rows_and_the_others_are_counted(tmp_path):
     rows = [f"{i},a,{i},0,0,1,{label}" for i, label in enumerate(["car", "van", "van", "", "bus"])]
-    read = read_csv(table(tmp_path, lines(f"{HEADER},category", rows)))
-    assert (read.labels, list(read.losses.notes.values())) == ({"a": "van"}, [2])
+    found = read(tmp_path, f"{HEADER},category", rows)
+    assert (found.labels, list(found.losses.notes.values())) == ({"a": "van"}, [2])  # of most of its rows
 
 
 def test_columns_of_other_names_are_mapped_and_what_is_not_used_is_named(tmp_path):
-    text = "Id,Easting,Northing,t,x_m,Lane\na,1,2,0,99,5\na,2,2,1,99,5\n"
+    path = table(tmp_path, "Id,Easting,Northing,t,x_m,Lane\na,1,2,0,99,5\na,2,2,1,99,5\n")
     columns = {"track_id": "Id", "x_m": "Easting", "y_m": "Northing", "time_s": "t"}
-    read = read_csv(table(tmp_path, text), columns=columns)
-    assert (read.tracks.position.tolist(), read.unused) == ([[1.0, 2.0], [2.0, 2.0]], ["x_m", "Lane"])
+    found = read_named(path, columns=columns)
+    assert (found.tracks.position.tolist(), found.unused) == ([[1.0, 2.0], [2.0, 2.0]], ["x_m", "Lane"])
     with pytest.raises(TableError, match="expected column East, got Id, Easting"):
-        read_csv(table(tmp_path, text), columns=columns | {"x_m": "East"})
+        read_named(path, columns=columns | {"x_m": "East"})
     with pytest.raises(TableError, match=r"--columns time_s=NAME"):
-        read_csv(table(tmp_path, text), columns={"track_id": "Id", "x_m": "Easting", "y_m": "Northing"})
+        read_named(path, columns={"track_id": "Id", "x_m": "Easting", "y_m": "Northing"})
     for wrong in ("x=Easting", "x_m", "x_m=", "x_m=a,x_m=b", ""):
         with pytest.raises(ValueError, match=r"columns: expected NAME=COLUMN, each of time_s, .*, got "):
             parse_columns(wrong)
@@ -308,7 +297,7 @@ def test_ids_that_a_spreadsheet_would_run_are_exported_as_text_and_read_back(tmp
     with (tmp_path / "out.csv").open(newline="") as file:
         cells = [row[1] for row in csv.reader(file)][1:]
     assert [cell for cell in cells if cell[0] in "=+-@\t"] == ["-3"]  # a number is no formula
-    assert read_csv(tmp_path / "out.csv").tracks.track_id.tolist() == names
+    assert read_named(tmp_path / "out.csv").tracks.track_id.tolist() == names
 
 
 N = 6
@@ -316,25 +305,26 @@ TIMES_NS = 1_700_000_000_123_456_789 + np.arange(N) * 100_000_000
 WRITERS = {"t.parquet": pa.parquet.write_table, "t.feather": pa.feather.write_feather}
 
 
-def columns():
-    return {
+def columns(**changes):
+    made = {
         "time_ns": TIMES_NS, "track_id": np.repeat(["a", "b"], N // 2), "x_m": np.arange(N, dtype=np.float32),
         "y_m": 0.6 * np.arange(N), "heading_rad": pa.array([0.5, None, 1.0, 1.5, 2.0, 2.5]),
         "group": np.zeros(N, np.int32), "length_m": np.full(N, 4.5), "lane": np.arange(N),
         "class": pa.array(["car"] * 3 + [None] + ["bus"] * 2).dictionary_encode(),
     }  # fmt: skip
+    return pa.table({name: values for name, values in (made | changes).items() if values is not None})
 
 
 @pytest.mark.parametrize("name", WRITERS)
 def test_arrow_tables_read_as_the_csv_of_the_same_columns_does(tmp_path, name):
-    made = pa.table(columns())
+    made = columns()
     WRITERS[name](made, tmp_path / name)
-    read = read_arrow(tmp_path / name)
+    found = read_named(tmp_path / name)
     texts = made.to_pydict()
     rows = [",".join("" if one is None else str(one) for one in row) for row in zip(*texts.values(), strict=True)]
-    assert read == read_csv(table(tmp_path, lines(",".join(texts), rows)))
-    assert read_tracks(tmp_path / name) == read.tracks
-    assert (read.labels, list(read.unused)) == ({"a": "car", "b": "bus"}, ["lane"])
+    assert found == read(tmp_path, ",".join(texts), rows)
+    assert read_tracks(tmp_path / name) == found.tracks
+    assert (found.labels, list(found.unused)) == ({"a": "car", "b": "bus"}, ["lane"])
 
 
 @pytest.mark.parametrize(
@@ -347,15 +337,14 @@ def test_arrow_tables_read_as_the_csv_of_the_same_columns_does(tmp_path, name):
     ],
 )
 def test_times_of_an_arrow_table_are_nanoseconds_timestamps_texts_or_seconds(tmp_path, time, named, within_ns):
-    made = {"stamp" if name == "time_ns" else name: values for name, values in columns().items()} | {"stamp": time}
-    pa.parquet.write_table(pa.table(made), tmp_path / "t.parquet")
-    read = read_arrow(tmp_path / "t.parquet", columns={named: "stamp"})
-    np.testing.assert_allclose(read.tracks.time_ns - TIMES_NS, 0, atol=within_ns)
+    pa.parquet.write_table(columns(time_ns=None, stamp=time), tmp_path / "t.parquet")
+    found = read_named(tmp_path / "t.parquet", columns={named: "stamp"})
+    np.testing.assert_allclose(found.tracks.time_ns - TIMES_NS, 0, atol=within_ns)
 
 
 def test_bad_rows_of_an_arrow_table_are_dropped_and_counted(tmp_path):
-    made = columns() | {"x_m": pa.array([0.0, None, 2.0, np.inf, 4.0, 5.0]), "time_ns": pa.array([1, 2, None, 4, 5, 6])}
-    pa.parquet.write_table(pa.table(made), tmp_path / "t.parquet")
+    bad = {"x_m": pa.array([0.0, None, 2.0, np.inf, 4.0, 5.0]), "time_ns": pa.array([1, 2, None, 4, 5, 6])}
+    pa.parquet.write_table(columns(**bad), tmp_path / "t.parquet")
     assert read_track_logs(tmp_path / "t.parquet").losses.dropped[MISSING] == 3
     with pytest.raises(RecordingError, match=r"t\.parquet: expected a table of which all is read, left out 3 rows"):
         read_tracks(tmp_path / "t.parquet", strict=True)
@@ -372,13 +361,13 @@ def test_bad_rows_of_an_arrow_table_are_dropped_and_counted(tmp_path):
         ({"track_id": [[1]] * N}, r"column track_id: expected texts or numbers, got list"),
         ({"heading_rad": None, "heading_deg": [0.0] * N}, "expected column heading_rad, got heading_deg; multiply by"),
         ({"time_ns": None, "time_s": TIMES_NS}, r"row 1: expected seconds as time_s, got 1\.7e\+18; name whole nano"),
+        ({"time_ns": pa.array(TIMES_NS).cast(pa.timestamp("us"))}, "column time_ns: expected times until"),
     ],
 )
 def test_a_wrong_arrow_table_is_told_in_one_line(tmp_path, change, told):
-    made = {name: values for name, values in (columns() | change).items() if values is not None}
-    pa.parquet.write_table(pa.table(made), tmp_path / "t.parquet")
+    pa.parquet.write_table(columns(**change), tmp_path / "t.parquet")
     with pytest.raises(TableError, match=told) as caught:
-        read_arrow(tmp_path / "t.parquet")
+        read_named(tmp_path / "t.parquet")
     assert "\n" not in str(caught.value)
 
 
@@ -386,7 +375,7 @@ def test_a_wrong_arrow_table_is_told_in_one_line(tmp_path, change, told):
 def test_a_broken_arrow_file_is_told_in_one_line(tmp_path, data):
     (tmp_path / "t.parquet").write_bytes(data)
     with pytest.raises(TableError, match="expected a Parquet, Feather or Arrow file, got") as caught:
-        read_arrow(tmp_path / "t.parquet")
+        read_named(tmp_path / "t.parquet")
     assert "\n" not in str(caught.value)
 
 

@@ -1,10 +1,24 @@
-"""Where a table came from: one reader for each data set format."""
+"""Where a table came from: one reader for each format."""
 
-from dirprim_filter.recording.tables.datasets import read_sdd as read_sdd
-from dirprim_filter.recording.tables.datasets import read_trajnet as read_trajnet
-from dirprim_filter.recording.tables.formats import FORMATS as FORMATS
-from dirprim_filter.recording.tables.json_table import read_json as read_json
-from dirprim_filter.recording.tables.named_columns import read_arrow as read_arrow
-from dirprim_filter.recording.tables.named_columns import read_csv as read_csv
-from dirprim_filter.recording.tables.sumo_fcd import read_sumo_fcd as read_sumo_fcd
-from dirprim_filter.recording.tables.table import Table as Table
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from inspect import Parameter, signature
+
+from dirprim_filter.recording.tables.datasets import read_sdd, read_sumo_fcd, read_trajnet
+from dirprim_filter.recording.tables.json_table import read_json
+from dirprim_filter.recording.tables.named_columns import read_named
+from dirprim_filter.recording.tables.table import Table
+
+__all__ = ["FORMATS", "Table", "options_of", "read_json", "read_named", "read_sdd", "read_sumo_fcd", "read_trajnet"]
+
+FORMATS: Mapping[str, Callable[..., Table]] = {
+    **dict.fromkeys(("csv", "parquet", "feather"), read_named),
+    "json": read_json, "sumo-fcd": read_sumo_fcd, "sdd": read_sdd, "trajnet": read_trajnet,
+}  # fmt: skip
+
+
+def options_of(form: str) -> dict[str, bool]:
+    """What the reader of a format takes beside the path, and whether it must be given."""
+    parameters = list(signature(FORMATS[form]).parameters.values())[1:]
+    return {parameter.name: parameter.default is Parameter.empty for parameter in parameters}

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from datetime import UTC, datetime, timedelta
 from decimal import Decimal, InvalidOperation
-from itertools import islice
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -15,15 +14,12 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
+from dirprim_filter.detections import LARGEST_ANGLE
 from dirprim_filter.recording.decoding.field_columns import NO_TIME
 from dirprim_filter.recording.errors import TableError
 
-BLOCK_ROWS = 1 << 11
-"""Rows held as Python's own text at one time: few enough for the processor's cache."""
 MAX_SECONDS = 9e9
 """Nanoseconds of a later time do not fit into int64."""
-LARGEST_ANGLE = 6.3
-"""A turn, rounded."""
 MEND = "mend the cell, or empty it to drop the row"
 NS_PER_S = 1_000_000_000
 ISO_TIME = re.compile(r"(\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d)(?:[.,](\d{1,9})\d*)?(Z|[+-]\d\d(?::?\d\d)?)?")
@@ -39,7 +35,7 @@ class Columns:
         path: the file.
         table: a `pyarrow.Table`.
         line: (n,) of the file, of each row; left out where it has no lines.
-        header: the line that names the columns.
+        header: the line that names the columns; 0 where none does.
         decimal_comma: a comma in a number stands before its decimals.
 
     Attributes:
@@ -48,38 +44,12 @@ class Columns:
     """
 
     def __init__(
-        self, path: Path, table: Any, line: IntArray | None = None, *, header: int = 0, decimal_comma: bool = False
-    ) -> None:
+        self, path: Path, table: Any, line: IntArray | None = None, *, header: int = 0,
+        decimal_comma: bool = False,
+    ) -> None:  # fmt: skip
         self.path, self.names = path, list(table.column_names)
         self.header: int | str = header or "its columns"
         self._table, self._line, self._decimal_comma = table, line, decimal_comma
-
-    @classmethod
-    def of_cells(
-        cls,
-        path: Path,
-        names: Sequence[str],
-        rows: Iterable[tuple[int, Sequence[str]]],
-        *,
-        header: int = 1,
-        decimal_comma: bool = False,
-    ) -> Columns:
-        """Of cells of text, with the line of each row.
-
-        Raises:
-            TableError: a row has another number of cells than there are names.
-        """
-        schema, lines, batches = pa.schema([(name, pa.string()) for name in names]), [], []
-        rows = iter(rows)
-        while block := list(islice(rows, BLOCK_ROWS)):
-            for line, cells in block:
-                if len(cells) != len(names):
-                    raise TableError(path, line, f"{len(names)} cells", f"{len(cells)}", "mend or remove the line")
-            columns = zip(*(cells for _, cells in block), strict=True)
-            batches.append(pa.RecordBatch.from_arrays([pa.array(of, pa.string()) for of in columns], schema=schema))
-            lines += [line for line, _ in block]
-        table = pa.Table.from_batches(batches, schema=schema)
-        return cls(path, table, np.array(lines, np.int64), header=header, decimal_comma=decimal_comma)
 
     def __len__(self) -> int:
         return int(self._table.num_rows)
@@ -93,17 +63,6 @@ class Columns:
         place = f"row {row + 1}" if self._line is None else int(self._line[row])
         raise TableError(self.path, place, expected, got, remedy)
 
-    def require(self, names: Iterable[str]) -> None:
-        """All these columns are there.
-
-        Raises:
-            TableError: otherwise.
-        """
-        names = list(names)
-        if missing := [name for name in names if name not in self.names]:
-            got = ", ".join(self.names) or "none"
-            raise TableError(self.path, "", f"columns {', '.join(names)}", got, f"missing: {', '.join(missing)}")
-
     def floats(self, name: str) -> FloatArray:
         """(n,) float64; NaN where there is none.
 
@@ -113,13 +72,11 @@ class Columns:
         column = self._column(name)
         if pa.types.is_string(column.type):
             texts = self._numerals(column)
-            filled = pc.if_else(pc.equal(texts, ""), "nan", texts)
             try:
-                column = filled.cast(pa.float64())
-            except pa.ArrowInvalid:  # a plus sign; else it is none
+                column = pc.if_else(pc.equal(texts, ""), "nan", texts).cast(pa.float64())
+            except pa.ArrowInvalid:  # slowly, for the line
                 return np.asarray(self._each(name, texts, _number, "a number", np.nan), np.float64)
-        elif not (pa.types.is_floating(column.type) or pa.types.is_integer(column.type) or _is_null(column)):
-            raise TableError(self.path, f"column {name}", "numbers", str(column.type), "write it in this type")
+        self._check_type(name, column, "numbers")
         return np.asarray(column.cast(pa.float64(), safe=False).to_numpy(), np.float64)
 
     def numbers(self, names: Iterable[str]) -> FloatArray:
@@ -148,8 +105,7 @@ class Columns:
         column = self._column(name)
         if pa.types.is_string(column.type):
             return self._each(name, pc.utf8_trim_whitespace(column), _whole, "a whole number", missing)
-        if not (pa.types.is_integer(column.type) or pa.types.is_floating(column.type) or _is_null(column)):
-            raise TableError(self.path, f"column {name}", "whole numbers", str(column.type), "write it in this type")
+        self._check_type(name, column, "whole numbers")
         if missing is None and column.null_count:
             self.fail(pc.index(column.is_null(), True).as_py(), f"a whole number as {name}", "nothing", MEND)
         try:
@@ -168,8 +124,10 @@ class Columns:
             raise TableError(self.path, f"column {name}", "texts or numbers", got, "write it in this type") from error
         texts = coded.dictionary.to_pylist()
         if self._line is not None:
+            texts = [text.strip(" ") for text in texts]
             texts = [text[1:] if text[:1] == FORMULA_GUARD and text[1:2] in FORMULA else text for text in texts]
-        return np.array(texts, np.str_), np.asarray(coded.indices.to_numpy(), np.int64)
+        names, place = np.unique(np.array(texts, np.str_), return_inverse=True)
+        return names, place[coded.indices.to_numpy()]
 
     def texts(self, name: str) -> AnyArray:
         """(n,) str without spaces around; empty where there is none."""
@@ -190,7 +148,10 @@ class Columns:
         """
         column = self._column(name)
         if pa.types.is_timestamp(column.type):
-            return np.asarray(column.cast(pa.timestamp("ns")).cast(pa.int64()).fill_null(NO_TIME).to_numpy(), np.int64)
+            try:
+                return np.asarray(column.cast(pa.timestamp("ns")).cast(pa.int64()).fill_null(NO_TIME).to_numpy())
+            except pa.ArrowInvalid as error:
+                raise TableError(self.path, f"column {name}", "times until 2262", str(error), MEND) from error
         if unit == "ns":
             return self.whole_numbers(name, missing=NO_TIME)
         if pa.types.is_string(column.type):
@@ -239,8 +200,13 @@ class Columns:
         return np.asarray(np.array(found)[coded.indices.to_numpy()])
 
     def _numerals(self, texts: Any) -> Any:
-        texts = pc.utf8_trim_whitespace(texts)
+        texts = pc.utf8_trim_whitespace(texts).fill_null("")
         return pc.replace_substring(texts, ",", ".") if self._decimal_comma else texts
+
+    def _check_type(self, name: str, column: Any, expected: str) -> None:
+        of = column.type
+        if not (pa.types.is_floating(of) or pa.types.is_integer(of) or pa.types.is_null(of)):
+            raise TableError(self.path, f"column {name}", expected, str(of), "write it in this type")
 
     def _column(self, name: str) -> Any:
         if not len(self):
@@ -251,10 +217,6 @@ class Columns:
         if pa.types.is_large_string(column.type) or pa.types.is_string_view(column.type):
             column = column.cast(pa.string())
         return column
-
-
-def _is_null(column: Any) -> bool:
-    return bool(pa.types.is_null(column.type))
 
 
 def _number(text: str) -> float:
@@ -308,4 +270,7 @@ def _iso_time(text: str) -> int:
         raise ValueError(text, "name seconds time_s")
     stamp, fraction, zone = iso.groups()
     passed = datetime.fromisoformat(stamp + (zone or "Z")) - EPOCH
-    return passed // timedelta(seconds=1) * NS_PER_S + int((fraction or "").ljust(9, "0"))
+    time_ns = passed // timedelta(seconds=1) * NS_PER_S + int((fraction or "").ljust(9, "0"))
+    if abs(time_ns) > MAX_SECONDS * NS_PER_S:
+        raise ValueError(text)
+    return time_ns

@@ -1,22 +1,30 @@
-"""Data sets of road users in their own forms: SDD and TrajNet.
+"""Data sets of road users in their own forms: SDD, TrajNet, and SUMO's floating car data.
 
-Direction and speed are differenced from the positions. Sources: the readme of the Stanford Drone Dataset; Sadeghian et
-al., TrajNet: Towards a Benchmark for Human Trajectory Prediction, 2018.
+Sources: the readme of the Stanford Drone Dataset; Sadeghian et al., TrajNet: Towards a Benchmark for Human Trajectory
+Prediction, 2018; https://sumo.dlr.de/docs/Simulation/Output/FCDOutput.html.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
+from xml.parsers import expat
 
 import numpy as np
+import pyarrow as pa
 
+from dirprim_filter.recording.errors import TableError
 from dirprim_filter.recording.losses import Losses
-from dirprim_filter.recording.rows import Rows
+from dirprim_filter.recording.rows import LEFT_OUT, Rows
+from dirprim_filter.recording.tables.columns import Columns
 from dirprim_filter.recording.tables.files import text_columns
 from dirprim_filter.recording.tables.table import Table, table_of
 
 SDD = ("track id", "xmin", "ymin", "xmax", "ymax", "frame", "lost", "occluded", "generated", "label")
 TRAJNET = ("frame", "track id", "x", "y")
+FCD, NEEDED = ("time", "id", "x", "y", "angle", "speed"), ("id", "x", "y")
+READ_BYTES = 1 << 20
 
 
 def read_sdd(path: str | Path, *, metres_per_pixel: float, frames_per_second: float = 30.0) -> Table:
@@ -37,7 +45,7 @@ def read_sdd(path: str | Path, *, metres_per_pixel: float, frames_per_second: fl
     """
     if not (np.isfinite(metres_per_pixel) and metres_per_pixel > 0):
         raise ValueError(f"metres_per_pixel: expected a positive number, got {metres_per_pixel}")
-    table, losses = text_columns(path, SDD, delimiters=" "), Losses()
+    table, losses = text_columns(path, SDD, by_spaces=True), Losses()
     x_min, y_min, x_max, y_max = table.numbers(SDD[1:5]).T
     names, vehicle = table.ids("track id")
     rows = Rows(
@@ -63,8 +71,76 @@ def read_trajnet(path: str | Path, *, frames_per_second: float) -> Table:
         ValueError: a rate that is not positive.
         OSError: the file cannot be read.
     """
-    table = text_columns(path, TRAJNET, delimiters=" \t")
+    table = text_columns(path, TRAJNET, by_spaces=True)
     names, vehicle = table.ids("track id")
     time_ns = table.frame_times("frame", frames_per_second=frames_per_second)
     whole = np.array([name.removesuffix(".0") for name in names.tolist()], np.str_)
     return table_of(Rows.named(whole[vehicle], time_ns=time_ns, position=table.numbers("xy")))
+
+
+def read_sumo_fcd(path: str | Path) -> Table:
+    """The vehicles of SUMO's fcd-export, an xml; persons and containers are left out and counted.
+
+    x, y are metres of SUMO's network (not lon, lat: SUMO must run without --fcd-output.geo) and belong to the middle of
+    the vehicle's front bumper; they are kept as they are, since the file does not contain the vehicle's length. angle
+    is the body's, in compass degrees; the course is that of the positions. Where a vehicle has no angle or speed, both
+    are differenced from the positions of all.
+
+    Raises:
+        TableError: the file is no such xml, an attribute is missing or no number, or it declares a DOCTYPE,
+            in which a small file can hide an endless one.
+        OSError: the file cannot be read.
+    """
+    path, losses = Path(path), Losses()
+    blocks = list(_vehicles(path, losses))
+    if not any(map(len, blocks)):
+        raise TableError(path, "", "vehicles in time steps", "none", "run SUMO with --fcd-output")
+    cells = pa.concat_tables(blocks)
+    table = Columns(path, cells, cells["line"].to_numpy())
+    angle, speed = table.numbers(("angle", "speed")).T
+    moves = not np.isnan(angle + speed).any()
+    names, vehicle = table.ids("id")
+    rows = Rows(
+        names=names, track_id=vehicle, time_ns=table.nanoseconds("time"), position=table.numbers("xy"),
+        heading=np.pi / 2 - np.radians(angle) if moves else LEFT_OUT, speed=speed if moves else LEFT_OUT,
+    )  # fmt: skip
+    return table_of(rows, losses=losses)
+
+
+def _vehicles(path: Path, losses: Losses) -> Iterator[Any]:
+    """The line and the cells of each vehicle, as the xml streams by, as tables."""
+    parser, found, time = expat.ParserCreate(), list[dict[str, Any]](), ""
+    schema = pa.schema([("line", pa.int64()), *((name, pa.string()) for name in FCD)])
+
+    def wrong(expected: str, got: str, remedy: str) -> TableError:
+        return TableError(path, parser.CurrentLineNumber, expected, got, remedy)
+
+    def refuse(*_: object) -> None:
+        raise wrong("no DOCTYPE", "one", "remove it: SUMO writes none")
+
+    def start(name: str, attributes: dict[str, str]) -> None:
+        nonlocal time
+        if name == "timestep":
+            time = attributes.get("time", "")
+        elif name == "vehicle":
+            if not time:
+                raise wrong("vehicles in time steps", "one without a time", "write the file anew")
+            if missing := [need for need in NEEDED if need not in attributes]:
+                raise wrong(f"{missing[0]} of a vehicle", ", ".join(attributes), "have SUMO write this attribute")
+            found.append(attributes | {"time": time, "line": parser.CurrentLineNumber})
+        elif name in ("person", "container"):
+            losses.drop("persons and containers", 1)
+        elif name != "fcd-export" and not time:
+            raise wrong("an fcd-export", f"<{name}>", "run SUMO with --fcd-output")
+
+    parser.StartDoctypeDeclHandler, parser.StartElementHandler = refuse, start
+    with path.open("rb") as file:
+        data = b"start"
+        while data:
+            data = file.read(READ_BYTES)
+            try:
+                parser.Parse(data, not data)
+            except expat.ExpatError as error:
+                raise wrong("well-formed xml", expat.ErrorString(error.code), "write it anew") from error
+            yield pa.Table.from_pylist(found, schema)
+            found.clear()

@@ -1,7 +1,7 @@
 """Estimates as tables, so that they go to other tools.
 
 `.csv` and `.parquet` have a row for each vehicle and instant and a column for each thing that is estimated; the first
-columns are those of `read_csv`. `.txt` is MOTChallenge's: frame, id, a box of the image (here -1), confidence, and x, y
+columns are those that are read. `.txt` is MOTChallenge's: frame, id, a box of the image (here -1), confidence, and x, y
 and z in metres; its frames are numbered from 1.
 
 Source: Dendorfer et al., MOTChallenge: A Benchmark for Single-Camera Multiple Target Tracking, IJCV 2021, for `.txt`.

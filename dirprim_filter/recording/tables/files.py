@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import csv
 import gzip
+import io
 import zlib
-from collections.abc import Iterator, Sequence
-from contextlib import suppress
-from itertools import chain
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TextIO
+from typing import Any
 
+import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.csv
 import pyarrow.feather
 import pyarrow.parquet
 
@@ -19,75 +21,87 @@ from dirprim_filter.recording.container.other_formats import READ_BYTES, other_f
 from dirprim_filter.recording.errors import TableError
 from dirprim_filter.recording.tables.columns import Columns
 
-GZIP, PARQUET = b"\x1f\x8b", b"PAR1"
+GZIP, PARQUET, ARROW = b"\x1f\x8b", b"PAR1", (b"ARROW1", b"FEA1")
 """How such files begin, whatever their names."""
+SUFFIXES = (".parquet", ".feather", ".arrow")
 DELIMITERS = ",;\t"
 """Between cells; where it is a semicolon, numbers may have a decimal comma."""
 SAMPLE_BYTES = 1 << 16
-BAD_GZIP = (EOFError, zlib.error, gzip.BadGzipFile)
 
 
-def text_columns(
-    path: str | Path, names: Sequence[str] = (), *, least: int | None = None, delimiters: str = DELIMITERS
-) -> Columns:
+def text_columns(path: str | Path, names: Sequence[str] = (), *, by_spaces: bool = False) -> Columns:
     """The cells of a text in UTF-8, quoted as RFC 4180 says; lines may be blank.
 
     Args:
         path: the file.
         names: of the columns; left out, the first row names them.
-        least: how many of the names there are at least, as the first row has them; left out, all.
-        delimiters: characters; that one stands between cells that the first line has most of.
+        by_spaces: any spaces and tabs stand between cells; else that of `DELIMITERS` that the first line has most of.
 
     Raises:
         TableError: it is a file of another format, no text, or has rows of unlike lengths.
         OSError: the file cannot be read.
     """
     path = Path(path)
+    data = _contents(path)
+    if by_spaces:
+        data = b"\n".join(b"\t".join(line.replace(b'"', b"").split()) for line in data.splitlines())
+    try:
+        first = (data.lstrip(b"\r\n")[:SAMPLE_BYTES].splitlines() or [b""])[0].decode()
+        delimiter = max("\t" if by_spaces else DELIMITERS, key=first.count)
+        header = 0 if names else data[: data.find(first.encode())].count(b"\n") + 1
+        names = names or [name.strip() for name in next(csv.reader([first], delimiter=delimiter), ())]
+        table = _parsed(path, data, names, header, delimiter)
+    except (UnicodeDecodeError, csv.Error, pa.ArrowException) as error:
+        got = str(error).partition("\n")[0]
+        raise TableError(path, "", "rows of cells in UTF-8 text", got, "save the table as UTF-8") from error
+    is_held = np.zeros(len(table), np.bool_)
+    for column in table.columns:
+        is_held |= pc.not_equal(column, "").to_numpy()
+    line = header + 1 + np.flatnonzero(is_held)  # of texts whose cells hold no line breaks
+    return Columns(path, table.filter(is_held), line, header=header, decimal_comma=delimiter == ";")
+
+
+def _contents(path: Path) -> bytes:
     with path.open("rb") as file:
         opening = file.read(READ_BYTES)
     is_compressed = opening.startswith(GZIP)
     if not is_compressed and (known := other_format(opening)):
         raise TableError(path, 1, "a table of text", known.name, known.way)
-    sample = b""
-    with gzip.open(path) if is_compressed else path.open("rb") as binary, suppress(*BAD_GZIP):
-        sample = binary.read(SAMPLE_BYTES)  # what is wrong with it, `_rows` says
-    delimiter = max(delimiters, key=sample.lstrip().partition(b"\n")[0].decode(errors="replace").count)
-    how = {"encoding": "utf-8-sig", "newline": ""}
-    with gzip.open(path, "rt", **how) if is_compressed else path.open(**how) as text:  # type: ignore[call-overload]
-        rows = _rows(path, text, delimiter)
-        line, first = next(rows, (1, []))
-        if names:
-            names = names[: max(len(first), least or len(names))]
-            rows = chain([(line, first)] if first else [], rows)
-        else:
-            names = [name.strip() for name in first]
-        return Columns.of_cells(path, names, rows, header=line, decimal_comma=delimiter == ";")
-
-
-def _rows(path: Path, text: TextIO, delimiter: str) -> Iterator[tuple[int, list[str]]]:
-    """The number of the last line and the cells of each row that is not blank.
-
-    Raises:
-        TableError: the file is no text, or its quotes do not fit.
-    """
-    reader = csv.reader(text, delimiter=delimiter, skipinitialspace=True, strict=True)
     try:
-        for row in reader:
-            if row and row[-1] == "" and delimiter == " ":
-                row.pop()  # of a space at the end of the line
-            if row:
-                yield reader.line_num, row
-    except UnicodeDecodeError as error:
-        raise TableError(path, reader.line_num + 1, "UTF-8 text", error.reason, "save the table as UTF-8") from error
-    except BAD_GZIP as error:
-        remedy = "compress the table anew"
-        raise TableError(path, reader.line_num + 1, "a whole gzip file", str(error), remedy) from error
-    except csv.Error as error:
-        raise TableError(path, reader.line_num, "cells of text", str(error), "mend or remove the line") from error
+        data = gzip.decompress(path.read_bytes()) if is_compressed else path.read_bytes()
+    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+        raise TableError(path, "", "a whole gzip file", str(error), "compress the table anew") from error
+    return data.removeprefix(b"\xef\xbb\xbf")
 
 
-def arrow_columns(path: str | Path) -> Columns:
-    """The columns of a Parquet, Feather or Arrow file.
+def _parsed(path: Path, data: bytes, names: Sequence[str], header: int, delimiter: str) -> Any:
+    """The table of texts, with an empty row for each blank line."""
+    if not data.strip():
+        return pa.table([pa.array([], pa.string())] * len(names), names=[*names])
+    wrong = list[Any]()
+
+    def handle(row: Any) -> str:
+        wrong.append(row)
+        return "skip"
+
+    table = pa.csv.read_csv(
+        io.BytesIO(data),
+        pa.csv.ReadOptions(column_names=names, skip_rows=header, use_threads=False),
+        pa.csv.ParseOptions(
+            delimiter=delimiter, newlines_in_values=True, ignore_empty_lines=False, invalid_row_handler=handle
+        ),
+        pa.csv.ConvertOptions(column_types=dict.fromkeys(names, pa.string()), strings_can_be_null=False),
+    )
+    for row in wrong[:1]:
+        cells = f"{row.expected_columns} cells"
+        raise TableError(path, row.number, cells, str(row.actual_columns), "mend or remove the line")
+    if len(table) and any("\n" in str(column[-1]) for column in table.columns):
+        raise TableError(path, "", "quotes in pairs", "one that is not closed", "close it, or remove it")
+    return table
+
+
+def columns_of(path: str | Path) -> Columns:
+    """The columns of a Parquet, Feather or Arrow file, as it is named or begins; else of a text.
 
     Raises:
         TableError: it is none of these.
@@ -95,8 +109,11 @@ def arrow_columns(path: str | Path) -> Columns:
     """
     path = Path(path)
     with path.open("rb") as file:
-        read = pa.parquet.read_table if file.read(len(PARQUET)) == PARQUET else pa.feather.read_table
+        opening = file.read(READ_BYTES)
+    if path.suffix.lower() not in SUFFIXES and not opening.startswith((PARQUET, *ARROW)):
+        return text_columns(path)
     try:
+        read = pa.parquet.read_table if opening.startswith(PARQUET) else pa.feather.read_table
         return Columns(path, read(path, memory_map=True))
     except (pa.ArrowException, OSError) as error:
         got = str(error).partition("\n")[0]

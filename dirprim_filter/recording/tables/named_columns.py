@@ -11,7 +11,7 @@ or `timestamp`, ISO times; in place of `x_m` and `y_m`, `latitude_deg` and `long
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ from dirprim_filter.primitives.cues import signalled
 from dirprim_filter.recording.errors import TableError
 from dirprim_filter.recording.rows import LEFT_OUT, Rows
 from dirprim_filter.recording.tables.columns import Columns
-from dirprim_filter.recording.tables.files import arrow_columns, text_columns
+from dirprim_filter.recording.tables.files import columns_of
 from dirprim_filter.recording.tables.table import Table, table_of
 from dirprim_filter.recording.transforms.geodesy import Origin, placed_on_plane
 from dirprim_filter.track_ids import Numbers
@@ -53,36 +53,42 @@ REMEDY: Mapping[str, str] = {
 """By the unit that a name ends with."""
 
 
-def read_csv(path: str | Path, *, columns: Mapping[str, str] | None = None, origin: Origin | None = None) -> Table:
-    """The tracks and detections of a csv file, which may be compressed by gzip; the module lists its columns.
+def read_named(path: str | Path, *, columns: Mapping[str, str] | None = None, origin: Origin | None = None) -> Table:
+    """The tracks and detections of a csv, Parquet, Feather or Arrow file; the module lists its columns.
 
     Rows without a time or a place, with an infinite number, with a negative speed, and second rows of a vehicle at one
     time are dropped and counted. `course_rad` is kept where a vehicle has it and `speed_mps` in all rows; else the
     course is derived from the positions. So is the speed where it is missing in a row of a vehicle.
 
     Args:
-        path: the file; commas, semicolons or tabs stand between its cells.
+        path: the file; between the cells of a csv, which gzip may compress, stand commas, semicolons or tabs.
         columns: how the table calls a column, by our name for it; left out, as we do. Its unit is ours all the same.
             Of several columns for the group, with `+` between, each combination is a group.
         origin: of the plane, where places are latitudes and longitudes; left out, the first place.
 
     Raises:
-        TableError: a column is missing or in another unit, or a cell is no number.
+        TableError: a column is missing, in another unit or of another type, or a cell is no number.
         MissingExtraError: places are latitudes, and pyproj is not installed.
         OSError: the file cannot be read.
     """
-    return _named(text_columns(path), columns or {}, origin)
+    table = columns_of(path)
+    name_of, unused = _names(table, columns or {})
 
+    def maybe(name: str, read: Callable[[str], Any]) -> Any:
+        return read(name_of[name]) if name in name_of else LEFT_OUT
 
-def read_arrow(path: str | Path, *, columns: Mapping[str, str] | None = None, origin: Origin | None = None) -> Table:
-    """The tracks and detections of a Parquet, Feather or Arrow file; as `read_csv`, null is an empty cell.
-
-    Raises:
-        TableError: as `read_csv`; or a column is of another type.
-        MissingExtraError: as `read_csv`.
-        OSError: the file cannot be read.
-    """
-    return _named(arrow_columns(path), columns or {}, origin)
+    names, vehicle = maybe("track_id", table.ids) or (np.array([""]), np.zeros(len(table), np.int64))
+    position, origin = _positions(table, name_of, origin)
+    size = {name: table.floats(name_of[name]) for name in SIZE if name in name_of}
+    time, unit = next((name_of[name], unit) for name, unit in TIMES.items() if name in name_of)
+    rows = Rows(
+        names=names, track_id=vehicle, time_ns=table.nanoseconds(time, unit=unit), position=position,
+        heading=maybe("heading_rad", table.angles), direction=maybe("course_rad", table.angles),
+        speed=maybe("speed_mps", table.floats), cue=maybe("turn_signal", lambda name: _cues(table, name)),
+        group=maybe("group", lambda name: _groups(table, name)), label=maybe("label", table.texts),
+        size=np.column_stack([size.get(name, np.full(len(table), np.nan)) for name in SIZE]) if size else LEFT_OUT,
+    )  # fmt: skip
+    return replace(table_of(rows, sensor=maybe("sensor", table.texts), unused=unused), origin=origin)
 
 
 def parse_columns(text: str) -> dict[str, str]:
@@ -100,27 +106,6 @@ def parse_columns(text: str) -> dict[str, str]:
     return columns
 
 
-def _named(table: Columns, renamed: Mapping[str, str], origin: Origin | None) -> Table:
-    name_of, unused = _names(table, renamed)
-
-    def maybe(name: str, read: Any) -> Any:
-        return read(name_of[name]) if name in name_of else LEFT_OUT
-
-    names, vehicle = maybe("track_id", table.ids) or (np.array([""]), np.zeros(len(table), np.int64))
-    position, origin = _positions(table, name_of, origin)
-    size = {name: table.floats(name_of[name]) for name in SIZE if name in name_of}
-    nothing = np.full(len(table), np.nan)
-    rows = Rows(
-        names=names, track_id=vehicle, time_ns=_times(table, name_of), position=position,
-        heading=maybe("heading_rad", table.angles), direction=maybe("course_rad", table.angles),
-        speed=maybe("speed_mps", table.floats), cue=maybe("turn_signal", lambda name: _cues(table, name)),
-        group=maybe("group", table.whole_numbers) if "+" not in name_of.get("group", "") else _groups(table, name_of),
-        size=np.column_stack([size.get(name, nothing) for name in SIZE]) if size else LEFT_OUT,
-        label=maybe("label", table.texts),
-    )  # fmt: skip
-    return replace(table_of(rows, sensor=maybe("sensor", table.texts), unused=unused), origin=origin)
-
-
 def _cues(table: Columns, name: str) -> FloatArray:
     """(n, 2) as in `Detections.cue`."""
     side = np.strings.lower(table.texts(name))
@@ -128,11 +113,6 @@ def _cues(table: Columns, name: str) -> FloatArray:
         row = int(np.argmax(wrong))
         table.fail(row, f"{', '.join(SIGNALS[:3])} as {name}", repr(str(side[row])), "mend the cell, or empty it")
     return signalled(side == "left", side == "right")
-
-
-def _times(table: Columns, name_of: Mapping[str, str]) -> IntArray:
-    name, unit = next((name, unit) for name, unit in TIMES.items() if name in name_of)
-    return table.nanoseconds(name_of[name], unit=unit)
 
 
 def _positions(table: Columns, name_of: Mapping[str, str], origin: Origin | None) -> tuple[FloatArray, Origin | None]:
@@ -146,9 +126,11 @@ def _positions(table: Columns, name_of: Mapping[str, str], origin: Origin | None
     return placed_on_plane(np.column_stack([longitude, latitude, 0.0 * latitude]), origin)[:, :2], origin
 
 
-def _groups(table: Columns, name_of: Mapping[str, str]) -> IntArray:
-    """The combinations of several columns, numbered as they first come."""
-    parts = [table.texts(name).tolist() for name in name_of["group"].split("+")]
+def _groups(table: Columns, name: str) -> IntArray:
+    """The groups of a column; of several the combinations, numbered as they first come."""
+    if name in table.names:
+        return table.whole_numbers(name)
+    parts = [table.texts(part).tolist() for part in name.split("+")]
     return Numbers().of(["\0".join(cells) for cells in zip(*parts, strict=True)])
 
 

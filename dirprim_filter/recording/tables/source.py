@@ -13,7 +13,7 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.name_patterns import matching
 from dirprim_filter.recording.objects.options import ReadOptions
-from dirprim_filter.recording.tables.formats import FORMATS, recognised
+from dirprim_filter.recording.tables.named_columns import read_named
 from dirprim_filter.recording.tables.table import Table
 from dirprim_filter.recording.topic_names import DETECTIONS, OBJECTS
 from dirprim_filter.tracks import Tracks
@@ -28,7 +28,7 @@ def read_table(path: Path, options: ReadOptions) -> Table:
         RecordingError: as the reader of the format; or rows are left out, and all must be read.
         OSError: the file cannot be read.
     """
-    table = FORMATS[recognised(path)](path, origin=options.origin)
+    table = read_named(path, origin=options.origin)
     table.losses.log(path)
     if options.strict and table.losses.dropped:
         raise RecordingError(f"{path}: expected a table of which all is read, left out {table.losses}; mend the rows")
