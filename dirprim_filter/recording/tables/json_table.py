@@ -18,7 +18,7 @@ from dirprim_filter.recording.errors import TableError
 from dirprim_filter.recording.losses import Losses
 from dirprim_filter.recording.schemas.family import FieldMapping
 from dirprim_filter.recording.tables.table import Table, table_of
-from dirprim_filter.recording.transforms.geodesy import Origin, placed_on_plane
+from dirprim_filter.recording.transforms.geodesy import Origin, on_plane
 from dirprim_filter.track_ids import numbered
 
 
@@ -48,7 +48,7 @@ def read_json(path: str | Path, mapping: FieldMapping, *, origin: Origin | None 
         raise TableError(path, 1, f"objects at {mapping}", got, "compare the paths with the file")
     if "latitude" in mapping.paths:
         place = np.column_stack([rows.position, rows.height])
-        rows = replace(rows, position=placed_on_plane(place, origin)[:, :2])
+        rows = replace(rows, position=on_plane(origin, place)[:, :2])
     names, vehicle = numbered(rows.track_id)
     return table_of(
         replace(rows, names=np.array(names, np.str_), track_id=vehicle, time_ns=rows.stamp_ns), losses=losses

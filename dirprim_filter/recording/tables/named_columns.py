@@ -25,7 +25,7 @@ from dirprim_filter.recording.rows import LEFT_OUT, Rows
 from dirprim_filter.recording.tables.columns import Columns
 from dirprim_filter.recording.tables.files import columns_of
 from dirprim_filter.recording.tables.table import Table, table_of
-from dirprim_filter.recording.transforms.geodesy import Origin, placed_on_plane
+from dirprim_filter.recording.transforms.geodesy import Origin, on_plane
 from dirprim_filter.track_ids import Numbers
 
 ID = re.compile(r"(track|vehicle|object|agent|car|obj|veh)?[ _-]?id|track|vehicle|mmsi", re.IGNORECASE)
@@ -120,10 +120,8 @@ def _positions(table: Columns, name_of: Mapping[str, str], origin: Origin | None
     if PLACE[0] in name_of:
         return table.numbers(name_of[name] for name in PLACE), None
     latitude, longitude = table.numbers(name_of[name] for name in GLOBE).T
-    if (exists := (np.abs(latitude) <= 90) & (np.abs(longitude) <= 360)).any():
-        first = int(np.argmax(exists))
-        origin = origin or Origin(float(latitude[first]), float(longitude[first]))
-    return placed_on_plane(np.column_stack([longitude, latitude, 0.0 * latitude]), origin)[:, :2], origin
+    geodetic = np.column_stack([longitude, latitude, 0.0 * latitude])
+    return on_plane(origin, geodetic)[:, :2], origin or Origin.of(geodetic)
 
 
 def _groups(table: Columns, name: str) -> IntArray:

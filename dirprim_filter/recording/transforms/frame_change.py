@@ -59,7 +59,9 @@ class FrameChange:
                 of the object's frame is one that moves.
         """
         placed = np.ones(len(rows), np.bool_)
-        for name in dict.fromkeys(rows.frame_id.tolist()) if not _all_equal(rows) else [str(rows.frame_id[0])]:
+        for name in (
+            np.unique(rows.frame_id).tolist() if (rows.frame_id != rows.frame_id[:1]).any() else rows.frame_id[:1]
+        ):
             frame = name.lstrip("/")
             if frame in ("", self.target):
                 continue
@@ -87,13 +89,8 @@ class FrameChange:
             frame, time_ns = self._first_lost
             if self._placed == 0:
                 raise MissingTransformError(self._log.path, frame=frame, target=self.target, time_ns=time_ns)
-            logger.warning(
-                "%s: no transform from %r to %r at %d ns, and at other times",
-                self._log.path,
-                frame,
-                self.target,
-                time_ns,
-            )
+            where = (frame, self.target, time_ns)
+            logger.warning("%s: no transform from %r to %r at %d ns, and at other times", self._log.path, *where)
 
     def _on_plane(self, rows: Rows, here: IntArray) -> Rows:
         if self.origin is None:
@@ -104,9 +101,7 @@ class FrameChange:
                 self._log.path, latitude, longitude,
             )  # fmt: skip
         place = on_plane(self.origin, np.column_stack([rows.position[here], rows.height[here]]))
-        position, height = rows.position.copy(), rows.height.copy()
-        position[here], height[here] = place[:, :2], place[:, 2]
-        return replace(rows, position=position, height=height)
+        return _with(rows, here, position=place[:, :2], height=place[:, 2])
 
     def _find(self, frame: str, time_ns: IntArray) -> Placement | None:
         """A frame in the target; None where they are the same."""
@@ -133,32 +128,29 @@ class FrameChange:
         return root
 
 
-def _all_equal(rows: Rows) -> bool:
-    return len(rows) > 0 and bool((rows.frame_id == rows.frame_id[0]).all())
-
-
 def _moved(rows: Rows, here: IntArray, found: Placement) -> Rows:
-    place = np.column_stack([rows.position[here], rows.height[here]])
-    place = found.rotation.apply(place) + found.translation
-    speed, direction = rows.speed[here], rows.direction[here]
-    moving = np.where(np.isfinite(speed) & (speed > 0), speed, 1.0)
-    climb = np.where(np.isfinite(speed) & (speed > 0), rows.climb[here], 0.0)
-    velocity = found.rotation.apply(np.column_stack([moving * np.cos(direction), moving * np.sin(direction), climb]))
-    yaw = rows.heading[here]
-    forward = found.rotation.apply(np.column_stack([np.cos(yaw), np.sin(yaw), np.zeros(yaw.size)]))
-    heading = rows.heading.copy()  # of one NaN for all it makes a column
-    heading[here] = np.arctan2(forward[:, 1], forward[:, 0])
-    position, height, covariance = rows.position.copy(), rows.height.copy(), rows.covariance.copy()
-    directions, speeds, climbs = rows.direction.copy(), rows.speed.copy(), rows.climb.copy()
-    position[here], height[here] = place[:, :2], place[:, 2]
-    directions[here] = np.arctan2(velocity[:, 1], velocity[:, 0])
-    speeds[here] = np.where(speed > 0, np.hypot(velocity[:, 0], velocity[:, 1]), speed)
-    climbs[here] = np.where(speed > 0, velocity[:, 2], 0.0)
-    covariance[here] = _turned(rows.covariance[here], found.rotation)
-    return replace(
-        rows, position=position, height=height, direction=directions, speed=speeds, climb=climbs,
-        covariance=covariance, heading=heading,
+    turned = found.rotation.apply
+    place = turned(np.column_stack([rows.position[here], rows.height[here]])) + found.translation
+    speed, course, yaw = rows.speed[here], rows.direction[here], rows.heading[here]
+    moves = np.isfinite(speed) & (speed > 0)
+    length, climb = np.where(moves, speed, 1.0), np.where(moves, rows.climb[here], 0.0)
+    velocity = turned(np.column_stack([length * np.cos(course), length * np.sin(course), climb]))
+    ahead = turned(np.column_stack([np.cos(yaw), np.sin(yaw), np.zeros(yaw.size)]))
+    return _with(
+        rows, here, position=place[:, :2], height=place[:, 2],
+        covariance=_turned(rows.covariance[here], found.rotation),
+        direction=np.arctan2(velocity[:, 1], velocity[:, 0]), heading=np.arctan2(ahead[:, 1], ahead[:, 0]),
+        speed=np.where(speed > 0, np.hypot(velocity[:, 0], velocity[:, 1]), speed),
+        climb=np.where(speed > 0, velocity[:, 2], 0.0),
     )  # fmt: skip
+
+
+def _with(rows: Rows, here: IntArray, **columns: FloatArray) -> Rows:
+    """The rows, of which those `here` have other values."""
+    made = {name: getattr(rows, name).copy() for name in columns}
+    for name, values in columns.items():
+        made[name][here] = values
+    return replace(rows, **made)
 
 
 def _turned(covariance: FloatArray, rotation: Rotation) -> FloatArray:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dirprim_filter.arrays import FloatArray
+from dirprim_filter.arrays import BoolArray, FloatArray
 from dirprim_filter.recording.errors import MissingExtraError
 
 FARTHEST_M = 1e8
@@ -37,12 +37,22 @@ class Origin(NamedTuple):
             raise ValueError(f"origin: expected latitude,longitude in degrees such as 48.137,11.575, got {text!r}")
         return cls(latitude, longitude)
 
+    @classmethod
+    def of(cls, geodetic: FloatArray) -> Origin | None:
+        """The first place of (n, 3) longitude, latitude and height; None where there is none."""
+        places = geodetic[_exists(geodetic), 1::-1].tolist()
+        return cls(*places[0]) if places else None
 
-def on_plane(origin: Origin, geodetic: FloatArray) -> FloatArray:
-    """(n, 3) metres east, north and up of the origin.
+
+def _exists(geodetic: FloatArray) -> BoolArray:
+    return np.asarray((np.abs(geodetic[:, 1]) <= 90) & (np.abs(geodetic[:, 0]) <= 360))
+
+
+def on_plane(origin: Origin | None, geodetic: FloatArray) -> FloatArray:
+    """(n, 3) metres east, north and up of the origin; infinite where there is no such place.
 
     Args:
-        origin: of the plane, at height 0.
+        origin: of the plane, at height 0; None: the first place.
         geodetic: (n, 3) longitude and latitude, degrees, and height above the ellipsoid, metres.
 
     Raises:
@@ -52,27 +62,11 @@ def on_plane(origin: Origin, geodetic: FloatArray) -> FloatArray:
         from pyproj import Transformer  # noqa: PLC0415  (an extra)
     except ImportError as error:
         raise MissingExtraError("latitudes and longitudes", library="pyproj", extra="geo") from error
-    to_plane = Transformer.from_pipeline(
-        "+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad +step +proj=cart +ellps=WGS84 "
-        f"+step +proj=topocentric +ellps=WGS84 +lat_0={origin.latitude_deg!r} +lon_0={origin.longitude_deg!r} +h_0=0"
-    )
-    return np.column_stack(to_plane.transform(*geodetic.T))
-
-
-def placed_on_plane(geodetic: FloatArray, origin: Origin | None) -> FloatArray:
-    """(n, 3) metres as `on_plane`; infinite where there is no such place.
-
-    Args:
-        geodetic: (n, 3) longitude and latitude, degrees, and height, metres.
-        origin: of the plane; None: the first place.
-
-    Raises:
-        MissingExtraError: pyproj is not installed.
-    """
-    longitude, latitude, _ = geodetic.T
-    exists = (np.abs(latitude) <= 90) & (np.abs(longitude) <= 360)
-    place = np.full(geodetic.shape, np.inf)
-    if exists.any():
-        first = np.argmax(exists)
-        place[exists] = on_plane(origin or Origin(float(latitude[first]), float(longitude[first])), geodetic[exists])
+    place, exists = np.full(geodetic.shape, np.inf), _exists(geodetic)
+    if origin := origin or Origin.of(geodetic):
+        to_plane = Transformer.from_pipeline(
+            "+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad +step +proj=cart +ellps=WGS84 +step "
+            f"+proj=topocentric +ellps=WGS84 +lat_0={origin.latitude_deg!r} +lon_0={origin.longitude_deg!r} +h_0=0"
+        )
+        place[exists] = np.column_stack(to_plane.transform(*geodetic[exists].T))
     return place

@@ -12,13 +12,13 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
+from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from dirprim_filter.recording.container.log import Log, Scan
 from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.decoding.field_columns import NO_TIME, FieldColumns, signed
@@ -43,6 +43,13 @@ MAX_EXTRAPOLATION_NS = 100_000_000
 GEOCENTRIC = "earth"
 STATIC = "tf_static"
 """How topics of transforms end that hold from then on, at all times: of a frame the latest one, as in tf2."""
+
+
+ROW = np.dtype([
+    ("time_ns", np.int64), ("parent", np.int64), ("child", np.int64), ("translation", np.float64, 3),
+    ("rotation", np.float64, 4), ("is_static", np.bool_),
+])  # fmt: skip
+"""A transform: the pose of the child's frame in its parent's, frames by number, the rotation a unit quaternion."""
 
 
 class Placement(NamedTuple):
@@ -72,28 +79,20 @@ class Edge:
         time_ns: (n,) ascending, no time twice.
         translation: (n, 3) metres.
         rotation: (n, 4) unit quaternions.
-        is_constant: all its transforms are the same, or there is but one: it holds at any time.
     """
 
     parent: str
     time_ns: IntArray
     translation: FloatArray
     rotation: FloatArray
-    is_constant: bool = field(init=False)
-
-    def __post_init__(self) -> None:
-        values = (self.translation, self.rotation)
-        same = all((of[-1] == of[0]).all() for of in values) and all((of == of[0]).all() for of in values)
-        object.__setattr__(self, "is_constant", same)
 
     def at(self, time_ns: IntArray) -> Placement:
-        """The frame in its parent at (n,) times."""
+        """The frame in its parent at (n,) times; one whose transforms are all the same is there at any time."""
         from scipy.spatial.transform import Rotation  # noqa: PLC0415 - logs in one frame do without
 
-        n = time_ns.size
-        if self.is_constant:
-            rotation = Rotation.from_quat(np.broadcast_to(self.rotation[0], (n, 4)))
-            return Placement(rotation, np.broadcast_to(self.translation[0], (n, 3)), np.ones(n, np.bool_))
+        if all((of == of[0]).all() for of in (self.translation, self.rotation)):
+            still, n = np.zeros_like(time_ns), time_ns.size
+            return Placement(Rotation.from_quat(self.rotation[still]), self.translation[still], np.ones(n, np.bool_))
         before = np.clip(np.searchsorted(self.time_ns, time_ns, side="right") - 1, 0, self.time_ns.size - 2)
         gap = self.time_ns[before + 1] - self.time_ns[before]
         share = (time_ns - self.time_ns[before]) / gap
@@ -104,11 +103,8 @@ class Edge:
         start = Rotation.from_quat(self.rotation[before])
         turn = (start.inv() * Rotation.from_quat(self.rotation[before + 1])).as_rotvec()
         moved = self.translation[before + 1] - self.translation[before]
-        return Placement(
-            start * Rotation.from_rotvec(turn * share[:, None]),
-            self.translation[before] + moved * share[:, None],
-            known,
-        )
+        placed = self.translation[before] + moved * share[:, None]
+        return Placement(start * Rotation.from_rotvec(turn * share[:, None]), placed, known)
 
 
 class TransformTree:
@@ -138,11 +134,9 @@ class TransformTree:
             DecodeError: strict, and a message is not what its schema says.
         """
         topics = frozenset(channel.topic for channel in log.channels() if family_of(channel) in TRANSFORMS)
-        if not topics:
-            return cls({})
-        decoders, losses, parts, frames = Decoders(), Losses(), list[_Transforms](), Numbers()
+        decoders, losses, parts, frames = Decoders(), Losses(), [np.empty(0, ROW)], Numbers()
         scan = Scan(log, topics.__contains__, waits=False)
-        for batch in batches(scan.columns(), decoders):
+        for batch in batches(scan.columns(), decoders) if topics else ():
             for _, messages in by_schema(batch):
                 if family_of(messages.first_channel) not in TRANSFORMS:
                     continue
@@ -150,17 +144,17 @@ class TransformTree:
                     if isinstance(columns, SchemaError):
                         failures = dict.fromkeys(range(len(own)), str(columns))
                     else:
-                        rows = _Transforms.of(columns, own, frames)
-                        failures, valid = columns.failures, rows.is_valid()
+                        rows = _rows(columns, own, frames)
+                        failures, valid = columns.failures, _are_valid(rows)
                         losses.drop(TRANSFORM_LOSS, ~valid)
-                        parts.append(rows.chosen(valid))
+                        parts.append(rows[valid])
                     if strict and failures:
                         raise DecodeError.of(log.path, own, failures)
                     losses.fail(failures.values())
         if strict and scan.damage:
             raise DamagedRecordingError(log.path, scan.damage)
         losses.damage = scan.damage
-        return cls(_edges(log.path, parts, frames), losses)
+        return cls(_edges(log.path, np.concatenate(parts), list(frames)), losses)
 
     def chain(self, frame: str) -> list[str]:
         """The frame, its parent, and so on up to the root."""
@@ -187,73 +181,48 @@ class TransformTree:
     def _climb(self, frames: Iterable[str], time_ns: IntArray) -> Placement:
         from scipy.spatial.transform import Rotation  # noqa: PLC0415 - logs in one frame do without
 
-        placed = Placement(
-            Rotation.from_quat(np.broadcast_to([0.0, 0.0, 0.0, 1.0], (time_ns.size, 4))),
-            np.zeros((time_ns.size, 3)),
-            np.ones(time_ns.size, np.bool_),
-        )
+        n = time_ns.size
+        placed = Placement(Rotation.from_rotvec(np.zeros((n, 3))), np.zeros((n, 3)), np.ones(n, np.bool_))
         for frame in frames:
             placed = self.edges[frame].at(time_ns).after(placed)
         return placed
 
 
-class _Transforms(NamedTuple):
-    """Transforms of a batch of messages: poses of the children's frames in their parents'."""
-
-    time_ns: IntArray  # (n,)
-    parent: IntArray  # (n,) by number, as texts would be as wide as the longest
-    child: IntArray  # (n,)
-    translation: FloatArray  # (n, 3) metres
-    rotation: FloatArray  # (n, 4) quaternion x, y, z, w; unit where valid
-    is_static: BoolArray  # (n,) of a topic whose transforms hold from then on
-
-    @classmethod
-    def of(cls, columns: FieldColumns, messages: MessageColumns, frames: Numbers) -> _Transforms:
-        """Those of messages of one schema; frames without the slash that names began with in ROS 1."""
-        parent, child = columns.names("frame"), columns.names("id")
-        message = columns.message_of(columns.fields["id"].table)
-        stamp_ns, log_ns = columns.times("time"), signed(messages.log_time_ns)[message]
-        rotation = columns.vectors(QUATERNION)
-        with np.errstate(all="ignore"):
-            rotation = rotation / np.linalg.norm(rotation, axis=1, keepdims=True)
-        parents, children = (frames.of(np.strings.lstrip(names, "/").tolist()) for names in (parent, child))
-        rows = cls(
-            time_ns=np.where((stamp_ns != NO_TIME) & (stamp_ns != 0), stamp_ns, log_ns), parent=parents, child=children,
-            translation=columns.vectors(("x", "y", "z")), rotation=rotation,
-            is_static=np.strings.endswith(messages.topic[message], STATIC),
-        )  # fmt: skip
-        return rows.chosen(~np.isin(message, list(columns.failures)))
-
-    def chosen(self, rows: BoolArray | IntArray) -> _Transforms:
-        """Those of a mask, or of indices."""
-        columns: list[Any] = [column[rows] for column in self]
-        return _Transforms(*columns)
-
-    def is_valid(self) -> BoolArray:
-        """(n,) which place a frame in another one, at a time whose distance to others fits into int64."""
-        is_pose = np.isfinite(self.translation).all(axis=1) & (np.abs(np.square(self.rotation).sum(axis=1) - 1) < 0.5)
-        return np.asarray(is_pose & (self.child != self.parent) & (np.abs(self.time_ns // 2) < 1 << 61))
+def _rows(columns: FieldColumns, messages: MessageColumns, frames: Numbers) -> AnyArray:
+    """Those of messages of one schema, as `ROW`; frames without the slash that names began with in ROS 1."""
+    message = columns.message_of(columns.fields["id"].table)
+    rows, stamp_ns = np.empty(message.size, ROW), columns.times("time")
+    rows["time_ns"] = np.where((stamp_ns != NO_TIME) & (stamp_ns != 0), stamp_ns, signed(messages.log_time_ns)[message])
+    for end, label in (("parent", "frame"), ("child", "id")):
+        rows[end] = frames.of(np.strings.lstrip(columns.names(label), "/").tolist())
+    rows["translation"], rotation = columns.vectors(("x", "y", "z")), columns.vectors(QUATERNION)
+    with np.errstate(all="ignore"):
+        rows["rotation"] = rotation / np.linalg.norm(rotation, axis=1, keepdims=True)
+    rows["is_static"] = np.strings.endswith(messages.topic[message], STATIC)
+    return np.asarray(rows[~np.isin(message, list(columns.failures))])
 
 
-def _edges(path: Path, parts: list[_Transforms], frames: Numbers) -> dict[str, Edge]:
+def _are_valid(rows: AnyArray) -> BoolArray:
+    """(n,) which place a frame in another one, at a time whose distance to others fits into int64."""
+    is_pose = np.isfinite(rows["translation"]).all(axis=1) & (np.abs(np.square(rows["rotation"]).sum(axis=1) - 1) < 0.5)
+    return np.asarray(is_pose & (rows["child"] != rows["parent"]) & (np.abs(rows["time_ns"] // 2) < 1 << 61))
+
+
+def _edges(path: Path, rows: AnyArray, names: list[str]) -> dict[str, Edge]:
     """The frames in the first parent that the log gives them: static ones as of the last, the others over time."""
     edges: dict[str, Edge] = {}
-    if not parts:
-        return edges
-    rows = _Transforms(*map(np.concatenate, zip(*parts, strict=True)))
-    names, order = list(frames), np.argsort(rows.child, kind="stable")
-    for here in np.split(order, np.flatnonzero(np.diff(rows.child[order])) + 1) if order.size else ():
-        own = rows.chosen(here)
-        name = names[own.child[0]]
-        if own.is_static.any():
-            own = own.chosen(np.flatnonzero(own.is_static)[-1:])
-        elif (has_others := own.parent != own.parent[0]).any():
-            logger.warning("%s: frame %r has several parents; that in %r is taken", path, name, names[own.parent[0]])
-            own = own.chosen(~has_others)
-        if not (own.time_ns[1:] > own.time_ns[:-1]).all():  # of one time the last
-            by_time = np.argsort(own.time_ns, kind="stable")
-            own = own.chosen(by_time[np.append(np.diff(own.time_ns[by_time]) > 0, True)])
-        edges[name] = Edge(
-            parent=names[own.parent[0]], time_ns=own.time_ns, translation=own.translation, rotation=own.rotation
-        )
+    order = np.argsort(rows["child"], kind="stable")
+    for here in np.split(order, np.flatnonzero(np.diff(rows["child"][order])) + 1) if order.size else ():
+        own = rows[here]
+        name, parent = names[own["child"][0]], own["parent"][0]
+        if own["is_static"].any():
+            own = own[np.flatnonzero(own["is_static"])[-1:]]
+            parent = own["parent"][0]
+        elif (own["parent"] != parent).any():
+            logger.warning("%s: frame %r has several parents; that in %r is taken", path, name, names[parent])
+            own = own[own["parent"] == parent]
+        own = own[np.argsort(own["time_ns"], kind="stable")]
+        own = own[np.append(np.diff(own["time_ns"]) > 0, True)]  # of one time the last
+        columns = {of: np.ascontiguousarray(own[of]) for of in ("time_ns", "translation", "rotation")}
+        edges[name] = Edge(parent=names[parent], **columns)
     return edges
