@@ -22,7 +22,7 @@ from dirprim_filter.recording.log_writer import LogWriter
 from dirprim_filter.recording.map_file import MAP
 from dirprim_filter.recording.scan import scan
 from dirprim_filter.recording.schemas import map_tiles
-from dirprim_filter.recording.schemas.arrow_message import encode
+from dirprim_filter.recording.schemas.arrow_message import decode, encode
 from dirprim_filter.recording.schemas.map_tiles import TILE_CELLS
 from tessellation import GridTessellation, VoronoiTessellation
 
@@ -162,22 +162,9 @@ def test_a_tile_has_the_manoeuvres_of_its_cells_and_what_follows_them(small_tile
 
 
 def opened(data):
-    """The scalars and the tables of a message, as `encode` takes them."""
-    (batch,) = pa.ipc.open_stream(data)
-    scalars, tables = {}, {}
-    for name, column in zip(batch.schema.names, batch.columns, strict=True):
-        if pa.types.is_list(column.type):
-            struct = column.flatten()
-            tables[name] = {of.name: as_numpy(struct.field(of.name)) for of in struct.type}
-        else:
-            scalars[name] = column[0].as_py()
-    return scalars, tables
-
-
-def as_numpy(array):
-    if pa.types.is_fixed_size_list(array.type):
-        return array.flatten().to_numpy(zero_copy_only=False).reshape(len(array), array.type.list_size).copy()
-    return array.to_numpy(zero_copy_only=False).copy()
+    """The scalars and the tables of a message, to be changed."""
+    scalars, tables = decode(data)
+    return scalars, {name: {of: column.copy() for of, column in table.items()} for name, table in tables.items()}
 
 
 def write(path, tiles):
@@ -237,7 +224,7 @@ def column(table, name, made):
 TILE = [
     (number("version", 5), "an older version, 5"),
     (number("version", 7), "a newer version, 7"),
-    (number("version", "6"), "version: expected int64, got string"),
+    (number("version", "6"), "version: expected a whole number, got '6'"),
     (number("n_tiles", 2**62), "expected tiles 0 to 4611686018427387903, got 1"),
     (number("kind", "hexagons"), "kind: expected grid or voronoi"),
     (number("n_x", 2**40), "squares, more than"),
@@ -245,13 +232,13 @@ TILE = [
     (number("origin_x", -1e300), "origin: expected places within"),
     (number("n_background_modes", 9), "n_background_modes: expected 0 to 3"),
     *((number("background_visits", value), "background_visits: expected a positive") for value in (0.0, -1.0, np.nan)),
-    (without("background"), "background: expected once"),
-    (without("cell", "weight"), "cell.weight: expected it"),
-    (without("manoeuvre", "push"), "manoeuvre.push: expected it"),
+    (without("background"), "background.weight: expected float64, got none"),
+    (without("cell", "weight"), "cell.weight: expected float64, got none"),
+    (without("manoeuvre", "push"), "manoeuvre.push: expected float64, got none"),
     (column("square", "number", lambda of: of.astype(np.float64)), "square.number: expected int64"),
-    (column("cell", "rate", lambda of: of[:, :2]), "background: expected one row, as wide as those of the cells"),
-    (column("cell", "bend", lambda of: of[:, :3]), "background: expected one row, as wide"),
-    (column("manoeuvre", "path", lambda of: of[:, :2]), "tiles of several|expected|dimension"),
+    (column("cell", "rate", lambda of: of[:, :2]), "background.rate: expected rows as wide as others"),
+    (column("cell", "bend", lambda of: of[:, :3]), "background.bend: expected rows as wide as others"),
+    (column("manoeuvre", "path", lambda of: of[:, :2]), "manoeuvre.path: expected rows as wide as others"),
     (cell("cell", "weight", 0, 0.9), "expected to sum to one"),
     (cell("cell", "rate", 0, np.nan), "rate: expected finite"),
     (cell("cell", "shape", 0, -1.0), "shape, rate: expected positive"),

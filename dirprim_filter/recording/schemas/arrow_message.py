@@ -7,8 +7,8 @@ Source: https://arrow.apache.org/docs/format/Columnar.html.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from typing import Any, TypeVar
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -16,14 +16,11 @@ import pyarrow as pa
 from dirprim_filter.arrays import AnyArray
 
 Columns = dict[str, AnyArray]
-Scalar = int | float | str
-Number = TypeVar("Number", int, float, str)
-ARROW: Mapping[type, Any] = {int: pa.int64(), float: pa.float64(), str: pa.string()}
 ENCODING = "arrow"
 """Of messages and schemas, as MCAP names it."""
 
 
-def encode(scalars: Mapping[str, Scalar], tables: Mapping[str, Mapping[str, AnyArray]]) -> bytes:
+def encode(scalars: Mapping[str, int | float | str], tables: Mapping[str, Mapping[str, AnyArray]]) -> bytes:
     """The message.
 
     Args:
@@ -48,76 +45,40 @@ def _array(column: AnyArray) -> Any:
     return flat if column.ndim == 1 else pa.FixedSizeListArray.from_arrays(flat, int(np.prod(column.shape[1:])))
 
 
-class ArrowMessage:
-    """A message out of its bytes, which may be anybody's.
-
-    Args:
-        data: the bytes.
+def decode(data: bytes) -> tuple[dict[str, Any], dict[str, Columns]]:
+    """The scalars and the tables of a message, of bytes that may be anybody's: as `encode` takes them.
 
     Raises:
-        ValueError: they are no such message.
+        ValueError: they are no such message, or hold a null.
     """
-
-    def __init__(self, data: bytes) -> None:
-        try:
-            with pa.ipc.open_stream(data) as stream:
-                self._batch = stream.read_next_batch()
-            self._batch.validate(full=True)  # offsets within their buffers, texts of UTF-8
-        except (pa.ArrowException, OSError, StopIteration) as error:
-            reason = str(error).partition("\n")[0] or "an end before a row"
-            raise ValueError(f"expected an Arrow stream, got {reason}") from error
-        if self._batch.num_rows != 1:
-            raise ValueError(f"expected an Arrow stream of one row, got {self._batch.num_rows}")
-
-    def part(self, names: Collection[str]) -> Any:
-        """Those scalars and tables, to be compared with `equals`."""
-        return self._batch.select([name for name in self._batch.schema.names if name in names])
-
-    def scalar(self, name: str, kind: type[Number]) -> Number:
-        """A whole number, a float or a text.
-
-        Raises:
-            ValueError: it is missing, or of another type.
-        """
-        column, expected = self._column(name), ARROW[kind]
-        if column.type != expected or column.null_count:
-            raise ValueError(f"{name}: expected {expected}, got {column.type if column.type != expected else 'null'}")
-        return kind(column[0].as_py())
-
-    def _column(self, name: str) -> Any:
-        if self._batch.schema.names.count(name) != 1:
-            raise ValueError(f"{name}: expected once, got {', '.join(self._batch.schema.names)}")
-        return self._batch.column(name)
-
-    def table(self, name: str, *, floats: Collection[str] = (), whole: Collection[str] = ()) -> Columns:
-        """Columns of a table.
-
-        Args:
-            name: of the table.
-            floats: names of columns of float64, (n,) or (n, k).
-            whole: names of columns of int64, (n,).
-
-        Raises:
-            ValueError: the table or a column is missing, or of another type, or has nulls.
-        """
-        column = self._column(name)
-        if not (pa.types.is_list(column.type) and pa.types.is_struct(column.type.value_type)) or column.null_count:
-            raise ValueError(f"{name}: expected a list of structs, got {column.type}")
-        struct = column.flatten()
-        names = [struct.type.field(i).name for i in range(struct.type.num_fields)]
-        fields = dict(zip(names, struct.flatten(), strict=True))
-        columns: Columns = {}
-        for of, kind in [(of, pa.float64()) for of in floats] + [(of, pa.int64()) for of in whole]:
-            if of not in fields:
-                raise ValueError(f"{name}.{of}: expected it, got {', '.join(fields) or 'no columns'}")
-            columns[of] = _numbers(f"{name}.{of}", fields[of], kind)
-        return columns
+    try:
+        with pa.ipc.open_stream(data) as stream:
+            batch = stream.read_next_batch()
+        batch.validate(full=True)  # offsets within their buffers, texts of UTF-8
+    except (pa.ArrowException, OSError, StopIteration) as error:
+        reason = str(error).partition("\n")[0] or "an end before a row"
+        raise ValueError(f"expected an Arrow stream, got {reason}") from error
+    if batch.num_rows != 1:
+        raise ValueError(f"expected an Arrow stream of one row, got {batch.num_rows}")
+    scalars, tables = dict[str, Any](), dict[str, Columns]()
+    for name, column in zip(batch.schema.names, batch.columns, strict=True):
+        if name in scalars or name in tables or column.null_count:
+            raise ValueError(f"{name}: expected once, and no null")
+        if pa.types.is_list(column.type) and pa.types.is_struct(column.type.value_type):
+            struct = column.flatten()
+            parts = zip(struct.type, struct.flatten(), strict=True)
+            tables[name] = {of.name: _numbers(f"{name}.{of.name}", array) for of, array in parts}
+        elif column.type in (pa.int64(), pa.float64(), pa.string()):
+            scalars[name] = column[0].as_py()
+        else:
+            raise ValueError(f"{name}: expected a number, a text or a table, got {column.type}")
+    return scalars, tables
 
 
-def _numbers(name: str, array: Any, kind: Any) -> AnyArray:
-    n, wide = len(array), pa.types.is_fixed_size_list(array.type)
-    flat = array.flatten() if wide and not array.null_count else array
-    if flat.type != kind or flat.null_count or (wide and not array.type.list_size):
-        raise ValueError(f"{name}: expected {kind} without nulls, got {array.type}")
+def _numbers(name: str, array: Any) -> AnyArray:
+    width = array.type.list_size if pa.types.is_fixed_size_list(array.type) else 0
+    flat = array.flatten() if width and not array.null_count else array
+    if flat.type not in (pa.int64(), pa.float64()) or flat.null_count:
+        raise ValueError(f"{name}: expected int64 or float64 without nulls, got {array.type}")
     numbers = flat.to_numpy()
-    return np.asarray(numbers.reshape(n, array.type.list_size) if wide else numbers)
+    return np.asarray(numbers.reshape(len(array), width) if width else numbers)

@@ -2,7 +2,7 @@
 
 A message is an `ArrowMessage` of tables: `cell` with a row for each of its cells, `square` (those that are the cells of
 a grid, or near the data), `manoeuvre` with a row for each manoeuvre of these cells, `transition` with what followed
-them. Put one after the other, tables are those of the map. What every tile repeats is `SHARED`.
+them. Put one after the other, tables are those of the map. What every tile repeats is `REPEATED`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.primitives.leader import LeaderResponse
 from dirprim_filter.primitives.motion import FLOATS, Motion
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.recording.schemas.arrow_message import ArrowMessage, Columns, encode
+from dirprim_filter.recording.schemas.arrow_message import Columns, decode, encode
 from tessellation import GridTessellation, Tessellation, VoronoiTessellation
 
 VERSION = 6
@@ -30,12 +30,20 @@ MOST_MODES = 4096
 ROW = ("weight", "mean_direction", "concentration", "shape", "rate", "bend", "gain")
 """Columns of the modes of each cell."""
 LEADER = ("gain", "push", "trust", "start_rate")
-SHARED = (
-    "version", "n_tiles", "n_background_modes", "kind", "origin_x", "origin_y", "cell_size", "n_x", "n_y",
-    "background_visits",
-    "background", "background_manoeuvre", "background_transition", "leader",
-)  # fmt: skip
-"""What every tile repeats."""
+SCALARS = {
+    "version": int, "tile": int, "n_tiles": int, "n_background_modes": int, "kind": str, "origin_x": float,
+    "origin_y": float, "cell_size": float, "n_x": int, "n_y": int, "background_visits": float,
+}  # fmt: skip
+_MANOEUVRE, _TRANSITION = ("cell", "mode", "n_following", *FLOATS), ("following", "count")
+TABLES = {
+    "cell": ("place", *ROW, "n_rows"), "square": ("number",), "manoeuvre": _MANOEUVRE, "transition": _TRANSITION,
+    "background": (*ROW, "n_rows"), "background_manoeuvre": _MANOEUVRE, "background_transition": _TRANSITION,
+    "leader": LEADER,
+}  # fmt: skip
+"""Columns by table, of float64 but for `WHOLE`, which are int64."""
+WHOLE = {"n_rows", "number", "cell", "mode", "n_following", "following"}
+REPEATED = ("background", "background_manoeuvre", "background_transition", "leader")
+"""Tables that every tile repeats, as it does all scalars but its own number."""
 
 
 def encoded_tiles(primitive_map: PrimitiveMap) -> Iterator[bytes]:
@@ -100,92 +108,98 @@ def map_of(messages: Iterable[bytes]) -> PrimitiveMap:
         ValueError: bytes that are no such message, another version of it, a tile that is missing, twice there or of
             another map, or numbers that make no map.
     """
-    found: dict[int, ArrowMessage] = {}
+    found: dict[int, dict[str, Columns]] = {}
+    shared: dict[str, Any] = {}
     for data in messages:
-        tile = ArrowMessage(data)
-        _check_version(tile)
-        number = tile.scalar("tile", int)
+        scalars, tables = decode(data)
+        _check(scalars, tables)
+        number = scalars.pop("tile")
         if number in found:
             raise ValueError(f"tile {number}: expected once, got twice")
-        found[number] = tile
+        found[number] = tables
+        shared = shared or scalars
+        if scalars != shared or not all(_equal(tables[name], next(iter(found.values()))[name]) for name in REPEATED):
+            raise ValueError("expected the tiles of one map, got tiles of several")
     if not found:
         raise ValueError("expected at least one tile of a map, got none")
-    tiles = [found[number] for number in sorted(found)]
-    shared, n_tiles = tiles[0], tiles[0].scalar("n_tiles", int)
+    n_tiles = shared["n_tiles"]
     # Compared by number: the count comes from the file, and a range of it could be of any length.
     if len(found) != n_tiles or min(found) != 0 or max(found) != n_tiles - 1:
         raise ValueError(f"expected tiles 0 to {n_tiles - 1}, got {len(found)} of them")
-    if not all(tile is shared or tile.part(SHARED).equals(shared.part(SHARED)) for tile in tiles):
-        raise ValueError("expected the tiles of one map, got tiles of several")
-    cells = _joined(tiles, "cell", floats=(*ROW, "place"), whole=("n_rows",))
-    last = shared.table("background", floats=ROW, whole=("n_rows",))
-    if any(last[name].shape != (1, *cells[name].shape[1:]) for name in last) or cells["weight"].shape[-1] > MOST_MODES:
-        raise ValueError(f"background: expected one row, as wide as those of the cells, at most {MOST_MODES} modes")
-    rows = {name: np.concatenate([cells[name], last[name]]) for name in last}
+    tiles = [found[number] for number in sorted(found)]
+    cell, square = (_joined(name, [tile[name] for tile in tiles]) for name in ("cell", "square"))
+    place = cell.pop("place")
+    if len(tiles[0]["background"]["n_rows"]) != 1:
+        raise ValueError(f"background: expected one row, got {len(tiles[0]['background']['n_rows'])}")
+    rows = _joined("background", [cell, tiles[0]["background"]])
+    if rows["weight"].ndim < 2 or rows["weight"].shape[1] > MOST_MODES:
+        raise ValueError(f"cell.weight: expected at most {MOST_MODES} modes, got {rows['weight'].shape[1:]}")
     return PrimitiveMap(
-        tessellation=_tessellation(tiles, cells["place"]),
+        tessellation=_tessellation(shared, square["number"], place),
         direction=VonMisesMixture(**{name: rows[name] for name in ROW[:3]}),
         speed=Gamma(**{name: rows[name] for name in ROW[3:5]}),
         n_rows=rows["n_rows"],
-        n_background_modes=shared.scalar("n_background_modes", int),
+        n_background_modes=shared["n_background_modes"],
         **{name: _folded(name, rows[name], (*rows["weight"].shape, 2)) for name in ROW[5:]},
-        motion=_motion(tiles),
+        motion=_motion(shared, tiles),
     )
 
 
-def _check_version(message: ArrowMessage) -> None:
-    version = message.scalar("version", int)
+def _check(scalars: dict[str, Any], tables: dict[str, Columns]) -> None:
+    """A tile is of this version, and has all that one has, of its type."""
+    version = scalars.get("version")
+    if type(version) is not int:
+        raise ValueError(f"version: expected a whole number, got {version!r}")
     if version != VERSION:
         age = "an older" if version < VERSION else "a newer"
         raise ValueError(f"it is of {age} version, {version}; this program reads version {VERSION}")
+    for name, kind in SCALARS.items():
+        if type(scalars.get(name)) is not kind:
+            raise ValueError(f"{name}: expected {kind.__name__}, got {scalars.get(name)!r}")
+    for name, columns in TABLES.items():
+        for of in columns:
+            dtype, column = np.int64 if of in WHOLE else np.float64, tables.get(name, {}).get(of)
+            if column is None or column.dtype != dtype:
+                got = "none" if column is None else str(column.dtype)
+                raise ValueError(f"{name}.{of}: expected {np.dtype(dtype)}, got {got}")
 
 
-def _joined(tiles: list[ArrowMessage], name: str, **columns: Any) -> Columns:
-    return _put_together(name, [tile.table(name, **columns) for tile in tiles])
+def _equal(one: Columns, other: Columns) -> bool:
+    return all(np.array_equal(one[name], column) for name, column in other.items() if name in one)
 
 
-def _put_together(name: str, parts: list[Columns]) -> Columns:
-    widths = {of: {column.shape[1:] for column in (part[of] for part in parts)} for of in parts[0]}
-    if uneven := [of for of, shapes in widths.items() if len(shapes) > 1]:
-        raise ValueError(f"{name}.{uneven[0]}: expected tiles of one map, got tiles of several")
-    return {of: np.concatenate([part[of] for part in parts]) for of in parts[0]}
+def _joined(name: str, parts: list[Columns]) -> Columns:
+    """The rows of all parts, one after the other."""
+    for of in parts[-1]:
+        if len(shapes := {part[of].shape[1:] for part in parts if of in part}) > 1:
+            raise ValueError(f"{name}.{of}: expected rows as wide as others, got {shapes}")
+    return {of: np.concatenate([part[of] for part in parts]) for of in TABLES[name] if of in parts[-1]}
 
 
-def _tessellation(tiles: list[ArrowMessage], place: AnyArray) -> Tessellation:
-    of, kind = tiles[0], tiles[0].scalar("kind", str)
-    if kind not in ("grid", "voronoi"):
-        raise ValueError(f"kind: expected grid or voronoi, got {kind!r}")
-    square = _joined(tiles, "square", whole=("number",))
+def _tessellation(shared: dict[str, Any], square: AnyArray, place: AnyArray) -> Tessellation:
+    if shared["kind"] not in ("grid", "voronoi"):
+        raise ValueError(f"kind: expected grid or voronoi, got {shared['kind']!r}")
     squares = GridTessellation(
-        origin=np.array([of.scalar("origin_x", float), of.scalar("origin_y", float)]),
-        cell_size=of.scalar("cell_size", float),
-        n_x=of.scalar("n_x", int), n_y=of.scalar("n_y", int), square=square["number"],
+        origin=np.array([shared["origin_x"], shared["origin_y"]]), cell_size=shared["cell_size"],
+        n_x=shared["n_x"], n_y=shared["n_y"], square=square,
     )  # fmt: skip
-    return squares if kind == "grid" else VoronoiTessellation(generators=place, region=squares)
+    return squares if shared["kind"] == "grid" else VoronoiTessellation(generators=place, region=squares)
 
 
-def _motion(tiles: list[ArrowMessage]) -> Motion:
-    shared = tiles[0]
+def _motion(shared: dict[str, Any], tiles: list[dict[str, Columns]]) -> Motion:
     columns, after = (
-        _put_together(placed, [_joined(tiles, placed, **names), shared.table(free, **names)])
-        for placed, free, names in (
-            ("manoeuvre", "background_manoeuvre", {"floats": FLOATS, "whole": ("cell", "mode", "n_following")}),
-            ("transition", "background_transition", {"floats": ("count",), "whole": ("following",)}),
-        )
-    )  # fmt: skip
+        _joined(name, [*(tile[name] for tile in tiles), tiles[0][f"background_{name}"]])
+        for name in ("manoeuvre", "transition")
+    )
     n = columns.pop("n_following")
     if ((n < 0) | (n > after["count"].size)).any() or n.sum() != after["count"].size:
         raise ValueError(f"n_following: expected numbers that sum to {after['count'].size} transitions, got others")
-    leaders = shared.table("leader", floats=LEADER)
-    of_leader: list[dict[str, Any]] = [
-        {name: column[i] if column.ndim > 1 else float(column[i]) for name, column in leaders.items()}
-        for i in range(len(leaders["trust"]))
-    ]
-    made: dict[str, Any] = {**columns, **after, "background_visits": shared.scalar("background_visits", float)}
-    return Motion(
-        **made, first=np.append(0, np.cumsum(n)),
-        leader=LeaderResponse(**of_leader[0]) if of_leader else None,
-    )  # fmt: skip
+    leader, leaders = None, tiles[0]["leader"]
+    if len(leaders["trust"]):
+        push, trust = float(leaders["push"][0]), float(leaders["trust"][0])
+        leader = LeaderResponse(gain=leaders["gain"][0], push=push, trust=trust, start_rate=leaders["start_rate"][0])
+    made: dict[str, Any] = {**columns, **after, "background_visits": shared["background_visits"]}
+    return Motion(**made, first=np.append(0, np.cumsum(n)), leader=leader)
 
 
 def _folded(name: str, column: AnyArray, shape: tuple[int, ...]) -> AnyArray:
