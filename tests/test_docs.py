@@ -35,7 +35,7 @@ def test_every_block_of_a_page_runs(page, short_recordings, tmp_path, monkeypatc
     (tmp_path / "recordings").symlink_to(short_recordings)
     monkeypatch.chdir(tmp_path)
     shown: list[list[Path]] = []
-    monkeypatch.setattr("dirprim_filter.viewer.process.show_files", shown.append)  # there is no screen
+    monkeypatch.setattr("dirprim_filter.viewer.process.spawn_viewer", shown.append)  # there is no screen
     blocks = FENCE.findall(page.read_text())
     assert blocks
     names: dict[str, object] = {}

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
     import numpy as np
 
-    from dirprim_filter.cli.blind_demo import FrameAt
     from dirprim_filter.config import FilterConfig
     from dirprim_filter.estimates import EstimateList, Estimates, EstimateSink, TrackedFrame
     from dirprim_filter.filtering import BayesFilter
@@ -34,6 +33,8 @@ KERNEL = "_interaction.advance"
 """Where this is compiled, so are the others that tracking needs."""
 WITH_MAP, CONSTANT_VELOCITY = "with the map", "constant velocity"
 """Of the ways that are compared."""
+TRAIL_NS = 5_000_000_000
+"""Of the way that vehicles have come, in the picture."""
 N_FITTED = 20
 """Vehicles that constant velocity is fitted to."""
 
@@ -163,7 +164,7 @@ class Run:
             table = {name: _scores(of.all(), self.truth, is_blind=self.is_blind) for name, of in kept.items()}
             shown.log_report("\n".join([*_lines(table, markdown=True), "", run_report(said, {}, title="Made with")]))
         if self.is_blind:
-            self._draw_blind(kept, instants, outputs["demo.png"], force=force)
+            self._draw_blind(kept, outputs["demo.png"], force=force)
         elif (frame := instants[WITH_MAP].frame) is not None:
             self._draw(kept[WITH_MAP].all(), frame, focus, forecaster, outputs["demo.png"], force=force)
         return table
@@ -194,28 +195,23 @@ class Run:
     def _draw(
         self, estimates: Estimates, frame: TrackedFrame, focus: str, forecaster: Forecaster, path: Path, *, force: bool
     ) -> None:
-        from dirprim_filter.viewer.figures import demo_figure, save_figure
+        from dirprim_filter.viewer.figures import map_figure, save_figure
 
-        figure = demo_figure(
-            self.learned, tracks=self.tracks, frame=frame, estimates=estimates, truth=self.truth,
-            forecasts=dict(zip(frame.names, forecaster.paths(frame), strict=True)),
-            focus=focus if focus in frame.names else None,
+        name = focus if focus in frame.names else frame.names[0]
+        age_ns = frame.time_ns - estimates.time_ns
+        figure = map_figure(
+            self.learned, tracks=self.tracks, frame=frame, truth=self.truth,
+            estimates=estimates[(age_ns >= 0) & (age_ns <= TRAIL_NS)],
+            forecasts={name: forecaster.paths(frame)[frame.names.index(name)]},
         )  # fmt: skip
         save_figure(figure, path, force=force)
 
-    def _draw_blind(
-        self, kept: Mapping[str, EstimateList], instants: Mapping[str, FrameAt], path: Path, *, force: bool
-    ) -> None:
+    def _draw_blind(self, kept: Mapping[str, EstimateList], path: Path, *, force: bool) -> None:
         from dirprim_filter.cli.blind_demo import FAR_M, NEAR_M, followers
-        from dirprim_filter.viewer.figures import Way, blind_figure, save_figure
+        from dirprim_filter.viewer.figures import blind_figure, save_figure
 
-        ways = [
-            Way(name=name, estimates=kept[name].all(), frame=frame, follower=followers(kept[name].all(), self.truth))
-            for name in (WITH_MAP, CONSTANT_VELOCITY)
-            if (frame := instants[name].frame) is not None
-        ]
-        figure = blind_figure(self.learned, truth=self.truth, ways=ways, ring=(NEAR_M, FAR_M))
-        save_figure(figure, path, force=force)
+        ways = {name: followers(kept[name].all(), self.truth) for name in (WITH_MAP, CONSTANT_VELOCITY)}
+        save_figure(blind_figure(self.truth, ways, ring=(NEAR_M, FAR_M)), path, force=force)
 
 
 def _constant_velocity(tracks: Tracks, config: FilterConfig) -> BayesFilter:

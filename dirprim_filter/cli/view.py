@@ -1,4 +1,4 @@
-"""`dirprim view`: maps, logs, tracks and recordings in the rerun viewer, alone, together, or two runs side by side."""
+"""`dirprim view`: maps, logs, tracks and recordings in the rerun viewer."""
 
 from __future__ import annotations
 
@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from dirprim_filter.estimates import TrackedFrame
     from dirprim_filter.recording.playback import Playback
     from dirprim_filter.viewer.sink import RerunSink
-
-N_RUNS = 2
 
 
 class _Given(NamedTuple):
@@ -60,21 +58,21 @@ def view(
 ) -> int:
     """Show maps, logs, tracks and recordings in rerun.
 
-    A map lies under its tracks, and two runs stand side by side on one time line. Without --save, --connect, --serve
-    or --layout a viewer is started on this machine. With --rate the tracks of one log are played: the estimates that
+    A map lies under its tracks. Recordings, .rrd, are opened together. Without --save, --connect, --serve or --layout
+    a viewer is started on this machine. With --rate the tracks of one log are played: the estimates that
     `dirprim track` wrote, else the objects.
 
-    Example: dirprim view map.mcap prior.mcap no_prior.mcap
+    Example: dirprim view map.mcap tracks.mcap --truth log.mcap
     """
     from dirprim_filter.cli.watching import exit_code, keep_serving, open_viewer
 
     is_shown = save is not None or connect is not None or serve
     is_started = spawn or not (is_shown or layout is not None)
-    are_recordings = all(file.suffix == ".rrd" for file in files)
-    if are_recordings and len(files) != N_RUNS and is_started and not is_shown:
-        from dirprim_filter.viewer.process import show_files
-
-        show_files(files)
+    recordings = [file for file in files if file.suffix == ".rrd"]
+    if recordings:
+        if len(recordings) < len(files) or save is not None or connect is not None or layout is not None:
+            raise ValueError(f"{recordings[0]}: an .rrd opens beside other .rrd files alone, on a screen or by --serve")
+        _show(recordings, bind if serve else None)
         return losses.DONE
     given = _sorted(files)
     if layout is not None:
@@ -88,23 +86,29 @@ def view(
     ) as viewer:  # fmt: skip
         if playback is not None:
             _play(files[0], playback, frames, viewer)
-        elif len(given.runs) == N_RUNS:
-            _beside(given, viewer, truth=truth, focus=focus, group=reading.group)
-        elif are_recordings:
-            from dirprim_filter.viewer.side_by_side import show_again
-
-            show_again(files[0], viewer)
         else:
             _together(given, viewer, truth=truth, group=reading.group)
         keep_serving(viewer)
     return exit_code(viewer, losses.DONE if playback is None else losses.exit_code(playback.losses))
 
 
+def _show(recordings: Sequence[Path], address: str | None) -> None:
+    """In a viewer of their own, or for browsers until Ctrl-C."""
+    from dirprim_filter.viewer.process import WebServer, spawn_viewer
+
+    if address is None:
+        spawn_viewer(recordings)
+        return
+    with WebServer(address, recordings) as server:
+        typer.echo(f"serving at {server.page_url}", err=True)
+        server.wait()
+
+
 def _sorted(files: Sequence[Path]) -> _Given:
     """What each file is.
 
     Raises:
-        ValueError: more than two runs, or an .rrd together with what is not a run.
+        ValueError: more than one run.
     """
     from dirprim_filter.recording.map_file import MAP
     from dirprim_filter.recording.scan import scan
@@ -112,18 +116,13 @@ def _sorted(files: Sequence[Path]) -> _Given:
 
     given = _Given([], [], [])
     for file in files:
-        schemas = set()
-        if file.suffix != ".rrd":
-            with scan(file) as log:
-                schemas = {channel.schema.name for channel in log.channels()}
-        is_run = file.suffix == ".rrd" or ESTIMATES_SCHEMA in schemas
+        with scan(file) as log:
+            schemas = {channel.schema.name for channel in log.channels()}
+        is_run = ESTIMATES_SCHEMA in schemas
         (given.runs if is_run else given.maps if MAP.name in schemas else given.logs).append(file)
-    if len(given.runs) > N_RUNS:
+    if len(given.runs) > 1:
         shown = ", ".join(map(str, given.runs))
-        raise ValueError(f"view: expected at most {N_RUNS} runs, got {len(given.runs)}: {shown}")
-    recordings = [file for file in given.runs if file.suffix == ".rrd"]
-    if len(given.runs) < N_RUNS and recordings and len(files) > 1:
-        raise ValueError(f"{recordings[0]}: an .rrd holds its own map and log; open it alone, or beside another run")
+        raise ValueError(f"view: expected at most one run, got {shown}; `track --save` makes an .rrd of each instead")
     return given
 
 
@@ -155,32 +154,6 @@ def _play(log: Path, playback: Playback, frames: Iterable[TrackedFrame], viewer:
         viewer.write(frame)
         n_frames += 1
     say(f"{log}: {counted(n_frames, 'frame')} of {', '.join(sorted(playback.topics))}")
-
-
-def _beside(given: _Given, viewer: RerunSink, *, truth: Path | None, focus: str | None, group: int | None) -> None:
-    """Both runs as recordings, each with the maps and logs, then the two into one."""
-    import tempfile
-
-    from dirprim_filter.viewer.side_by_side import show_side_by_side
-    from dirprim_filter.viewer.sink import open_stream
-
-    with tempfile.TemporaryDirectory() as folder:
-        recordings = []
-        for i, run in enumerate(given.runs):
-            if run.suffix == ".rrd":
-                recordings.append(run)
-                continue
-            recordings.append(Path(folder) / f"{i}.rrd")
-            with open_stream(save=recordings[-1], focus=focus) as shown:
-                _together(given._replace(runs=[run]), shown, truth=truth, group=group)
-        show_side_by_side(recordings, _titles(given.runs), viewer)
-
-
-def _titles(runs: Sequence[Path]) -> list[str]:
-    """The files' names, with enough of their paths to be distinct."""
-    a, b = (run.resolve().with_suffix("").parts for run in runs)
-    n = next((n for n in range(1, max(len(a), len(b)) + 1) if a[-n:] != b[-n:]), None)
-    return [run.name for run in runs] if n is None else ["/".join(a[-n:]), "/".join(b[-n:])]
 
 
 def _together(given: _Given, viewer: RerunSink, *, truth: Path | None, group: int | None) -> None:

@@ -39,10 +39,10 @@ LARGEST_ROSE = 0.18
 """The same as a share of the width of a square as large as all cells: those of a map of few cells would hide it."""
 MOST_BEND = 1.0
 """Radians by which a petal turns at most from its root to its tip."""
-LITTLE_MORE = 1.6
-"""Times as long as the busy square is a map that is shown in whole."""
-LITTLE_LARGER = 1.15
+LITTLE_LARGER = 1.3
 """Times as long as the box around most of the traffic is a map that is shown in whole."""
+BUSY_SHARE = 0.75
+"""Of the traffic: what to look at first. A map reaches far along its roads, where nothing happens."""
 MARGIN = 0.06
 """Free space around a map, as a share of its longer side."""
 MIDDLING = (4.5, 1.8)
@@ -184,29 +184,6 @@ def map_extent(primitives: PrimitiveMap, *, share: float = 1.0) -> FloatArray:
         kept[order] &= (below > rare) & (below - n_rows[order] / n_rows.sum() < 1.0 - rare)
     box = extent(np.concatenate([polygon for polygon, one in zip(polygons, kept, strict=True) if one and len(polygon)]))
     return whole if np.ptp(whole, axis=0).max() <= LITTLE_LARGER * np.ptp(box, axis=0).max() else box
-
-
-def busy_box(primitives: PrimitiveMap, *, share: float) -> FloatArray:
-    """The busy square of a map; all of it, if it is little more. -> (2, 2)."""
-    busy, whole = busy_square(primitives, share=share), map_extent(primitives)
-    return whole if np.ptp(whole, axis=0).max() <= LITTLE_MORE * np.ptp(busy, axis=0).max() else busy
-
-
-def busy_square(primitives: PrimitiveMap, *, share: float) -> FloatArray:
-    """The smallest square around the middle of the traffic that holds a share of it: its SW and NE corner. -> (2, 2).
-
-    The traffic is the rows in each cell. A map reaches far along its roads, where nothing happens: the busy part is
-    what to look at first.
-    """
-    cells, n_rows = primitives.tessellation, primitives.n_rows[:-1]
-    if n_rows.sum() == 0:
-        return map_extent(primitives)
-    middle = np.average(cells.centers, axis=0, weights=n_rows)
-    distance = np.abs(cells.centers - middle).max(axis=1)
-    outwards = np.argsort(distance)
-    cell = outwards[np.searchsorted(np.cumsum(n_rows[outwards]), share * n_rows.sum())]
-    half = distance[cell] + 0.5 * np.sqrt(cells.area[cell])
-    return np.stack([middle - half, middle + half])
 
 
 def covariance_axes(covariance: FloatArray, *, probability: float) -> tuple[FloatArray, FloatArray]:

@@ -5,21 +5,19 @@ Sizes that mean something are in metres, so that they hold at every scale; line 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from itertools import pairwise
+from collections.abc import Collection
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.collections import EllipseCollection, LineCollection, PatchCollection, PolyCollection
+from matplotlib.collections import EllipseCollection, LineCollection, PolyCollection
 from matplotlib.colors import ListedColormap, Normalize
-from matplotlib.patches import Wedge
 
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
-from dirprim_filter.config import LearningConfig
 from dirprim_filter.drawing import shapes
 from dirprim_filter.drawing.colors import direction_color, speed_color
-from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
+from dirprim_filter.drawing.sight import may_be_anywhere
+from dirprim_filter.estimates import Estimates, TrackedFrame
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
 
@@ -30,8 +28,6 @@ ROOT_DIAMETER = 0.12
 """Of the dot at a rose's root, as a share of its reach: it shows which way the petals point."""
 FEW_VEHICLES = 12
 """Of more, lines are thin: they would hide the map."""
-STANDING_SPEED = LearningConfig().standing_speed
-"""m/s; below it a direction means nothing."""
 
 INK = "0.15"
 CELL_GREY = "0.87"
@@ -64,19 +60,6 @@ def draw_map(axes: Axes, primitives: PrimitiveMap, *, opacity: float = 1.0) -> S
     return ScalarMappable(Normalize(0.0, fastest), ListedColormap(steps))
 
 
-def draw_wheel(axes: Axes, title: str) -> None:
-    """A ring with the colours of direction, and what it is below."""
-    edges = np.linspace(-180.0, 180.0, 73)
-    wedges = [Wedge((0, 0), 1.0, start, end + 0.5, width=0.35) for start, end in pairwise(edges)]
-    colors = direction_color(np.radians(0.5 * (edges[1:] + edges[:-1]))) / 255.0
-    axes.add_collection(PatchCollection(wedges, facecolors=colors, linewidths=0))
-    for letter, x, y in (("N", 0.0, 0.36), ("E", 0.36, 0.0), ("S", 0.0, -0.36), ("W", -0.36, 0.0)):
-        axes.text(x, y, letter, ha="center", va="center", fontsize=6, color=INK)
-    axes.set(xlim=(-1.05, 1.05), ylim=(-1.05, 1.05), aspect="equal")
-    axes.text(0.0, -1.2, title, ha="center", va="top", fontsize=8)
-    axes.axis("off")
-
-
 def draw_tracks(axes: Axes, tracks: Tracks) -> None:
     """Observed motion, as thin lines under the roses, fainter the more there are."""
     paths = paths_of(tracks.vehicle, tracks.time_ns, tracks.position)
@@ -84,19 +67,20 @@ def draw_tracks(axes: Axes, tracks: Tracks) -> None:
     axes.add_collection(LineCollection(paths, colors=TRACK_GREY, linewidths=0.6, alpha=opacity, zorder=2))
 
 
-def draw_estimates(axes: Axes, estimates: Estimates, color: Mapping[str, str]) -> None:
-    """The way of each vehicle, in its colour or else in that of all others; thin and faint where it coasts."""
+def draw_estimates(axes: Axes, estimates: Estimates, focus: Collection[str] = ()) -> None:
+    """The way of each vehicle, of those in focus in a colour of their own; thin and faint where it coasts."""
     names = estimates.track_id.astype(np.str_)
-    distinct = np.unique(names)
-    usual = 1.6 if distinct.size <= FEW_VEHICLES else 0.8
-    for name in distinct:
-        shade = color.get(name, OTHER_COLOR)
-        for coasts, width, opacity in ((False, usual, 1.0), (True, 0.3 * usual, 0.6)):
-            own = (names == name) & (estimates.is_coasting == coasts)
-            paths = paths_of(names[own], estimates.time_ns[own], estimates.position[own])
+    usual = 1.6 if np.unique(names).size <= FEW_VEHICLES else 0.8
+    for coasts, width, opacity in ((False, usual, 1.0), (True, 0.3 * usual, 0.6)):
+        for is_other in (True, False):
+            own = (estimates.is_coasting == coasts) & (np.isin(names, list(focus)) != is_other)
             axes.add_collection(
-                LineCollection(paths, colors=shade, linewidths=width, alpha=opacity, capstyle="round", zorder=6)
-            )
+                LineCollection(
+                    paths_of(names[own], estimates.time_ns[own], estimates.position[own]),
+                    colors=OTHER_COLOR if is_other else FOCUS_COLOR, linewidths=width, alpha=opacity,
+                    capstyle="round", zorder=6,
+                )
+            )  # fmt: skip
 
 
 def draw_forecast(axes: Axes, paths: FloatArray, color: str, *, opacity: float) -> None:
@@ -107,29 +91,27 @@ def draw_forecast(axes: Axes, paths: FloatArray, color: str, *, opacity: float) 
     )
 
 
-def draw_frame(
-    axes: Axes, frame: TrackedFrame, truth: Tracks | None, color: Mapping[str, str], *, marker: float
-) -> None:
-    """Detections, estimates with their ellipses and, where known, the vehicles themselves, at one instant."""
-    estimates = frame.estimates
+def draw_frame(axes: Axes, frame: TrackedFrame, truth: Tracks | None, focus: Collection[str] = ()) -> None:
+    """Detections, estimates with their ellipses and, where known, the vehicles themselves, at one instant.
+
+    Of those in focus the particles too, coloured by direction.
+    """
     if truth is not None:
         now = truth.time_ns == frame.time_ns
         outline = shapes.vehicle_outline(truth.position[now], truth.body_direction[now], truth.size[now])
         axes.add_collection(PolyCollection(list(outline), facecolors="white", alpha=0.6, linewidths=0, zorder=6.5))
         axes.add_collection(LineCollection(list(outline), colors=INK, linewidths=0.9, zorder=7))
-    axes.plot(*frame.detections.position.T, "x", color=INK, markersize=1.3 * marker, markeredgewidth=1.1, zorder=9)
-    ellipse = shapes.covariance_ellipse(estimates.position, estimates.covariance, probability=CONFIDENCE)
-    shades = [color.get(str(name), OTHER_COLOR) for name in estimates.track_id]
+    axes.plot(*frame.detections.position.T, "x", color=INK, markersize=4.5, markeredgewidth=1.1, zorder=9)
+    for row in np.flatnonzero(np.isin(frame.names, list(focus))).tolist():
+        cloud = frame.particles.of(row)
+        x, y = cloud.position.T
+        axes.scatter(x, y, s=1.0, c=direction_color(cloud.direction) / 255.0, linewidths=0, zorder=7.5)
+    seen = frame.estimates[~may_be_anywhere(frame.estimates)]
+    shades = [FOCUS_COLOR if name in focus else OTHER_COLOR for name in seen.track_id.astype(np.str_)]
+    ellipse = shapes.covariance_ellipse(seen.position, seen.covariance, probability=CONFIDENCE)
     axes.add_collection(LineCollection(list(ellipse), colors=shades, linewidths=1.4, zorder=8))
-    for position, shade in zip(estimates.position, shades, strict=True):
-        axes.plot(*position, "o", color=shade, markersize=marker, markeredgecolor="white", zorder=10)
-
-
-def draw_particles(axes: Axes, particles: Particles) -> None:
-    """The particles of a vehicle, coloured by direction, larger where they weigh more."""
-    x, y = particles.position.T
-    size = 2.0 * np.sqrt(particles.weight * len(particles))
-    axes.scatter(x, y, s=size, c=direction_color(particles.direction) / 255.0, linewidths=0, zorder=7.5)
+    x, y = seen.position.T
+    axes.scatter(x, y, s=14.0, c=shades, edgecolors="white", linewidths=0.8, zorder=10)
 
 
 def paths_of(track_id: AnyArray, time_ns: IntArray, position: FloatArray) -> list[FloatArray]:

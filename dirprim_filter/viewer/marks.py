@@ -1,7 +1,7 @@
 """How each kind of thing is drawn in rerun: its shape, colour, size and height above the ground.
 
-What moves comes as columns, one row for each thing, of any number of instants one after the other; what all of a
-kind share is in `STYLES`, said once for the whole log.
+What moves comes as columns, one row for each thing, of any number of instants one after the other: a message costs more
+than what one frame puts in it. What all of a kind share is in `STYLES`, said once for the whole log.
 """
 
 from __future__ import annotations
@@ -12,23 +12,19 @@ import numpy as np
 import numpy.typing as npt
 import rerun as rr
 
-from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
+from dirprim_filter.arrays import FloatArray
 from dirprim_filter.distributions.highest_density import Region
 from dirprim_filter.drawing import shapes
-from dirprim_filter.drawing.colors import (
-    ByteArray,
-    direction_color,
-    fan_opacity,
-    track_color,
-    with_alpha,
-)
+from dirprim_filter.drawing.colors import ByteArray, direction_color, fan_opacity, track_color, with_alpha
 from dirprim_filter.drawing.names import short_name
-from dirprim_filter.estimates import Estimates, Particles
+from dirprim_filter.drawing.sight import may_be_anywhere
+from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.forecasting import REGION_SHARES
 from dirprim_filter.tracks import Tracks
-from dirprim_filter.viewer.focus import CROWD
 from tessellation import Tessellation
 
+Columns = tuple[str, rr.ComponentColumnList]
+"""An entity, and what it shows at each of some instants."""
 CONFIDENCE = 0.9
 """Ellipses hold this probability."""
 FANS = tuple(f"/forecasts/region_{100 * share:.0f}" for share in REGION_SHARES)
@@ -47,10 +43,6 @@ ROSES_UNDER_TRAFFIC = rr.Mesh3D.from_fields(albedo_factor=(255, 255, 255, 165))
 FORECAST_OPACITY = 0.25
 STEP_STRIDE = 2
 """Every second instant is enough for a line."""
-FADING = 0.35
-"""Power of their number by which marks of a crowd shrink, and darken: what they cover grows more slowly than they."""
-ESTIMATE_RADIUS, MOTION_RADIUS, TRAIL_RADIUS, DETECTION_RADIUS, TRUTH_RADIUS = 3.0, 1.5, 1.0, 2.5, 0.75
-"""Points on the screen."""
 PATHS_DRAWN = 6
 """Of each vehicle at most; their fans hold them all."""
 UNSEEN_SHADE = 0.5
@@ -60,31 +52,32 @@ RING_RADIUS = 0.045
 ID_OFFSET = 0.035
 """Of the depth of ground in view, northwards; a label on the vehicle would hide what it names."""
 
-GREY = (70, 80, 100)
+GREY, TRUTH_GREY = (70, 80, 100), (150, 155, 165)
 WHITE = (255, 255, 255)
 
 
-def _points(radius: float | FloatArray) -> npt.ArrayLike:
-    """Sizes on the screen, the same at every zoom."""
+def _points(radius: float) -> npt.ArrayLike:
+    """A size on the screen, the same at every zoom."""
     return rr.Radius.ui_points(radius)
 
 
 STYLES: Mapping[str, rr.AsComponents] = {
-    "/truth/trails": rr.LineStrips3D.from_fields(colors=(150, 155, 165), radii=_points(0.5)),
+    "/truth": rr.LineStrips3D.from_fields(colors=WHITE, radii=_points(0.75)),
+    "/truth/trails": rr.Points3D.from_fields(colors=TRUTH_GREY, radii=_points(0.5)),
+    "/detections": rr.Points3D.from_fields(colors=WHITE, radii=_points(2.5)),
     "/forecasts/paths": rr.LineStrips3D.from_fields(radii=_points(0.5)),
     "/focus/ring": rr.LineStrips3D.from_fields(colors=WHITE, radii=_points(1.0)),
     "/tracks/particles": rr.Points3D.from_fields(radii=_points(1.0)),
+    "/tracks/estimates": rr.Points3D.from_fields(radii=_points(3.0)),
+    "/tracks/trails": rr.Points3D.from_fields(radii=_points(1.0)),
+    "/tracks/motion": rr.Arrows3D.from_fields(radii=_points(1.5)),
     "/tracks/covariance": rr.Ellipsoids3D.from_fields(line_radii=_points(0.75)),
     "/tracks/unseen": rr.Ellipsoids3D.from_fields(line_radii=_points(0.5), fill_mode="majorwireframe"),
+    "/tracks/ids": rr.Points3D.from_fields(radii=_points(0.0)),
+    "/smoothed/trails": rr.Points3D.from_fields(radii=_points(2.5)),
     "/smoothed/covariance": rr.Ellipsoids3D.from_fields(line_radii=_points(0.5)),
-    "/tracks/ids": rr.Points3D.from_fields(radii=_points(0.0), show_labels=True),
 }
 """By entity."""
-
-
-def in_crowd(n: IntArray) -> FloatArray:
-    """Size and lightness of n vehicles that are not drawn in full, 1 unless they are many."""
-    return np.asarray(np.minimum(1.0, (CROWD / np.maximum(n, 1)) ** FADING))
 
 
 def cells(tessellation: Tessellation) -> rr.LineStrips3D:
@@ -103,85 +96,53 @@ def roses(petals: shapes.Petals, *, fastest: float) -> rr.Mesh3D:
     )
 
 
-def truth(tracks: Tracks) -> rr.ComponentColumnList:
-    """The outline of the vehicle of each row."""
+def truth(tracks: Tracks, n_each: Sequence[int]) -> Iterator[Columns]:
+    """Outlines of the vehicles, and dots where they come by; rows in order of time."""
     outline = shapes.vehicle_outline(tracks.position, tracks.body_direction, tracks.size)
-    return rr.LineStrips3D.columns(strips=_raised(outline, HEIGHT["truth"]))
+    yield "/truth", rr.LineStrips3D.columns(strips=_raised(outline, HEIGHT["truth"])).partition(n_each)
+    yield "/truth/trails", rr.Points3D.columns(positions=_raised(tracks.position, HEIGHT["truth"])).partition(n_each)
 
 
-def truth_style(n: int) -> rr.LineStrips3D:
-    """White outlines of n vehicles at most; of a crowd, of which they would hide all else, thin and grey ones."""
-    share = float(in_crowd(np.array(n)))
-    return rr.LineStrips3D.from_fields(colors=[round(255 * share)] * 3, radii=_points(TRUTH_RADIUS * share))
+def detections(position: FloatArray, n_each: Sequence[int]) -> Columns:
+    """Dots, so many at each instant."""
+    return "/detections", rr.Points3D.columns(positions=_raised(position, HEIGHT["detections"])).partition(n_each)
 
 
-def detections(position: FloatArray, n_each: Sequence[int]) -> rr.ComponentColumnList:
-    """White dots, so many at each instant; those of a crowd smaller and grey."""
-    places = rr.Points3D.columns(positions=_raised(position, HEIGHT["detections"])).partition(n_each)
-    share = in_crowd(np.array(n_each))
-    color = np.rint(255 * share)[:, None].repeat(3, axis=1).astype(np.uint8)
-    of_all = rr.Points3D.columns(radii=_points(DETECTION_RADIUS * share), colors=color)
-    return rr.ComponentColumnList([*places, *of_all])
+def frames(shown: Sequence[TrackedFrame], *, depth: float) -> Iterator[Columns]:
+    """What frames show, at least one; a vehicle that a frame does not name vanishes in it.
+
+    Args:
+        shown: the frames, with those particles that are drawn.
+        depth: metres of ground in view: labels keep their distance on the screen.
+    """
+    estimates = Estimates.concatenate([frame.estimates for frame in shown])
+    n_each = [len(frame.estimates) for frame in shown]
+    shade, unseen = _shade(estimates), estimates.is_coasting
+    place = _raised(estimates.position, HEIGHT["estimates"])
+    yield "/tracks/estimates", rr.Points3D.columns(positions=place, colors=shade).partition(n_each)
+    yield _trails("/tracks", estimates, shade, n_each)
+    beside = _raised(estimates.position + np.array([0.0, ID_OFFSET * depth]), HEIGHT["ids"])
+    names = [short_name(str(name)) for name in estimates.track_id]
+    yield "/tracks/ids", rr.Points3D.columns(positions=beside, colors=shade, labels=names).partition(n_each)
+    arrow = _raised(shapes.motion_arrow(estimates.direction, estimates.speed), 0.0)
+    start = _raised(estimates.position, HEIGHT["motion"])
+    yield "/tracks/motion", rr.Arrows3D.columns(origins=start, vectors=arrow, colors=shade).partition(n_each)
+    frame = np.repeat(np.arange(len(shown)), n_each)
+    for entity, drawn in (("covariance", ~unseen), ("unseen", unseen & ~may_be_anywhere(estimates))):
+        of_each = np.bincount(frame[drawn], minlength=len(shown))
+        yield f"/tracks/{entity}", _covariance(estimates[drawn], shade[drawn]).partition(of_each)
+    seen = [frame.detections.position for frame in shown]
+    yield detections(np.concatenate(seen), [len(part) for part in seen])
+    clouds = [frame.particles.thinned(1) for frame in shown]
+    yield "/tracks/particles", _particles(clouds).partition([len(cloud) for cloud in clouds])
 
 
-def particles(parts: Sequence[Particles]) -> rr.ComponentColumnList:
-    """Small dots in the colours of their directions, of one instant after the other."""
-    place = np.concatenate([_raised(part.position, HEIGHT["particles"]) for part in parts])
-    color = [np.ascontiguousarray(direction_color(part.direction)).view(">u4")[:, 0] for part in parts]
-    return rr.Points3D.columns(positions=place, colors=np.concatenate(color).astype(np.uint32))
-
-
-def estimates(believed: Estimates, prominence: FloatArray) -> rr.ComponentColumnList:
-    """Large dots in the vehicle's colour."""
-    place = _raised(believed.position, HEIGHT["estimates"])
-    return rr.Points3D.columns(positions=place, colors=_shade(believed), radii=_points(ESTIMATE_RADIUS * prominence))
-
-
-def ids(believed: Estimates, *, depth: float) -> rr.ComponentColumnList:
-    """The vehicles' names, beside them; `depth` metres of ground are in view."""
-    return rr.Points3D.columns(
-        positions=_raised(believed.position + np.array([0.0, ID_OFFSET * depth]), HEIGHT["ids"]),
-        colors=_shade(believed),
-        labels=[short_name(str(name)) for name in believed.track_id],
-    )
-
-
-def motion(believed: Estimates, prominence: FloatArray) -> rr.ComponentColumnList:
-    """Arrows to where the vehicles will be in one second."""
-    return rr.Arrows3D.columns(
-        origins=_raised(believed.position, HEIGHT["motion"]),
-        vectors=_raised(shapes.motion_arrow(believed.direction, believed.speed), 0.0),
-        colors=_shade(believed),
-        radii=_points(MOTION_RADIUS * prominence),
-    )
-
-
-def covariance(believed: Estimates) -> rr.ComponentColumnList:
-    """Ellipses that hold `CONFIDENCE`."""
-    half_axes, angle = shapes.covariance_axes(believed.covariance, probability=CONFIDENCE)
-    turn = np.zeros((len(believed), 4), dtype=np.float32)
-    turn[:, 2], turn[:, 3] = np.sin(0.5 * angle), np.cos(0.5 * angle)
-    return rr.Ellipsoids3D.columns(
-        centers=_raised(believed.position, HEIGHT["covariance"]),
-        half_sizes=_raised(half_axes, 0.0),
-        quaternions=turn,
-        colors=_shade(believed),
-    )
-
-
-def trails(
-    track_id: AnyArray, step: FloatArray, prominence: FloatArray, *, width: float = 1.0
-) -> rr.ComponentColumnList:
-    """The step of each vehicle from where it was last seen to where it is. (n, 2, 2) metres."""
-    color = track_color(track_id)
-    color[:, :3] = np.rint(prominence[:, None] * color[:, :3])
-    strips = _raised(step, HEIGHT["trails"])
-    return rr.LineStrips3D.columns(strips=strips, colors=color, radii=_points(width * TRAIL_RADIUS * prominence))
-
-
-def true_trails(step: FloatArray) -> rr.ComponentColumnList:
-    """The step of each true vehicle. (n, 2, 2) metres."""
-    return rr.LineStrips3D.columns(strips=_raised(step, HEIGHT["truth"]))
+def smoothed(shown: Sequence[TrackedFrame]) -> Iterator[Columns]:
+    """What smoothed frames show beside those of the filter: bold paths and thin ellipses."""
+    estimates = Estimates.concatenate([frame.estimates for frame in shown])
+    n_each, shade = [len(frame.estimates) for frame in shown], _shade(estimates)
+    yield _trails("/smoothed", estimates, shade, n_each)
+    yield "/smoothed/covariance", _covariance(estimates, shade).partition(n_each)
 
 
 def ring(position: FloatArray, *, depth: float) -> rr.ComponentColumnList:
@@ -191,9 +152,7 @@ def ring(position: FloatArray, *, depth: float) -> rr.ComponentColumnList:
     return rr.LineStrips3D.columns(strips=_raised(circle, HEIGHT["ring"]))
 
 
-def forecasts(
-    track_id: Sequence[str], paths: FloatArray, regions: Sequence[Sequence[Region]]
-) -> Iterator[tuple[str, rr.ComponentColumnList]]:
+def forecasts(track_id: Sequence[str], paths: FloatArray, regions: Sequence[Sequence[Region]]) -> Iterator[Columns]:
     """Rollouts of vehicles at one instant, by entity: thin lines, and the fans that hold them all.
 
     Args:
@@ -224,10 +183,32 @@ def forecasts(
         yield entity, rr.ComponentColumnList([*corners, *faces, *seen_through])
 
 
-def _shade(believed: Estimates) -> ByteArray:
+def _trails(root: str, estimates: Estimates, shade: ByteArray, n_each: list[int]) -> Columns:
+    """Dots where vehicles came by: the view keeps those of the last seconds."""
+    place = _raised(estimates.position, HEIGHT["trails"])
+    return f"{root}/trails", rr.Points3D.columns(positions=place, colors=shade).partition(n_each)
+
+
+def _covariance(estimates: Estimates, shade: ByteArray) -> rr.ComponentColumnList:
+    """Ellipses that hold `CONFIDENCE`."""
+    half_axes, angle = shapes.covariance_axes(estimates.covariance, probability=CONFIDENCE)
+    turn = np.zeros((len(estimates), 4), dtype=np.float32)
+    turn[:, 2], turn[:, 3] = np.sin(0.5 * angle), np.cos(0.5 * angle)
+    center, half = _raised(estimates.position, HEIGHT["covariance"]), _raised(half_axes, 0.0)
+    return rr.Ellipsoids3D.columns(centers=center, half_sizes=half, quaternions=turn, colors=shade)
+
+
+def _particles(parts: Sequence[Particles]) -> rr.ComponentColumnList:
+    """Small dots in the colours of their directions, of one instant after the other."""
+    place = np.concatenate([_raised(part.position, HEIGHT["particles"]) for part in parts])
+    color = [np.ascontiguousarray(direction_color(part.direction)).view(">u4")[:, 0] for part in parts]
+    return rr.Points3D.columns(positions=place, colors=np.concatenate(color).astype(np.uint32))
+
+
+def _shade(estimates: Estimates) -> ByteArray:
     """The colours of vehicles; of those out of sight darker."""
-    color = track_color(believed.track_id)
-    unseen = believed.is_coasting
+    color = track_color(estimates.track_id)
+    unseen = estimates.is_coasting
     color[unseen, :3] = np.rint(UNSEEN_SHADE * color[unseen, :3])
     return color
 

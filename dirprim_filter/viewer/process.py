@@ -1,35 +1,39 @@
-"""The rerun viewer as a process: started with a file, or as a server of the web viewer.
+"""The rerun viewer as a process: on this machine's screen, or as a server of the web viewer.
 
-Run as a program, `python process.py PROGRAM ARGUMENT...`, it is a companion: it starts the program and reads its own
-standard input, a pipe that closes when its parent is gone, killed or not. No signal handler of the parent could do
-that. It imports the standard library alone, so it starts at once.
+The SDK's own `spawn` and `serve_grpc` would listen to whoever reaches this machine, and their server would outlive a
+killed parent: so the viewer's program is started here.
 """
 
 from __future__ import annotations
 
-import signal
 import socket
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from threading import Thread
 from typing import Self
 from urllib.parse import quote, urlsplit
 
-VIEWER_PORT = 9876
+VIEWER_PORT, WEB_PORT = 9876, 9090
 VIEWER_URL = f"rerun+http://127.0.0.1:{VIEWER_PORT}/proxy"
-WEB_PORT = 9090
 THIS_MACHINE = "127.0.0.1"
-"""Left to itself the viewer takes streams from whoever reaches this machine."""
-STARTING_S = 2.0
-"""A viewer that still runs after this time has found a screen."""
 SETTLING_S = 1.0
-"""In which a viewer without a screen ends."""
+"""In which a viewer without a screen ends: it listens before it knows whether there is one."""
 SERVING_WITHIN_S = 20.0
 WITHOUT_A_SCREEN = "it needs a screen; without one, --save FILE.rrd writes a file and --serve serves the web viewer"
 ANY_ADDRESS = ("0.0.0.0", "::")  # noqa: S104 - they are what a user may ask for
+COMPANION = """
+import subprocess, sys, threading
+program = subprocess.Popen(sys.argv[1:], stdin=subprocess.DEVNULL)
+def watch():
+    sys.stdin.buffer.read()  # nothing is ever written: it ends when the writer is gone, killed or not
+    program.terminate()
+threading.Thread(target=watch, daemon=True).start()
+sys.exit(program.wait())
+"""
+"""Starts a program that ends with this process."""
 
 
 def viewer_program() -> str | None:
@@ -39,65 +43,36 @@ def viewer_program() -> str | None:
     return str(program) if program and program.exists() else None
 
 
-def show_files(paths: list[Path]) -> None:
-    """Open recordings in a new viewer, and leave it open.
-
-    A viewer at the default port is left alone: it may belong to another program.
-
-    Raises:
-        ConnectionError: no viewer could be started.
-    """
-    names = [str(path) for path in paths]
-    try:
-        failed = _start("--new", *names).wait(timeout=STARTING_S) != 0
-    except subprocess.TimeoutExpired:  # it runs
-        return
-    if failed:
-        raise ConnectionError(f"{', '.join(names)}: the viewer did not start; {WITHOUT_A_SCREEN}")
-
-
-def _start(*arguments: str) -> subprocess.Popen[bytes]:
-    """A viewer that outlives this process."""
-    try:
-        return subprocess.Popen(  # noqa: S603 - the SDK's own program, without a shell
-            [viewer_program() or "rerun", "--bind", THIS_MACHINE, *arguments],
-            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
-        )  # fmt: skip
-    except OSError as error:
-        raise ConnectionError(f"the viewer did not start ({error}); {WITHOUT_A_SCREEN}") from error
-
-
-def spawn_viewer() -> str:
-    """Start a viewer on this machine, and leave it open; -> the address to stream to.
+def spawn_viewer(recordings: Sequence[Path] = ()) -> str:
+    """Start a viewer on this machine, with recordings or waiting for a stream, and leave it open.
 
     It is always a new one: a viewer at the default port may belong to another program.
+
+    Returns:
+        The address to stream to.
 
     Raises:
         ConnectionError: none could be started.
     """
-    port = _free_port(THIS_MACHINE, VIEWER_PORT)
-    viewer = _start("--port", str(port), "--expect-data-soon")
-    until = time.monotonic() + SERVING_WITHIN_S
+    port = _free_port(THIS_MACHINE, 0)
+    shown = [str(path) for path in recordings] or ["--expect-data-soon"]
     try:
-        while viewer.poll() is None and time.monotonic() < until:
-            if _answers(THIS_MACHINE, port):
-                time.sleep(SETTLING_S)  # it listens before it knows whether there is a screen
-                if viewer.poll() is None:
-                    return f"rerun+http://{THIS_MACHINE}:{port}/proxy"
-            time.sleep(0.05)
+        viewer = subprocess.Popen(  # noqa: S603 - the SDK's own program, without a shell
+            [viewer_program() or "rerun", "--bind", THIS_MACHINE, "--port", str(port), *shown],
+            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
+        )  # fmt: skip
+    except OSError as error:
+        raise ConnectionError(f"the viewer did not start ({error}); {WITHOUT_A_SCREEN}") from error
+    try:
+        if _answers(viewer, THIS_MACHINE, (port,)):
+            time.sleep(SETTLING_S)
+            if viewer.poll() is None:
+                return f"rerun+http://{THIS_MACHINE}:{port}/proxy"
     except BaseException:
         viewer.terminate()
         raise
     viewer.terminate()
     raise ConnectionError(f"the viewer did not start; {WITHOUT_A_SCREEN}")
-
-
-def _answers(host: str, port: int) -> bool:
-    try:
-        socket.create_connection((host, port), timeout=1.0).close()
-    except OSError:
-        return False
-    return True
 
 
 def require_listener(url: str, way_out: str) -> None:
@@ -120,6 +95,7 @@ class WebServer:
 
     Args:
         address: the machine's own address to answer at; 127.0.0.1 is reached from this machine alone.
+        recordings: .rrd files to show.
         data_port: where streams come in and the viewer takes them from.
         web_port: where the browser asks for the viewer.
 
@@ -131,21 +107,31 @@ class WebServer:
         ConnectionError: it does not start; most often a port is taken.
     """
 
-    def __init__(self, address: str, *, data_port: int = VIEWER_PORT, web_port: int = WEB_PORT) -> None:
-        reached = "127.0.0.1" if address in ANY_ADDRESS else address
+    def __init__(
+        self, address: str, recordings: Sequence[Path] = (), *, data_port: int = VIEWER_PORT, web_port: int = WEB_PORT
+    ) -> None:
+        reached = THIS_MACHINE if address in ANY_ADDRESS else address
         self.stream_url = f"rerun+http://{reached}:{data_port}/proxy"
         self.page_url = f"http://{reached}:{web_port}/?url={quote(self.stream_url, safe='')}"
         for port in (data_port, web_port):
-            _require_free(address, port)
+            try:
+                _free_port(address, port)
+            except OSError as error:
+                raise ConnectionError(
+                    f"{address}:{port}: cannot serve there ({error.strerror or error}); end what serves"
+                ) from error
         self._process = start_companion(
             [viewer_program() or "rerun", "--serve-web", "--bind", address, "--port", str(data_port),
-             "--web-viewer-port", str(web_port)]
+             "--web-viewer-port", str(web_port), *map(str, recordings)]
         )  # fmt: skip
+        serves = False
         try:
-            self._wait_for(reached, (data_port, web_port))
-        except BaseException:
-            self.stop()
-            raise
+            serves = _answers(self._process, reached, (data_port, web_port))
+        finally:
+            if not serves:
+                self.stop()
+        if not serves:
+            raise ConnectionError(f"{reached}:{data_port}: the web viewer's server did not start")
 
     def __enter__(self) -> Self:
         return self
@@ -161,79 +147,42 @@ class WebServer:
             return
 
     def stop(self) -> None:
-        """End the server."""
-        stop_companion(self._process)
+        """End the server, and wait until it is gone."""
+        if self._process.stdin is not None:
+            self._process.stdin.close()
+        self._process.wait()
 
-    def _wait_for(self, host: str, ports: tuple[int, ...]) -> None:
-        until = time.monotonic() + SERVING_WITHIN_S
-        for port in ports:
-            while True:
-                if self._process.poll() is not None or time.monotonic() > until:
-                    raise ConnectionError(f"{host}:{port}: the web viewer's server did not start")
-                if _answers(host, port):
-                    break
+
+def start_companion(command: list[str]) -> subprocess.Popen[bytes]:
+    """Start a program that ends with this process; it says nothing, and Ctrl-C of the terminal is not for it."""
+    return subprocess.Popen(  # noqa: S603 - a program of our choice, without a shell
+        [sys.executable, "-I", "-S", "-c", COMPANION, *command],
+        stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
+    )  # fmt: skip
+
+
+def _answers(program: subprocess.Popen[bytes], host: str, ports: Sequence[int]) -> bool:
+    """Whether a program listens at its ports before it ends, or time is up."""
+    until = time.monotonic() + SERVING_WITHIN_S
+    for port in ports:
+        while True:
+            if program.poll() is not None or time.monotonic() > until:
+                return False
+            try:
+                socket.create_connection((host, port), timeout=1.0).close()
+                break
+            except OSError:
                 time.sleep(0.05)
+    return True
 
 
-def _free_port(address: str, wanted: int) -> int:
-    """The wanted port where it is free, else any."""
-    try:
-        return _bound(address, wanted)
-    except OSError:
-        return _bound(address, 0)
-
-
-def _require_free(address: str, port: int) -> None:
-    try:
-        _bound(address, port)
-    except OSError as error:
-        raise ConnectionError(
-            f"{address}:{port}: cannot serve there ({error.strerror or error}); end what serves"
-        ) from error
-
-
-def _bound(address: str, port: int) -> int:
-    """The port that an address can be bound to; 0 for any.
+def _free_port(address: str, port: int) -> int:
+    """The port, or any for 0, if it can be listened to.
 
     Raises:
-        OSError: it is taken, or no address of this machine.
+        OSError: it is taken, or the address is none of this machine.
     """
     with socket.socket(socket.AF_INET6 if ":" in address else socket.AF_INET) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         probe.bind((address, port))
         return int(probe.getsockname()[1])
-
-
-def start_companion(command: list[str]) -> subprocess.Popen[bytes]:
-    """Start a program that ends with this process; it says nothing, and Ctrl-C of the terminal is not for it.
-
-    Raises:
-        OSError: it cannot be started.
-    """
-    return subprocess.Popen(  # noqa: S603 - a program of our choice, without a shell
-        [sys.executable, "-I", "-S", str(Path(__file__).resolve()), *command],
-        stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
-    )  # fmt: skip
-
-
-def stop_companion(companion: subprocess.Popen[bytes]) -> None:
-    """End a companion, and wait until its program is gone."""
-    if companion.stdin is not None:
-        companion.stdin.close()
-    companion.wait()
-
-
-def _accompany(command: list[str]) -> int:
-    program = subprocess.Popen(command, stdin=subprocess.DEVNULL)  # noqa: S603 - what `start_companion` was given
-    signal.signal(signal.SIGTERM, lambda *_: program.terminate())
-
-    def watch() -> None:
-        sys.stdin.buffer.read()  # nothing is ever written: it ends when the writer is gone
-        program.terminate()
-
-    Thread(target=watch, daemon=True).start()
-    return program.wait()
-
-
-if __name__ == "__main__":
-    sys.exit(_accompany(sys.argv[1:]))

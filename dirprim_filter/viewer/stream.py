@@ -19,7 +19,6 @@ from threading import Thread
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from rerun.chunk import Chunk
 
 from dirprim_filter.partial_file import OutputExistsError, PartialFile
 from dirprim_filter.viewer.process import WebServer, require_listener, spawn_viewer
@@ -119,11 +118,6 @@ class Stream:
         """What holds for the whole log."""
         for stream in self._places.values():
             stream.log(path, *what, static=True)
-
-    def send_chunk(self, chunk: Chunk) -> None:
-        """A part of another recording."""
-        for stream in self._places.values():
-            stream.send_chunks([chunk])
 
     def send_blueprint(self, blueprint: rrb.Blueprint) -> None:
         """How the window is arranged."""

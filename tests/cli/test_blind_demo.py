@@ -8,7 +8,6 @@ from dirprim_filter import Tracks, read_estimates
 from dirprim_filter.cli.blind_demo import (
     FAR_M,
     NEAR_M,
-    FrameAt,
     blind_report,
     departure_rate,
     followers,
@@ -19,7 +18,7 @@ from dirprim_filter.cli.blind_demo import (
 from dirprim_filter.cli.main import run
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates
-from dirprim_filter.viewer.figures import Way, blind_figure
+from dirprim_filter.viewer.figures import blind_figure
 from dirprim_filter.viewer.figures.blind import along_the_way, changes_of, colors_of
 
 RING = (NEAR_M, FAR_M)
@@ -126,31 +125,18 @@ def test_tracks_of_one_vehicle_differ_in_colour(truth, confused):
         assert len({color[name] for name in own}) == own.size
 
 
-def test_the_picture_marks_every_change_and_says_how_many(truth, confused, ring_map):
-    from dirprim_filter.estimates import Particles, TrackedFrame
-
-    at, _ = telling_instant(truth, is_blind=True)
-    keeper = FrameAt(at)
-    for time_ns in (at - 100_000_000, at, at + 100_000_000):
-        now = confused[confused.time_ns == time_ns]
-        keeper.write(
-            TrackedFrame(time_ns=time_ns, detections=Detections.none(), estimates=now, particles=Particles.none())
-        )
-    assert keeper.frame is not None
-    assert keeper.frame.time_ns == at
+def test_the_picture_marks_every_change_and_says_how_many(truth, confused):
     follower = followers(confused, truth)
-    way = Way(name="confused", estimates=confused, frame=keeper.frame, follower=follower)
-    figure = blind_figure(ring_map, truth=truth, ways=[way], ring=RING)
-    plan, courses, _ = figure.axes
+    figure = blind_figure(truth, {"confused": follower}, ring=RING)
+    (courses,) = figure.axes
     changed = changes_of(truth, follower)
     (marks,) = [line for line in courses.lines if line.get_marker() == "o"]
     assert len(marks.get_xdata()) == changed.size
+    assert courses.get_title(loc="left").startswith("Confused: ")
     assert f"{changed.size} changes of track" in courses.get_title(loc="left")
-    assert plan.get_title(loc="left").startswith("(a)  Confused")
-    drawn = [c for c in courses.collections if isinstance(c, LineCollection)]
-    assert len(drawn) > changed.size
-    with pytest.raises(ValueError, match="ways: expected at least one"):
-        blind_figure(ring_map, truth=truth, ways=[], ring=RING)
+    assert len([c for c in courses.collections if isinstance(c, LineCollection)]) > changed.size
+    with pytest.raises(ValueError, match="expected at least one way"):
+        blind_figure(truth, {}, ring=RING)
 
 
 def test_the_demo_of_the_blind_scene(tmp_path, short_recordings, monkeypatch, capsys):

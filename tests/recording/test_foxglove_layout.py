@@ -48,7 +48,7 @@ def test_the_camera_stands_over_the_scene_and_sees_the_busy_part_of_the_map():
     camera = panel["cameraState"]
     assert camera["perspective"] is False
     assert camera["targetOffset"] == [0.0, 0.0, 0.0]
-    box = shapes.busy_box(a_map(), share=0.75)
+    box = shapes.map_extent(a_map(), share=shapes.BUSY_SHARE)
     assert np.ptp(box, axis=0).max() <= camera["distance"] < 1.2 * np.ptp(box, axis=0).max()
 
 

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PathCollection, PolyCollection
-from matplotlib.image import imread
 
 from dirprim_filter.drawing import shapes
 from dirprim_filter.estimates import Estimates, TrackedFrame
@@ -19,8 +18,8 @@ from dirprim_filter.primitives.cues import TURN_LEFT, TURN_RIGHT
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
 from dirprim_filter.viewer.charts import tracking_chart
-from dirprim_filter.viewer.figures import demo_figure, map_figure, place_figure, save_figure
-from dirprim_filter.viewer.figures.place import Place
+from dirprim_filter.viewer.figures import map_figure, place_figure, save_figure
+from dirprim_filter.viewer.figures.place import place_at
 from dirprim_filter.viewer.layers import INK
 from tessellation import GridTessellation
 
@@ -76,57 +75,21 @@ def test_a_vehicle_is_one_line_for_each_time_it_is_in_sight(scene_map: Primitive
     assert sorted(len(path.vertices) for path in ways.get_paths()) == [2, 2, 3]
 
 
-def test_the_demo_shows_the_vehicle_that_is_forecast(
-    tmp_path: Path, scene_map: PrimitiveMap, scene_tracks: Tracks, scene_frames: list[TrackedFrame]
+def test_an_instant_shows_particles_of_the_vehicle_that_is_forecast_and_no_region_of_one_that_may_be_anywhere(
+    scene_map: PrimitiveMap, scene_tracks: Tracks, scene_frames: list[TrackedFrame]
 ) -> None:
-    figure = demo_figure(
-        scene_map, tracks=scene_tracks, frame=scene_frames[2],
-        estimates=Estimates.concatenate([frame.estimates for frame in scene_frames]),
-        truth=scene_tracks, forecasts={"8": FUTURES},
+    frame = scene_frames[2]
+    lost = replace(frame.estimates, unseen_s=np.array([9.0, 0.0]), covariance=np.stack([99.0 * np.eye(2), np.eye(2)]))
+    estimates = Estimates.concatenate([replace(frame, estimates=lost).estimates, frame.estimates])
+    figure = map_figure(
+        scene_map, tracks=scene_tracks, frame=replace(frame, estimates=lost), truth=scene_tracks,
+        estimates=estimates, forecasts={"8": FUTURES},
     )  # fmt: skip
-    assert figure.axes[1].get_title(loc="left") == "(b)  Tracked: vehicle 8 and its rollouts"
-    (cloud,) = [c for c in figure.axes[2].collections if type(c) is PathCollection]
-    mine = scene_frames[2].particles.vehicle == 1
-    assert (cloud.get_offsets() == scene_frames[2].particles.position[mine]).all()
-    save_figure(figure, tmp_path / "demo.png")
-    picture = imread(tmp_path / "demo.png")
-    assert picture.shape[1] > 1500
-    assert 0.02 < (picture[..., :3] < 0.9).any(axis=-1).mean() < 0.6  # neither blank nor cluttered
-
-
-def test_the_demo_needs_neither_truth_nor_forecasts_but_its_vehicle(
-    scene_map: PrimitiveMap, scene_tracks: Tracks, scene_frames: list[TrackedFrame]
-) -> None:
-    estimates = Estimates.concatenate([frame.estimates for frame in scene_frames])
-    figure = demo_figure(scene_map, tracks=scene_tracks, frame=scene_frames[2], estimates=estimates)
-    assert figure.axes[1].get_title(loc="left") == "(b)  Tracked: vehicle 7 and its rollouts"
-    with pytest.raises(ValueError, match="focus: vehicle 99 is not among the frame's 2"):
-        demo_figure(scene_map, tracks=scene_tracks, frame=scene_frames[2], estimates=estimates, focus="99")
-
-
-def test_map_and_tracking_show_the_same_place_and_the_vehicle_well_inside(
-    scene_map: PrimitiveMap, scene_tracks: Tracks, scene_frames: list[TrackedFrame]
-) -> None:
-    far = replace(scene_frames[2].estimates, position=scene_frames[2].estimates.position + 100.0)
-    for believed in (scene_frames[2].estimates, far):
-        frame = replace(scene_frames[2], estimates=believed)
-        learned, tracked, *_ = demo_figure(scene_map, tracks=scene_tracks, frame=frame, estimates=believed).axes
-        assert (learned.get_xlim(), learned.get_ylim()) == (tracked.get_xlim(), tracked.get_ylim())
-        low, high = np.array([tracked.get_xlim(), tracked.get_ylim()]).T
-        assert (believed.position[0] >= low + 0.2 * (high - low)).all()
-        assert (believed.position[0] <= high - 0.2 * (high - low)).all()
-
-
-def test_the_demo_draws_the_way_of_the_last_seconds_alone(
-    scene_map: PrimitiveMap, scene_tracks: Tracks, scene_frames: list[TrackedFrame]
-) -> None:
-    estimates = Estimates.concatenate([frame.estimates for frame in scene_frames])
-    long_ago = replace(estimates, time_ns=estimates.time_ns - 20_000_000_000)
-    both = Estimates.concatenate([long_ago, estimates])
-    tracked = demo_figure(scene_map, tracks=scene_tracks, frame=scene_frames[2], estimates=both).axes[1]
-    lines = [c for c in tracked.collections if isinstance(c, LineCollection) and c.get_capstyle() == "round"]
-    ways = [line for line in lines if line.get_linewidth()[0] > 1.0]  # not those of vehicles that coast
-    assert [[len(path.vertices) for path in way.get_paths()] for way in ways] == [[3], [3]]  # up to the frame
+    cloud, shown = [c for c in figure.axes[0].collections if type(c) is PathCollection]
+    assert (cloud.get_offsets() == frame.particles.of(1).position).all()
+    assert (shown.get_offsets() == frame.estimates.position[1:]).all()
+    explained = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert explained[-4:] == ["forecast samples", "estimate, 90 % region", "detection", "true vehicle"]
 
 
 @pytest.mark.parametrize("name", ["map.png", "map.svg", "map.pdf"])
@@ -203,9 +166,9 @@ def test_the_posterior_moves_towards_the_signal(scene_map: PrimitiveMap) -> None
 
 
 def test_the_place_left_out_is_where_most_goes_different_ways(scene_map: PrimitiveMap) -> None:
-    assert Place.at(scene_map, None, cue=None, heading=None).cell == 1
+    assert place_at(scene_map, None, None, None).cell == 1
     one_way = replace(scene_map, n_rows=np.array([10_000, 0, 0, 10_000]))
-    assert Place.at(one_way, None, cue=TURN_LEFT, heading=None).cell == 0
+    assert place_at(one_way, None, TURN_LEFT, None).cell == 0
     nothing = replace(scene_map, n_rows=np.zeros(4, np.int64))
     for of, position, said in (
         (scene_map, OUTSIDE, r"expected a place in a cell, got \(500, -3\) m, outside of all 3"),

@@ -148,24 +148,9 @@ def test_the_extent_holds_all_points_with_a_margin_on_every_side() -> None:
     assert np.ptp(shapes.extent(np.empty((0, 2))), axis=0).tolist() == [20.0, 20.0]
 
 
-def test_the_busy_box_is_the_smallest_square_around_the_middle_that_holds_the_share(scene_map: PrimitiveMap) -> None:
-    rows, centers = scene_map.n_rows[:-1], scene_map.tessellation.centers
-    box = shapes.busy_box(scene_map, share=0.5)
-    middle, half = box.mean(axis=0), 0.5 * np.ptp(box, axis=0)
-    assert middle == pytest.approx((rows[:, None] * centers).sum(axis=0) / rows.sum())
-    assert half[0] == half[1]
-    inside = (np.abs(centers - middle) <= half - 5.0 + 1e-9).all(axis=1)  # whole cells of 10 m
-    assert rows[inside].sum() >= 0.5 * rows.sum()
-    fewer = (np.abs(centers - middle) < half - 5.0 - 1e-9).all(axis=1)
-    assert rows[fewer].sum() < 0.5 * rows.sum()
-    everything = shapes.busy_box(scene_map, share=1.0)
-    assert (everything[0] <= box[0]).all()
-    assert (everything[1] >= box[1]).all()
-
-
 def test_a_map_without_traffic_is_shown_whole(scene_map: PrimitiveMap) -> None:
     for quiet in (scene_map.without_places(), replace(scene_map, n_rows=np.zeros(4, np.int64))):
-        assert (shapes.busy_box(quiet, share=0.5) == shapes.map_extent(quiet)).all()
+        assert (shapes.map_extent(quiet, share=0.5) == shapes.map_extent(quiet)).all()
 
 
 def test_a_petal_bends_as_its_mode_does_and_keeps_its_area(scene_map: PrimitiveMap) -> None:

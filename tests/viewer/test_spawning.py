@@ -1,10 +1,8 @@
 """A viewer that is started listens to this machine alone; where there is no screen, the error says what to do."""
 
-import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -12,62 +10,36 @@ import pytest
 from dirprim_filter.viewer import process as program
 
 
-class Started:
-    """A process that lives so many polls."""
-
-    def __init__(self, polls: int) -> None:
-        self.left, self.ended = polls, False
-
-    def poll(self) -> int | None:
-        self.left -= 1
-        return None if self.left > 0 else 1
-
-    def terminate(self) -> None:
-        self.ended = True
-
-
-@pytest.fixture
-def started(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
+def test_it_is_a_new_one_reported_to_listen_here_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A program that listens as the viewer would, and is left running."""
     commands: list[list[str]] = []
-    monkeypatch.setattr(program, "SETTLING_S", 0.0)
+    running: list[subprocess.Popen[bytes]] = []
+    start = subprocess.Popen
 
-    def start(command: list[str], **_: object) -> Started:
+    def started(command: list[str], **options: object) -> subprocess.Popen[bytes]:
         commands.append(command)
-        return Started(3 if len(commands) == 1 else 100)
+        listens = f"import socket, time; s = socket.create_server(('127.0.0.1', {command[4]})); time.sleep(60)"
+        running.append(start([sys.executable, "-c", listens], **options))  # type: ignore[call-overload]
+        return running[-1]
 
-    monkeypatch.setattr(subprocess, "Popen", start)
-    return commands
-
-
-def test_it_is_a_new_one_reported_to_listen_here_alone(
-    monkeypatch: pytest.MonkeyPatch, started: list[list[str]], tmp_path: Path
-) -> None:
-    """Whatever answers at the usual port, a server that nobody looks at for example, is not used."""
-    monkeypatch.setattr(program, "_answers", lambda *_: True)
-    with socket.socket() as somebody:
-        somebody.bind(("127.0.0.1", 0))
-        taken = somebody.getsockname()[1]
-        monkeypatch.setattr(program, "VIEWER_PORT", taken)
-        somebody.listen()
-        url = program.spawn_viewer()
-    (command,) = started
-    assert command[command.index("--bind") + 1] == "127.0.0.1"
-    port = int(command[command.index("--port") + 1])
-    assert port != taken
-    assert url == f"rerun+http://127.0.0.1:{port}/proxy"
-    monkeypatch.setattr(Started, "wait", lambda *_, **__: 0, raising=False)
-    program.show_files([tmp_path / "a.rrd"])
-    assert "--new" in started[1]
+    monkeypatch.setattr(program, "SETTLING_S", 0.0)
+    monkeypatch.setattr(subprocess, "Popen", started)
+    urls = [program.spawn_viewer(), program.spawn_viewer([Path("a.rrd")])]
+    ports = [command[command.index("--port") + 1] for command in commands]
+    assert [command[1:3] for command in commands] == [["--bind", "127.0.0.1"]] * 2
+    assert urls == [f"rerun+http://127.0.0.1:{port}/proxy" for port in ports]
+    assert [command[-1] for command in commands] == ["--expect-data-soon", "a.rrd"]
+    for viewer in running:
+        assert viewer.poll() is None
+        viewer.kill()
+        viewer.wait()
 
 
-@pytest.mark.parametrize("show", [program.spawn_viewer, lambda: program.show_files([Path("a.rrd")])])
-def test_without_a_screen_the_error_says_what_to_do(
-    monkeypatch: pytest.MonkeyPatch, started: list[list[str]], show: Callable[[], object]
-) -> None:
-    monkeypatch.setattr(program, "_answers", lambda *_: False)
-    monkeypatch.setattr(Started, "wait", lambda *_, **__: 1, raising=False)
+@pytest.mark.parametrize("viewer", ["false", "/no/such/viewer"])
+def test_without_a_screen_the_error_says_what_to_do(monkeypatch: pytest.MonkeyPatch, viewer: str) -> None:
+    monkeypatch.setattr(program, "viewer_program", lambda: viewer)
     with pytest.raises(ConnectionError, match=r"needs a screen; without one, --save FILE.rrd .* --serve"):
-        show()
+        program.spawn_viewer()
 
 
 ORPHAN = """
@@ -79,7 +51,8 @@ while not children(started.pid):
     pass
 print(*children(started.pid), flush=True)
 if sys.argv[1] == "stop":
-    process.stop_companion(started)
+    started.stdin.close()
+    started.wait()
     sys.exit()
 os.kill(os.getpid(), getattr(signal, sys.argv[1]))
 """

@@ -37,8 +37,6 @@ from dirprim_filter.recording.log_writer import LATEST_NS
 from dirprim_filter.recording.schemas.dirprim import MAP_FRAME, NANOSECONDS
 
 SCENE_FRAME = "scene"
-BUSY_SHARE = 0.75
-"""Of the traffic: the camera looks at the square that holds it."""
 ON_THE_GROUND = ("cells", "roses", "region_90", "region_50", "paths", "trails")
 ON_THE_ROOF = ("region", "particles", "arrow", "detections", "label")
 ROOF = 1.6
@@ -56,7 +54,7 @@ STRIP, SEGMENTS = LinePrimitiveLineType.LineStrip, LinePrimitiveLineType.LineLis
 
 def view_of(primitive_map: PrimitiveMap) -> FloatArray:
     """The part of a map to look at: its south-west and north-east corner, (2, 2) metres."""
-    return shapes.busy_box(primitive_map, share=BUSY_SHARE)
+    return shapes.map_extent(primitive_map, share=shapes.BUSY_SHARE)
 
 
 def origin_of(points: FloatArray) -> FloatArray:

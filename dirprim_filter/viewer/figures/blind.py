@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -11,79 +10,51 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch, PathPatch
-from matplotlib.path import Path
+from matplotlib.patches import Patch
 
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
-from dirprim_filter.estimates import Estimates, TrackedFrame
-from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
-from dirprim_filter.viewer.figures.page import DOTS_PER_INCH, LARGE, NORMAL, add_axes, dress, dress_map
-from dirprim_filter.viewer.layers import INK, draw_estimates, draw_frame, draw_map
+from dirprim_filter.viewer.figures.page import NORMAL, dress, new_figure
+from dirprim_filter.viewer.layers import INK
 
 RING_GREY = "0.88"
 LOST_GREY = "0.7"
 CHANGE: dict[str, Any] = {"markersize": 7, "markerfacecolor": "none", "markeredgecolor": INK, "markeredgewidth": 1.2}
-WAY_S = 5.0
-"""Seconds of the way that tracks have come, on the plan."""
-REACH_M = 62.0
-"""Metres from the middle to the border of the plan."""
 PALETTE = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"]
 """Of Okabe and Ito (2008)."""
-PANEL, ROW, KEY = 3.3, 3.85, 0.95
-"""Inches: the height of a panel, of a row of panels, and below them."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Way:
-    """One way of tracking.
-
-    Attributes:
-        name: of the way.
-        estimates: of the whole log.
-        frame: of the instant shown on the plan.
-        follower: (n,) str, the track that follows each row of the truth; empty where none does.
-    """
-
-    name: str
-    estimates: Estimates
-    frame: TrackedFrame
-    follower: AnyArray
-
-
-def blind_figure(primitives: PrimitiveMap, *, truth: Tracks, ways: Sequence[Way], ring: tuple[float, float]) -> Figure:
-    """A row for each way: tracks on the plan at one instant, and who follows each vehicle over the whole time.
+def blind_figure(truth: Tracks, followers: Mapping[str, AnyArray], *, ring: tuple[float, float]) -> Figure:
+    """A row for each way of tracking: who follows each vehicle over the whole time.
 
     Args:
-        primitives: the map.
         truth: where the vehicles truly were.
-        ways: of tracking, with the same instant.
+        followers: by way, (n,) str, the track that follows each row of the truth; empty where none does.
         ring: metres, the inner and outer borders of the square ring without detections.
 
     Raises:
         ValueError: no way.
     """
-    if not ways:
-        raise ValueError("ways: expected at least one, got none")
-    figure = Figure(figsize=(13.0, ROW * len(ways) + 0.75), dpi=DOTS_PER_INCH)
+    if not followers:
+        raise ValueError("followers: expected at least one way of tracking, got none")
+    figure = new_figure(11.0, 0.6 + 3.3 * len(followers))
+    panels = figure.subplots(len(followers), 1, sharex=True, squeeze=False)[:, 0]
     along = along_the_way(truth)
-    for i, way in enumerate(ways):
-        bottom = KEY + ROW * (len(ways) - 1 - i)
-        color = colors_of(truth, way.follower)
-        plan, courses = add_axes(figure, (0.62, bottom, PANEL, PANEL)), add_axes(figure, (4.6, bottom, 8.2, PANEL))
-        _draw_plan(plan, primitives, truth, way, color=color, ring=ring)
-        changed = _draw_courses(courses, truth, along, way, color=color, ring=ring)
-        inside = (np.abs(along) >= ring[0]) & (np.abs(along) <= ring[1])
-        followed = f"{(way.follower[inside] != '').mean():.0%} followed in the ring".replace("%", " %")
-        changes = f"{changed or 'no'} change{'s' * (changed != 1)} of track"
-        for axes, letter, title in (
-            (plan, "ac"[i % 2], f"{way.name.capitalize()}, {way.frame.time_ns * 1e-9:.1f} s"),
-            (courses, "bd"[i % 2], f"Vehicles, coloured by the track that follows them: {followed}, {changes}"),
-        ):
-            axes.set_title(f"({letter})  {title}", loc="left", fontsize=LARGE)
-            if i < len(ways) - 1:
-                axes.set(xlabel="", xticklabels=[])
-    _draw_key(add_axes(figure, (2.6, 0.02, 10.2, 0.33)))
+    inside = (np.abs(along) >= ring[0]) & (np.abs(along) <= ring[1])
+    for axes, (name, follower) in zip(panels, followers.items(), strict=True):
+        changed = _draw_courses(axes, truth, along, follower, ring=ring)
+        share, plural = 100.0 * (follower[inside] != "").mean(), "s" * (changed != 1)
+        dress(
+            axes, f"{name.capitalize()}: {share:.0f} % followed in the ring, {changed or 'no'} change{plural} of track"
+        )
+    panels[-1].set_xlabel("time [s]", fontsize=NORMAL)
+    marks = [
+        Patch(facecolor=RING_GREY, label="no detections here"),
+        Line2D([], [], linewidth=1.8, color=PALETTE[0], label="a vehicle, in the colour of the track that follows it"),
+        Line2D([], [], linewidth=0.8, color=LOST_GREY, label="followed by none"),
+        Line2D([], [], linewidth=0, marker="o", label="its track changes", **CHANGE),
+    ]
+    figure.legend(handles=marks, loc="outside lower center", ncols=4, frameon=False, fontsize=NORMAL)
     return figure
 
 
@@ -122,65 +93,26 @@ def colors_of(truth: Tracks, follower: AnyArray) -> dict[str, str]:
     return color
 
 
-# --- The panels ----------------------------------------------------------------------------------------
-
-
-def _draw_plan(
-    axes: Axes, primitives: PrimitiveMap, truth: Tracks, way: Way, *, color: Mapping[str, str],
-    ring: tuple[float, float],
-) -> None:  # fmt: skip
-    near, far = (of * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]]) for of in ring)
-    codes = [Path.MOVETO, *[Path.LINETO] * 3, Path.CLOSEPOLY]
-    hole = Path(np.concatenate([far, near[::-1]]), codes * 2)
-    axes.add_patch(PathPatch(hole, facecolor=RING_GREY, linewidth=0, zorder=0))
-    draw_map(axes, primitives, opacity=0.25)
-    age_ns = way.frame.time_ns - way.estimates.time_ns
-    recent = way.estimates[(age_ns >= 0) & (age_ns <= WAY_S * 1e9)]
-    shade = {name: color.get(name, LOST_GREY) for name in recent.track_id.astype(np.str_).tolist()}
-    draw_estimates(axes, recent, shade)
-    draw_frame(axes, way.frame, truth, shade, marker=3.5)
-    dress_map(axes, REACH_M * np.array([[-1.0, -1.0], [1.0, 1.0]]))
-
-
 def _draw_courses(
-    axes: Axes, truth: Tracks, along: FloatArray, way: Way, *, color: Mapping[str, str], ring: tuple[float, float]
+    axes: Axes, truth: Tracks, along: FloatArray, follower: AnyArray, *, ring: tuple[float, float]
 ) -> int:
     """-> how often a vehicle is followed by another track than before."""
     for side in (-1.0, 1.0):
         axes.axhspan(side * ring[0], side * ring[1], color=RING_GREY, linewidth=0, zorder=0)
+    color = colors_of(truth, follower)
     order = np.lexsort((truth.time_ns, truth.vehicle))
-    place = np.column_stack([truth.time_ns * 1e-9, along])[order]
-    vehicle, follower = truth.vehicle[order], way.follower[order]
-    apart = np.flatnonzero((np.diff(vehicle) != 0) | (follower[1:] != follower[:-1])) + 1
+    place, vehicle, names = np.column_stack([truth.time_ns * 1e-9, along])[order], truth.vehicle[order], follower[order]
+    apart = np.flatnonzero((np.diff(vehicle) != 0) | (names[1:] != names[:-1])) + 1
     for rows in np.split(np.arange(order.size), apart):
-        name, last = str(follower[rows[0]]), rows[-1] + 1
+        name, last = str(names[rows[0]]), rows[-1] + 1
         more = last < order.size and vehicle[last] == vehicle[rows[0]]  # up to where the next one begins
-        line = place[rows[0] : last + more]
         width, shade = (1.8, color[name]) if name else (0.8, LOST_GREY)
+        line = place[rows[0] : last + more]
         axes.add_collection(
             LineCollection([line], colors=shade, linewidths=width, capstyle="butt", zorder=4 + bool(name))
         )
-    changed = changes_of(truth, way.follower)
+    changed = changes_of(truth, follower)
     axes.plot(truth.time_ns[changed] * 1e-9, along[changed], "o", zorder=8, **CHANGE)
-    axes.axvline(way.frame.time_ns * 1e-9, color=INK, linewidth=0.7, linestyle=(0, (4, 3)), zorder=1)
     reach = 1.02 * float(np.abs(along).max())
-    axes.set(xlim=(place[:, 0].min(), place[:, 0].max()), ylim=(-reach, reach))
-    axes.set(xlabel="time [s]", ylabel="from the middle [m]")
-    dress(axes)
+    axes.set(xlim=(place[:, 0].min(), place[:, 0].max()), ylim=(-reach, reach), ylabel="from the middle [m]")
     return int(changed.size)
-
-
-def _draw_key(axes: Axes) -> None:
-    """What the marks mean."""
-    marks = [
-        Patch(facecolor=RING_GREY, label="no detections here"),
-        Line2D([], [], linewidth=1.8, color=PALETTE[0], label="followed by a track"),
-        Line2D([], [], linewidth=0.8, color=LOST_GREY, label="by none"),
-        Line2D([], [], linewidth=0, marker="o", label="its track changes", **CHANGE),
-        Line2D([], [], linewidth=0, marker="x", color=INK, label="detection"),
-        Line2D([], [], linewidth=0.9, color=INK, label="true vehicle"),
-    ]
-    axes.legend(
-        handles=marks, loc="upper left", ncols=6, frameon=False, borderpad=0.0, borderaxespad=0.0, fontsize=NORMAL
-    )
-    axes.axis("off")

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colorbar import Colorbar
+from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
-from matplotlib.projections.polar import PolarAxes
 from matplotlib.ticker import MaxNLocator
 
 from dirprim_filter.arrays import FloatArray
@@ -22,6 +22,11 @@ SMALL, NORMAL, LARGE = 8, 9, 10
 """Points: numbers at ticks and keys, labels, titles."""
 FAINT = "0.6"
 """Of frames and ticks."""
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """A page of so many inches, on which matplotlib finds room for all that is around the axes."""
+    return Figure(figsize=(width, height), dpi=DOTS_PER_INCH, layout="constrained")
 
 
 def save_figure(figure: Figure, path: Path, *, dpi: float | None = None, force: bool = False) -> None:
@@ -52,77 +57,37 @@ def save_figure(figure: Figure, path: Path, *, dpi: float | None = None, force: 
         file.write(drawn.getvalue())
 
 
-def add_axes(figure: Figure, box: tuple[float, float, float, float]) -> Axes:
-    """Axes at (left, bottom, width, height) in inches."""
-    return figure.add_axes(_share(figure, box))
-
-
-def add_polar_axes(figure: Figure, box: tuple[float, float, float, float]) -> PolarAxes:
-    """Polar axes at (left, bottom, width, height) in inches; east to the right, counter-clockwise, as on the map."""
-    axes = figure.add_axes(_share(figure, box), projection="polar")
-    if not isinstance(axes, PolarAxes):
-        raise TypeError(f"projection: expected polar axes, got {type(axes).__name__}")
-    return axes
-
-
-def _share(figure: Figure, box: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
-    width, height = figure.get_size_inches()
-    return box[0] / width, box[1] / height, box[2] / width, box[3] / height
-
-
-def dress_map(axes: Axes, box: FloatArray) -> None:
-    """A map's axes: east and north in metres, of one scale, over a box of (2, 2) corners."""
-    axes.set(xlim=box[:, 0], ylim=box[:, 1], aspect="equal", xlabel="east [m]", ylabel="north [m]")
-    axes.xaxis.set_major_locator(MaxNLocator(6))
-    axes.yaxis.set_major_locator(MaxNLocator(6))
-    dress(axes)
-
-
-def dress(axes: Axes) -> None:
-    """Frame, ticks and labels of every panel."""
+def dress(axes: Axes, title: str = "", *, is_open: bool = False) -> None:
+    """Frame, ticks, labels and title of every panel; an open frame, for curves, has the lower and the left side."""
     axes.tick_params(color=FAINT, labelsize=SMALL)
     axes.spines[:].set_color(FAINT)
     axes.xaxis.label.set_fontsize(NORMAL)
     axes.yaxis.label.set_fontsize(NORMAL)
+    axes.set_title(title, loc="left", fontsize=LARGE)
+    if is_open:
+        axes.spines[["top", "right"]].set_visible(False)
 
 
-def open_frame(axes: Axes) -> None:
-    """Only the lower and the left side of the frame: for curves."""
-    dress(axes)
-    axes.spines[["top", "right"]].set_visible(False)
+def dress_map(axes: Axes, box: FloatArray, title: str = "") -> None:
+    """A map's axes: east and north in metres, of one scale, over a box of (2, 2) corners."""
+    axes.set(xlim=box[:, 0], ylim=box[:, 1], aspect="equal", xlabel="east [m]", ylabel="north [m]")
+    axes.xaxis.set_major_locator(MaxNLocator(6))
+    axes.yaxis.set_major_locator(MaxNLocator(6))
+    dress(axes, title)
 
 
-def dress_polar(axes: PolarAxes, *, densest: float, free: float) -> None:
-    """A polar axis of densities up to `densest`, 1/rad, of which **areas** are to scale: r is the density's root.
-
-    Args:
-        axes: east to the right, counter-clockwise, as on the map.
-        densest: 1/rad, the greatest density drawn.
-        free: radians, a direction with room for the numbers along r.
-    """
-    rings = [tick for tick in MaxNLocator(4, steps=[1, 2, 5, 10]).tick_values(0.0, densest) if 0.0 < tick <= densest]
-    axes.set_rgrids(np.sqrt(rings), [f"{ring:g}" for ring in rings], angle=np.rad2deg(free), fontsize=SMALL - 1)
-    axes.set_rmax(1.04 * np.sqrt(densest))
-    axes.set_thetagrids(np.arange(0, 360, 45), ["E", "45°", "N", "135°", "W", "-135°", "S", "-45°"], fontsize=SMALL)
-    axes.tick_params(pad=0)
-    axes.grid(color=FAINT, linewidth=0.4)
-    axes.spines[:].set_color(FAINT)
-    axes.set_xlabel("density [1/rad], areas to scale", fontsize=NORMAL, labelpad=4)
-
-
-def dress_color_bar(bar: Colorbar, label: str) -> None:
-    """A colour bar with its quantity and unit."""
+def color_bar(figure: Figure, colors: ScalarMappable, panels: Sequence[Axes], label: str) -> None:
+    """Beside the panels, with its quantity and unit."""
+    bar = figure.colorbar(colors, ax=panels, extend="max", shrink=0.6, aspect=25)
     bar.set_label(label, fontsize=NORMAL)
     bar.ax.tick_params(labelsize=SMALL, color=FAINT)
     bar.outline.set_visible(False)
 
 
-def mark_close_up(axes: Axes, close_up: Axes, letter: str) -> None:
+def mark_close_up(axes: Axes, box: FloatArray, letter: str) -> None:
     """A frame around what another panel shows closer."""
-    west, east = close_up.get_xlim()
-    south, north = close_up.get_ylim()
-    frame = Rectangle((west, south), east - west, north - south, fill=False, color="0.15", linewidth=0.8, zorder=11)
+    frame = Rectangle(box[0], *np.ptp(box, axis=0), fill=False, color="0.15", linewidth=0.8, zorder=11)
     axes.add_patch(frame)
     axes.annotate(
-        f"({letter})", (east, north), (3, 3), textcoords="offset points", fontsize=SMALL, va="center", zorder=11
+        f"({letter})", tuple(box[1]), (3, 3), textcoords="offset points", fontsize=SMALL, va="center", zorder=11
     )
