@@ -16,7 +16,6 @@ import shlex
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
@@ -82,14 +81,13 @@ def call(command: str, folder: Path, *, minutes: float) -> str:
 
 def measure(table: Table, run: Run, folder: Path, *, minutes: float) -> Record:
     """Run the command of a table and keep its figures; its logs are there."""
-    command, commit, began = command_of(table, run), commit_at_hand(), time.perf_counter()
+    command, commit = command_of(table, run), commit_at_hand()
     output = call(command, folder, minutes=minutes)
     entries = (run.entries or table.entries)(output)
     return {
         "command": command,
         "commit": commit,
         "date": datetime.now(UTC).date().isoformat(),
-        "seconds": round(time.perf_counter() - began),
         "versions": {"python": platform.python_version()} | {name: version(name) for name in PACKAGES},
         "figures": {
             name: [rounded(column.read(entry)) for column in table.columns] for name, entry in entries.items()
@@ -145,14 +143,14 @@ def page() -> str:
 
 def _summary() -> Iterator[str]:
     """What the map gains on one question after the other; those that are not measured are left out."""
-    yield from ("| question | where | against | the map gains |", "|---|---|---|---|")
+    yield from _head("question", "where", "against", "the map gains")
     for what, unit, table, run, row, column in SUMMARY:
         figures = stored(table).get(run, {}).get("figures", {}).get(row)
         if figures:
             heads = [of.head for of in TABLES[table].columns]
             found = shown(figures[heads.index(column)], TABLES[table].columns[heads.index(column)].digits)
             name = row.rpartition(": ")[2]
-            yield f"| {what} | {run} | {name} | {found}{unit if '**' in found else ' (not distinguishable)'} |"
+            yield _line(what, run, name, f"{found}{unit if '**' in found else ' (not distinguishable)'}")
 
 
 def _logs() -> Iterator[str]:
@@ -167,47 +165,55 @@ def _table(name: str) -> Iterator[str]:
         yield "Not yet measured."
         return
     yield from (_by_run(table, records) if table.blocks else _by_figure(table, records))
-    yield f"\n`{table.command.format(logs='LOG', options='OPTIONS').strip()}`"
-    same = len({(record["date"], record["commit"]) for record in records.values()}) == 1
-    when = {run: f"commit {record['commit']}, {record['date']}" for run, record in records.items()}
-    options = {run.name: run.options.strip() for run in table.runs}
+    of_commit: dict[str, list[str]] = {}
     for run, record in records.items():
-        own = f" `{options[run]}`," if options[run] else ""
-        yield (
-            f"- {run}:{own} {record['seconds']:,} s, {when[run]}"
-            if not same
-            else f"- {run}:{own} {record['seconds']:,} s"
-        )
-    if same:
-        yield f"- {next(iter(when.values()))}"
+        of_commit.setdefault(f"{record['commit']} ({record['date']})", []).append(run)
+    commits = next(iter(of_commit)) if len(of_commit) == 1 else "; ".join(
+        f"{commit} {', '.join(runs)}" for commit, runs in of_commit.items()
+    )  # fmt: skip
+    yield f"\n`{table.command.format(logs='LOG', options='OPTIONS').strip()}`, {commits}"
+
+
+def _line(*cells: str) -> str:
+    return f"|{'|'.join(cells)}|"
+
+
+def _head(*cells: str) -> tuple[str, str]:
+    return _line(*cells), _line(*["---"] * len(cells))
+
+
+def _rows(table: Table, record: Record) -> dict[str, list[Any]]:
+    """The figures that the page shows, by the names that it gives them."""
+    named = {}
+    for row, figures in record["figures"].items():
+        shown_as = row
+        for pattern, name in table.renamed:
+            shown_as = re.sub(pattern, name, shown_as)
+        if shown_as and not shown_as.endswith(table.left_out):
+            named[shown_as] = figures
+    return named
 
 
 def _by_figure(table: Table, records: dict[str, Record]) -> Iterator[str]:
     """A column for each figure, run after run."""
-    names = [(run, row) for run, record in records.items() for row in record["figures"]]
-    runs = [""] * (len(records) > 1 and not all(row.startswith(run) for run, row in names))
-    heads = (*runs, table.of, *(column.head for column in table.columns))
-    yield f"| {' | '.join(heads)} |"
-    yield "|" + "---|" * len(heads)
-    for run, record in records.items():
-        first = True
-        for row, figures in record["figures"].items():
-            if not row.endswith(table.left_out):
-                cells = [shown(figure, column.digits) for figure, column in zip(figures, table.columns, strict=True)]
-                yield f"| {' | '.join([*(run if first else '' for _ in runs), row, *cells])} |"
-                first = False
+    found = {run: _rows(table, record) for run, record in records.items()}
+    runs = [""] * (len(found) > 1 and not all(row.startswith(run) for run, rows in found.items() for row in rows))
+    yield from _head(*runs, table.of, *(column.head for column in table.columns))
+    for run, rows in found.items():
+        for i, (row, figures) in enumerate(rows.items()):
+            cells = [shown(figure, column.digits) for figure, column in zip(figures, table.columns, strict=True)]
+            yield _line(*("" if i else run for _ in runs), row, *cells)
 
 
 def _by_run(table: Table, records: dict[str, Record]) -> Iterator[str]:
     """A block for some figures, with a column for each run."""
-    names = dict.fromkeys(row for record in records.values() for row in record["figures"])
+    found = [_rows(table, record) for record in records.values()]
     for caption, columns in table.blocks:
-        yield f"| {caption} | {' | '.join(records)} |"
-        yield "|" + "---|" * (1 + len(records))
-        for row in names:
-            cells = [_joined(record["figures"].get(row), table, columns) for record in records.values()]
-            if any(cells) and not row.endswith(table.left_out):
-                yield f"| {row} | {' | '.join(cells)} |"
+        yield from _head(caption, *records)
+        for row in dict.fromkeys(row for rows in found for row in rows):
+            cells = [_joined(rows.get(row), table, columns) for rows in found]
+            if any(cells):
+                yield _line(row, *cells)
         yield ""
 
 
@@ -255,7 +261,7 @@ def run_tables(asked: list[str], data: Path, *, only_new: bool = False, at_once:
                 return False
             with one_by_one:
                 store(table, stored(table) | {run.name: record})
-            say(f"{table}/{run.name}: {record['seconds']} s")
+            say(f"{table}/{run.name}: done")
             return True
 
         with ThreadPoolExecutor(at_once) as side_by_side:

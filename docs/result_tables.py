@@ -82,6 +82,7 @@ class Table:
         of: the head over the names of the rows.
         blocks: captions, and which columns stand under each, all runs side by side; empty: a column for each figure.
         left_out: ends of the names of rows that are measured and not shown.
+        renamed: patterns in names of rows, and what the page says instead; a row without a name is not shown.
         minutes: a run that takes longer is stopped, and its former figures stay.
     """
 
@@ -92,6 +93,7 @@ class Table:
     of: str = "method"
     blocks: tuple[tuple[str, tuple[int, ...]], ...] = ()
     left_out: tuple[str, ...] = ()
+    renamed: tuple[tuple[str, str], ...] = ()
     minutes: float = 60
 
 
@@ -242,6 +244,7 @@ TABLES: dict[str, Table] = {
             Column(head="joint, curved is ahead by, nat", read=changes, digits=3),
         ),
         blocks=(("mean log density / cells", (0, 1)), ("joint, curved is ahead, nat", (2,))),
+        renamed=(("grid, (.*), .* m is best", r"best grid, \1"), ("joint, .*, .* cells", "")),
     ),
     "peers": Table(
         command="python tests/benchmarks/peers.py {options} --json",
@@ -362,6 +365,6 @@ SUMMARY = (
       for run, row in (("Mcity", "Mcity, in sight: without the map"),
                        ("autoferry", "autoferry, both: without the map"))),
     *(("HOTA beside other packages' trackers", "", "peers", run, row, "ours with the map, HOTA more")
-      for run in ("A", "B") for row in ("Stone Soup GNN", "motpy", "norfair")),
+      for run in ("A", "B") for row in ("Stone Soup GNN", "norfair")),
 )  # fmt: skip
 """First of all: a question, its unit, and the table, run, row and column of its answer."""

@@ -104,15 +104,6 @@ def error(spread_m, share, lasts_s):
     return np.log(spread_m), np.log(share / (1.0 - share)), np.log(lasts_s)
 
 
-def test_white_errors_are_found_and_larger_ones_are_larger():
-    found = self_calibrate(sense(DRIVEN, SENSOR, rng=np.random.default_rng(1)), rng=np.random.default_rng(0))
-    assert found.sensor.along.spread_m == pytest.approx(0.5, rel=0.15)
-    assert found.sensor.across.spread_m == pytest.approx(0.25, rel=0.15)
-    assert (found.sensor.detection_probability, found.sensor.clutter_density, found.sensor.outlier_share) == (None,) * 3
-    assert (found.sensor.latency_s, found.sensor.along.bias_m) == (0.0, 0.0)
-    assert found.unknown[0].startswith("latency_s, along.bias_m, across.bias_m: ")
-
-
 @pytest.mark.parametrize("noise_m", [0.1, 0.5, 1.0])
 def test_white_noise_of_any_level_is_found_on_shipped_traffic(noise_m):
     """To 10 %: over seeds the spread deviates by some 2 %."""
