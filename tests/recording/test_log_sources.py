@@ -16,7 +16,7 @@ from mcap_files import log_bytes
 from dirprim_filter import load_map, read_estimates, save_map, write_tracks
 from dirprim_filter.cli.main import run
 from dirprim_filter.detections import Detections
-from dirprim_filter.recording.container import log as scans
+from dirprim_filter.recording.container import log_file as scans
 from dirprim_filter.recording.container import merge, source
 from dirprim_filter.recording.container.errors import without_secrets
 from dirprim_filter.recording.container.message_columns import SHORT_BYTES

@@ -12,7 +12,7 @@ from mcap_files import DATA, scene, write_protobuf_log
 from mcap_protobuf.decoder import DecoderFactory
 
 from dirprim_filter.detections import Detections
-from dirprim_filter.recording.container import log as scans
+from dirprim_filter.recording.container import log_file as scans
 from dirprim_filter.recording.errors import DecodeError, NoTracksError
 from dirprim_filter.recording.losses import BACKWARD, INVALID, REPEATED, UNDECODABLE, UNTIMED
 from dirprim_filter.recording.reader import (

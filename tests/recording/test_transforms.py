@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from test_ros2_schemas import carla, point, quaternion
 
 from dirprim_filter.cli.main import run
-from dirprim_filter.recording.container import log as log_module
+from dirprim_filter.recording.container import log_file
 from dirprim_filter.recording.container.log import Log
 from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError, MissingTransformError
 from dirprim_filter.recording.losses import TRANSFORMS, UNDECODABLE, UNPLACED
@@ -167,12 +167,12 @@ def test_a_log_is_outlined_once_however_often_it_is_read(tmp_path, monkeypatch):
     """Its topics, transforms and objects are three passes over one open log."""
     outlined = []
 
-    class Counted(log_module.LogFile):
+    class Counted(log_file.Outline):
         def __init__(self, *given, **named):
             outlined.append(given)
             super().__init__(*given, **named)
 
-    monkeypatch.setattr(log_module, "LogFile", Counted)
+    monkeypatch.setattr(log_file, "Outline", Counted)
     path = write_ros(tmp_path / "log.mcap", [("sensor", [carla(k, 0)]) for k in range(N)])
     assert len(read_tracks(path)) == N
     assert len(outlined) == 1

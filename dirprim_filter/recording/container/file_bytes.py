@@ -145,3 +145,6 @@ class RemoteBytes(FileBytes):
         except Exception as error:  # of the kind of the file system's own package
             why = str(error) or type(error).__name__
             raise RecordingError(f"{self._url}: expected its bytes {start} to {stop}: {why}; try again") from error
+
+    def _ahead(self, at: int, n: int) -> bytes:
+        return self.read(at, at + n)  # blocks are at hand

@@ -1,0 +1,198 @@
+"""One file of a log: where its chunks stand, what they hold, and what their schemas and channels are."""
+
+from __future__ import annotations
+
+from collections import ChainMap
+from collections.abc import Callable, Iterator, Mapping, MutableMapping
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+from mcap.opcode import Opcode
+
+from dirprim_filter.arrays import AnyArray
+from dirprim_filter.recording.container._kernels import count_records, read_records
+from dirprim_filter.recording.container.chunk import Chunk, read_contents
+from dirprim_filter.recording.container.damage import Damage
+from dirprim_filter.recording.container.file_bytes import FileBytes
+from dirprim_filter.recording.container.message_columns import MessageColumns
+from dirprim_filter.recording.container.outline import Outline
+from dirprim_filter.recording.container.records import (
+    RECORD_HEADER_SIZE,
+    Channel,
+    MalformedRecordError,
+    Schema,
+    UndefinedSchemaError,
+    parse_channel,
+    parse_schema,
+    record_end,
+)
+
+KEPT_BYTES = 1 << 24
+"""Of a file's contents, while it is open: its topics, transforms and objects are passes of their own."""
+UNKNOWN = -1
+"""The number of a channel that is defined nowhere."""
+
+
+class LogFile:
+    """An open file.
+
+    Args:
+        name: of the file, where the log has several; else empty.
+        bytes_of: what it holds.
+        channels: of all the log's files; grows as chunks are read.
+        number: gives the place of a channel among them.
+
+    Attributes:
+        outline: where everything stands in it, and what of that is broken; of a live pipe as far as it has come.
+    """
+
+    def __init__(
+        self, name: str, bytes_of: FileBytes, channels: list[Channel], number: Callable[[Channel], int]
+    ) -> None:
+        self.bytes_of = bytes_of
+        self._name, self._all, self._number = name, channels, number
+        self.outline = Outline(bytes_of)
+        self._kept: dict[int, tuple[bytes, Damage | None]] = {}
+        summary = self.outline.summary
+        said = (summary.schemas, summary.channels) if summary.is_whole else ({}, {})
+        self._schemas: ChainMap[int, Schema] = ChainMap({}, said[0], self.outline.schemas)
+        self._channels: ChainMap[int, Channel] = ChainMap({}, self.outline.channels, said[1])
+        self._has_all = False
+
+    def chunks(self) -> Iterator[Chunk]:
+        """Those of the outline, and those that come meanwhile."""
+        i = 0
+        while i < len(self.outline.chunks) or self.outline.advance():
+            yield self.outline.chunks[i]
+            i += 1
+
+    def channels(self) -> list[Channel]:
+        """Every channel; read from the summary alone where that is whole and repeats them."""
+        summary = self.outline.summary
+        if not summary.channels or not summary.is_whole or self.outline.damage:
+            self._look_everywhere()
+        return list(self._channels.values())
+
+    def named(self, damage: Damage) -> Damage:
+        """The same, said of which file."""
+        return replace(damage, detail=f"{self._name}: {damage.detail}") if self._name else damage
+
+    def messages(self, chunk: Chunk, position: int = 0) -> tuple[MessageColumns, list[Damage]]:
+        """The messages of the log's `position`-th chunk, sorted by log time, stably, and what is wrong with them."""
+        contents, broken = self._contents(chunk)
+        damage = [broken] if broken else []
+        buffer = np.frombuffer(contents, np.uint8)
+        n_messages, n_others, end = count_records(buffer)
+        channel_id, sequence, log_time, publish_time, start, stop, others = read_records(buffer, n_messages, n_others)
+        if end != len(contents) and not chunk.is_cut:
+            detail = f"byte {end} of its contents starts no record that fits; {len(contents) - end} bytes are lost"
+            damage.append(chunk.damaged("message", None, detail))
+        channel, bad = self._resolved(contents, channel_id, start, others)
+        damage += [chunk.damaged("definition", None, text) for text in bad]
+        unknown = channel_id[channel == UNKNOWN]
+        for one, n in zip(*(part.tolist() for part in np.unique(unknown, return_counts=True)), strict=True):
+            damage.append(
+                chunk.damaged("unknown_channel", n, f"{n} messages of channel {one}, which is defined nowhere")
+            )
+        columns = MessageColumns(
+            log_time_ns=log_time, publish_time_ns=publish_time, sequence=sequence, channel=channel, start=start,
+            stop=stop, position=np.full(n_messages, position, np.int32), contents=contents, channels=self._all,
+        )  # fmt: skip
+        columns = (columns[channel >= 0] if unknown.size else columns).sorted()
+        if len(columns) and (first_ns := int(columns.log_time_ns[0])) < chunk.start_ns:
+            detail = f"expected no message before {chunk.start_ns} ns, got one at {first_ns} ns; it may come late"
+            damage.append(chunk.damaged("chunk_times", 0, detail))
+        return columns, damage
+
+    def _contents(self, chunk: Chunk) -> tuple[bytes, Damage | None]:
+        """See `read_contents`; the first ones are kept for passes to come."""
+        kept = self._kept
+        if chunk.offset in kept:
+            return kept[chunk.offset]
+        contents, damage = read_contents(self.bytes_of, chunk)
+        if len(contents) + sum(len(other) for other, _ in kept.values()) <= KEPT_BYTES:
+            kept[chunk.offset] = contents, damage
+        return contents, damage
+
+    def _resolved(
+        self, contents: bytes, channel_id: AnyArray, start: AnyArray, others: AnyArray
+    ) -> tuple[AnyArray, list[str]]:
+        """(n) int32 numbers of the messages' channels, by the definitions before them; and those that are broken.
+
+        What a chunk says itself goes before what others say.
+        """
+        channel = np.empty(len(channel_id), np.int32)
+        schemas, channels, done, bad = self._schemas.new_child(), self._channels.new_child(), 0, []
+        for at in others.tolist():
+            try:
+                taken = self._take(contents, at, schemas, channels)
+            except MalformedRecordError as error:
+                bad.append(str(error))
+                continue
+            if taken and taken[1] != channels.get(taken[0]):
+                upto = int(np.searchsorted(start, at))  # the messages before it are of the channel as it was
+                channel[done:upto] = self._numbers(channel_id[done:upto], channels)
+                done = upto
+                channels[taken[0]] = taken[1]
+        channel[done:] = self._numbers(channel_id[done:], channels)
+        self._keep(schemas.maps[0], channels.maps[0])
+        return channel, bad
+
+    def _keep(self, schemas: Mapping[int, Schema], channels: Mapping[int, Channel]) -> None:
+        """For what does not say it itself, and is not known otherwise."""
+        for schema_id, schema in schemas.items():
+            self._schemas.setdefault(schema_id, schema)
+        for channel_id, channel in channels.items():
+            self._channels.setdefault(channel_id, channel)
+
+    def _numbers(self, channel_id: AnyArray, channels: MutableMapping[int, Channel]) -> AnyArray:
+        lookup = np.bincount(channel_id)
+        for one in np.flatnonzero(lookup).tolist():
+            if one not in channels:
+                self._look_everywhere()
+            found = channels.get(one)
+            lookup[one] = UNKNOWN if found is None else self._number(found)
+        return np.asarray(lookup[channel_id])
+
+    def _take(
+        self, contents: bytes, at: int, schemas: MutableMapping[int, Schema], channels: MutableMapping[int, Channel]
+    ) -> tuple[int, Channel] | None:
+        """Learn from the record at `at`; the channel that it defines, if it is one.
+
+        Raises:
+            MalformedRecordError: it is a schema or a channel that cannot be parsed.
+        """
+        if contents[at] == Opcode.SCHEMA:
+            schema_id, schemas[schema_id] = parse_schema(contents, at)
+        elif contents[at] == Opcode.CHANNEL:
+            try:
+                return parse_channel(contents, at, schemas)
+            except UndefinedSchemaError:
+                self._look_everywhere()
+                return parse_channel(contents, at, schemas)
+        return None
+
+    def _look_everywhere(self) -> None:
+        """Chunks are read in order of time, definitions stand in order of the file: look for all of them, once."""
+        if self._has_all:
+            return
+        self._has_all = not self.bytes_of.is_live
+        for chunk in self.outline.chunks:
+            if chunk.data_offset > chunk.offset:  # else a run of bare messages
+                contents, _ = self._contents(chunk)
+                for at in _definitions(contents):
+                    with suppress(MalformedRecordError):  # reported when its chunk's messages are read
+                        if taken := self._take(contents, at, self._schemas, self._channels):
+                            self._channels[taken[0]] = taken[1]
+        self._keep(self.outline.summary.schemas, self.outline.summary.channels)
+
+
+def _definitions(contents: bytes) -> Iterator[int]:
+    """First byte of each schema and channel record in a chunk's contents."""
+    at = 0
+    while at + RECORD_HEADER_SIZE <= len(contents):
+        end = record_end(contents, at)
+        if contents[at] in (Opcode.SCHEMA, Opcode.CHANNEL) and end <= len(contents):
+            yield at
+        at = end
