@@ -108,6 +108,8 @@ def rounded(figure: Any) -> Any:
     """To six digits: what is stored is to be read."""
     if isinstance(figure, dict):
         return {name: rounded(number) for name, number in figure.items()}
+    if isinstance(figure, list):
+        return [rounded(number) for number in figure]
     return float(f"{figure:.6g}") if isinstance(figure, float) else figure
 
 

@@ -8,8 +8,9 @@ import statistics
 from collections.abc import Callable, Mapping
 from typing import Any
 
-Figure = float | dict[str, float | None] | str | None
-"""A number; a difference with its interval, `value`, `low` and `high`; a mean with its `deviation`; or a text."""
+Figure = float | dict[str, float | None] | list[dict[str, float]] | str | None
+"""A number; a difference with its interval, `value`, `low` and `high`; several, which are shown without it; a mean with
+its `deviation`; or a text."""
 Entries = Callable[[str], Mapping[str, Any]]
 """The output of a command as the table's rows: each row's name, and what its figures are read from."""
 
@@ -57,16 +58,14 @@ def mechanisms(output: str) -> dict[str, Any]:
 
 
 def worth(scene: str, **figures: tuple[float, int]) -> Callable[[Any], Figure]:
-    """Changes on a scene as a text, of each figure (its `_` are spaces) so many times, with so many decimals."""
+    """Changes on a scene with their intervals, of each figure (its `_` are spaces) so many times, with so many digits."""
 
     def read(mechanism: Any) -> Figure:
-        texts = []
-        for name, (times, digits) in figures.items():
-            found = mechanism.get(scene, {}).get(name.replace("_", " "))
-            if found is not None:
-                text = _signed(times * found["value"], digits)
-                texts.append(f"**{text}**" if found["low"] > 0 or found["high"] < 0 else text)
-        return "/".join(texts)
+        of_scene = {name: mechanism.get(scene, {}).get(name.replace("_", " ")) for name in figures}
+        return [
+            {part: times * of_scene[name][part] for part in ("value", "low", "high")} | {"digits": digits}
+            for name, (times, digits) in figures.items() if of_scene[name] is not None
+        ]  # fmt: skip
 
     return read
 
@@ -148,6 +147,8 @@ def shown(figure: Figure, digits: int) -> str:
     """A figure as the page shows it: a difference is bold where its interval does not hold 0."""
     if figure is None or isinstance(figure, str):
         return (figure or "").replace(" / ", "/").replace(" to ", "-")
+    if isinstance(figure, list):
+        return "/".join(_bold(_signed(of["value"], int(of["digits"])), of["low"], of["high"]) for of in figure)
     if not isinstance(figure, Mapping):
         return f"{figure:,.{digits}f}"
     value, low, high = (figure.get(name) for name in ("value", "low", "high"))
@@ -157,9 +158,12 @@ def shown(figure: Figure, digits: int) -> str:
         return f"{value:,.{digits}f}"
     text = _signed(value, digits)
     if low is not None and high is not None:
-        bold = f"**{text}**" if low > 0 or high < 0 else text
-        text = f"{bold}±{0.5 * (high - low):,.{digits}f}"
+        text = f"{_bold(text, low, high)}±{0.5 * (high - low):,.{digits}f}"
     return text
+
+
+def _bold(text: str, low: float, high: float) -> str:
+    return f"**{text}**" if low > 0 or high < 0 else text
 
 
 def _signed(number: float, digits: int) -> str:
