@@ -291,7 +291,7 @@ class Harbour:
             scenario = scenario._replace(
                 config=replace(scenario.config, **off.filter), tracking=replace(scenario.tracking, **off.tracking)
             )
-            model = bayes_filter_of(ferry.maps(number, self.seed)[0], scenario.config, None)
+            model = bayes_filter_of(ferry.learned(number, self.seed), scenario.config, None)
             if off.strip is not None:
                 off.strip(model)
             found = ferry.nearby(scenario.tracked(model, self.seed), number)

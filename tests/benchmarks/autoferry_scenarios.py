@@ -176,11 +176,10 @@ def fitted(sensors: tuple[str, ...], without: int) -> tuple[float, ...]:
 
 
 @cache
-def maps(scenario: int, seed: int) -> tuple[PrimitiveMap, PrimitiveMap]:
-    """Of the other scenarios' true tracks, and the same with one cell."""
+def learned(scenario: int, seed: int) -> PrimitiveMap:
+    """A map of the other scenarios' true tracks."""
     others = Tracks.concatenate([true(other) for other in SCENARIOS if other != scenario])
-    learned = learn_primitives(others, rng=np.random.default_rng(seed))
-    return learned, learn_primitives(others, tessellation="grid", n_cells=1, rng=np.random.default_rng(seed))
+    return learn_primitives(others, rng=np.random.default_rng(seed))
 
 
 def methods(scenario: int, sensors: tuple[str, ...]) -> Iterator[tuple[str, Run]]:
@@ -189,7 +188,5 @@ def methods(scenario: int, sensors: tuple[str, ...]) -> Iterator[tuple[str, Run]
     own = Scenario.of(scenario, sensors, noise_factor=factor)
     model = ConstantVelocityKalman(acceleration_density=acceleration, config=own.config)
     yield "constant velocity", lambda _: own.tracked(model.sibling(), 0)
-    yield "without the map", lambda seed: scene.tracked(maps(scenario, seed)[0].without_places(), seed)
-    yield "one cell", lambda seed: scene.tracked(maps(scenario, seed)[1], seed)
-    yield "with the map", lambda seed: scene.tracked(maps(scenario, seed)[0], seed)
-    yield "with the map, the rival's noise", lambda seed: own.tracked(maps(scenario, seed)[0], seed)
+    yield "without the map", lambda seed: scene.tracked(learned(scenario, seed).without_places(), seed)
+    yield "with the map", lambda seed: scene.tracked(learned(scenario, seed), seed)

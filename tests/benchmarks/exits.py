@@ -176,14 +176,7 @@ def main():
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
     rows = table(read_tracks(given.logs), given.seeds)
-    if given.json:
-        print(json.dumps({"rows": rows}, default=float))
-        return
-    about = rows[NO_CUE]
-    print(f"{about['vehicles']} vehicles, {about['instants']} instants, {given.seeds} seeds")
-    print(f"{'cue':28}cross-entropy, nat   less no cue (95 % over vehicles)")
-    for name, row in rows.items():
-        print(f"{name:28}{row['mean']:18.3f}   {row['difference']:+.3f} ({row['low']:+.3f} to {row['high']:+.3f})")
+    print(json.dumps({"rows": rows}, default=float, indent=None if given.json else 1))
 
 
 if __name__ == "__main__":

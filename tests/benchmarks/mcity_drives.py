@@ -19,8 +19,7 @@ from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import EstimateList, Estimates
 from dirprim_filter.evaluation.calibration import calibrate, self_calibrate
-from dirprim_filter.evaluation.calibration.pairing import Scene
-from dirprim_filter.filtering import BayesFilter, ConstantVelocityKalman, InteractingModels, Tracker
+from dirprim_filter.filtering import ConstantVelocityKalman, Tracker
 from dirprim_filter.recording.schemas.family import FieldMapping
 from dirprim_filter.recording.tables import read_json
 from dirprim_filter.recording.transforms.geodesy import Origin
@@ -34,9 +33,6 @@ VEHICLES = {str(label) for label in range(2, 8)}
 WITH_TRUTH = {3: "3", 4: "4", 13: "13_c", 14: "14_c"}
 DRIVES = (1, 2, 3, 4, 11, 12, 13, 14)
 GATE_M = 5.0
-SYNTHETIC_M = 0.35
-"""Of white noise on true positions: about as wide as the sensor's own spread."""
-TRUE_POSITIONS = f"true positions + {SYNTHETIC_M:g} m"
 Method = Callable[[int], Estimates]
 """By the seed."""
 
@@ -88,30 +84,17 @@ def without_own_bias(found: Estimates, sensor: Sensor) -> Estimates:
     return replace(found, position=found.position - off)
 
 
-def kalman(make: Callable[[FilterConfig], BayesFilter], noise_m: float, sensor: Sensor, seen: Detections) -> Estimates:
-    """What a filter of white noise says, with the sensor's latency and bias taken off as ours has them."""
+def kalman(acceleration: float, noise_m: float, sensor: Sensor, seen: Detections) -> Estimates:
+    """What constant velocity with white noise says, less the sensor's latency and bias, as ours has them."""
     config = replace(configured(sensor)[0], noise_m=noise_m)
-    tracker = Tracker(
-        make(config), config=config, tracking=configured(sensor)[1], sensor=sensor, rng=np.random.default_rng(0)
-    )
+    model = ConstantVelocityKalman(acceleration_density=acceleration, config=config)
+    tracker = Tracker(model, config=config, tracking=configured(sensor)[1], sensor=sensor, rng=np.random.default_rng(0))
     return without_own_bias(tracked(seen, tracker), sensor)
 
 
 def configured(sensor: Sensor) -> tuple[FilterConfig, TrackingConfig]:
     """What a sensor determines; the rest at its defaults."""
     return sensor.informs(FilterConfig(), TrackingConfig())
-
-
-def constant_velocity(acceleration: float) -> Callable[[FilterConfig], BayesFilter]:
-    """By m^2/s^3."""
-    return lambda config: ConstantVelocityKalman(acceleration_density=acceleration, config=config)
-
-
-def interacting(acceleration: float, turn: float) -> Callable[[FilterConfig], BayesFilter]:
-    """By m^2/s^3 and rad^2/s^3."""
-    return lambda config: InteractingModels(
-        straight=acceleration, acceleration_density=acceleration, turn_density=turn, config=config
-    )
 
 
 def corrected(drive: int) -> RowErrors:
@@ -129,43 +112,35 @@ def of_instrumented(drive: int) -> Detections:
 
 
 @cache
-def log_density(drive: int, model: str, noise_m: float, *densities: float) -> float:
+def log_density(drive: int, acceleration: float, noise_m: float) -> float:
     """Of a drive's truth under a rival's estimates; latency and bias as the other drives show them."""
-    make = constant_velocity(*densities) if model == "constant velocity" else interacting(*densities)
-    found = kalman(make, noise_m, calibrated(drive), of_instrumented(drive))
+    found = kalman(acceleration, noise_m, calibrated(drive), of_instrumented(drive))
     return RowErrors.of(found, true(drive), gate_m=GATE_M).log_density()
 
 
-def fitted(without: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Noise, then acceleration of constant velocity; then turn as well, with that noise, of interacting models.
+def fitted(without: int) -> tuple[float, ...]:
+    """Acceleration, m^2/s^3, and noise of constant velocity.
 
     Those under which the truth of all drives but one is likeliest, which the filters on a map are not shown. Latency
-    and bias of each of these drives are of all others, the one left out among them: a little in the rivals' favour.
+    and bias of each of these drives are of all others, the one left out among them: a little in the rival's favour.
     """
-
-    def likelihood(model: str) -> Callable[[tuple[float, ...]], float]:
-        return lambda at: sum(log_density(drive, model, *at) for drive in WITH_TRUTH if drive != without)
-
-    straight = likeliest(likelihood("constant velocity"), acceleration=0.5, noise=1.0)
-    of_turns = likelihood("interacting models")
-    turning = likeliest(lambda at: of_turns((straight[0], *at)), noise=straight[1], turn=0.03)
-    return straight, (straight[0], *turning)
+    return likeliest(
+        lambda at: sum(log_density(drive, *at) for drive in WITH_TRUTH if drive != without), acceleration=0.5, noise=1.0
+    )
 
 
 @cache
-def maps(drive: int, seed: int) -> tuple[PrimitiveMap, PrimitiveMap, PrimitiveMap]:
-    """Of all other drives: less the bias, the same with one cell, and as a user who knows no bias learns it."""
+def maps(drive: int, seed: int) -> tuple[PrimitiveMap, PrimitiveMap]:
+    """Of all other drives: less the bias, and as a user who knows no bias learns it."""
     others = [detected(other) for other in DRIVES if other != drive]
     fair = in_one_world(without_bias(of, calibrated(drive)) for of in others)
     rng = np.random.default_rng(seed)
-    one_cell = learn_primitives(fair, tessellation="grid", n_cells=1, rng=np.random.default_rng(seed))
-    return learn_primitives(fair, rng=rng), one_cell, learn_primitives(in_one_world(others), rng=rng)
+    return learn_primitives(fair, rng=rng), learn_primitives(in_one_world(others), rng=rng)
 
 
 def methods(drive: int) -> Iterator[tuple[str, Method]]:
     """What is compared on a drive."""
     seen, sensor = Detections.of(detected(drive)), calibrated(drive)
-    straight, turning = fitted(drive)
     config, tracking = configured(sensor)
 
     def by(model: Callable[[int], PrimitiveMap]) -> Method:
@@ -173,22 +148,10 @@ def methods(drive: int) -> Iterator[tuple[str, Method]]:
             seen, Tracker(model(seed), config=config, tracking=tracking, sensor=sensor, rng=np.random.default_rng(seed))
         )
 
-    yield "constant velocity", lambda _: kalman(constant_velocity(*straight[1:]), straight[0], sensor, seen)
-    yield "interacting models", lambda _: kalman(interacting(*turning[1:]), turning[0], sensor, seen)
+    yield "constant velocity", lambda _: kalman(*fitted(drive), sensor, seen)
     yield "without the map", by(lambda seed: maps(drive, seed)[0].without_places())
-    yield "one cell", by(lambda seed: maps(drive, seed)[1])
     yield "with the map", by(lambda seed: maps(drive, seed)[0])
-    yield "as a user runs it", lambda seed: by_default(seen, maps(drive, seed)[2], seed)
-    synthetic = true_positions(drive)
-    plain = FilterConfig(noise_m=SYNTHETIC_M)
-
-    def on_truth(model: Callable[[int], PrimitiveMap]) -> Method:
-        return lambda seed: tracked(
-            synthetic(seed), Tracker(model(seed), config=plain, rng=np.random.default_rng(seed))
-        )
-
-    yield f"{TRUE_POSITIONS}, without the map", on_truth(lambda seed: maps(drive, seed)[0].without_places())
-    yield f"{TRUE_POSITIONS}, with the map", on_truth(lambda seed: maps(drive, seed)[0])
+    yield "as a user runs it", lambda seed: by_default(seen, maps(drive, seed)[1], seed)
 
 
 def by_default(seen: Detections, learned: PrimitiveMap, seed: int) -> Estimates:
@@ -199,20 +162,3 @@ def by_default(seen: Detections, learned: PrimitiveMap, seed: int) -> Estimates:
         sensor = None
     rng = np.random.default_rng(seed)
     return tracked(seen, Tracker(learned, sensor=sensor, rng=rng))
-
-
-def true_positions(drive: int) -> Callable[[int], Detections]:
-    """By the seed: where the instrumented vehicles were at the frames, with white noise."""
-    scene = Scene(Detections.of(detected(drive)), true(drive))
-    rows = scene.truth_at(0.0)
-    first_ns = int(detected(drive).time_ns.min())
-
-    def sense(seed: int) -> Detections:
-        noise = SYNTHETIC_M * np.random.default_rng(seed).standard_normal(rows.position.shape)
-        return Detections(
-            track_id=scene.names[rows.vehicle], position=rows.position + noise,
-            time_ns=first_ns + np.round(scene.frame_s[rows.frame] * 1e9).astype(np.int64),
-            group=np.full(rows.frame.size, drive),
-        )  # fmt: skip
-
-    return sense

@@ -1,6 +1,6 @@
 """Our tracker and those of other packages side by side, on the same unlabelled detections, by the same scores.
 
-    python tests/benchmarks/peers.py [SCENE...] [--json] [--seeds N] [--trackers NAME...]
+    python tests/benchmarks/peers.py [SCENE...] --json [--seeds N]
 
 A is the intersection that ships. B is the same without detections in a ring of 20 m about the junction, through which a
 track must last.
@@ -22,8 +22,7 @@ import argparse
 import json
 import logging
 import sys
-import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -49,26 +48,19 @@ Row = dict[str, Any]
 
 
 def main() -> None:
-    """Print a table for each scene, or all as JSON."""
+    """Print the rows of each scene, as JSON."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scenes", nargs="*", metavar="SCENE", help=f"of {', '.join(SCENES)}; left out: all")
     parser.add_argument("--seeds", type=int, default=3, help="of the sensor, in scenes of one recording")
-    parser.add_argument("--trackers", nargs="+", default=[], help="words in the names of those to run, beside ours")
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
     unknown = [name for name in given.scenes if name not in SCENES]
     if unknown:
         parser.error(f"SCENE: expected some of {', '.join(SCENES)}, got {', '.join(unknown)}")
     logging.disable(logging.WARNING)
-    result: dict[str, dict[str, Row]] = {}
-    for name in given.scenes or SCENES:
-        result[name] = compared(name, SCENES[name](given.seeds), given.trackers)
-        if not given.json:
-            print("\n".join(table(f"{name}: {given.seeds} seeds", result[name])), flush=True)
-    if given.json:
-        print(
-            json.dumps(json.loads(json.dumps(result), parse_constant=lambda _: None), indent=1)
-        )  # null where undefined
+    result = {name: compared(name, SCENES[name](given.seeds)) for name in given.scenes or SCENES}
+    plain = json.loads(json.dumps(result), parse_constant=lambda _: None)  # null where undefined
+    print(json.dumps(plain, indent=None if given.json else 1))
 
 
 def say(line: str) -> None:
@@ -76,23 +68,13 @@ def say(line: str) -> None:
     print(line, file=sys.stderr, flush=True)
 
 
-def compared(name: str, fold: Fold, wanted: Sequence[str]) -> dict[str, Row]:
+def compared(name: str, fold: Fold) -> dict[str, Row]:
     """Tune every tracker, run it on what is judged, and score it."""
     ran: dict[str, Ran] = {}
-    peers = peers_of(fold)
-    asked = {called for called in peers if not wanted or any(word in called for word in wanted)}
-    needed = asked | {FIRST} | {peers[called].after for called in asked}
-    for called, peer in peers.items():
-        if called in needed:
-            since = time.process_time()
-            settings = tuned(peer, fold, ran[peer.after].settings if peer.after else {})
-            now = time.process_time()
-            ran[called] = Ran.of(peer, fold, settings)
-            hota = np.mean([report.hota for report in ran[called].reports])
-            say(
-                f"{name}: {called}: HOTA {hota:.3f}, tuned in {now - since:.0f} s, judged in "
-                f"{time.process_time() - now:.0f} s: {settings}"
-            )
+    for called, peer in peers_of(fold).items():
+        settings = tuned(peer, fold, ran[peer.after].settings if peer.after else {})
+        ran[called] = Ran.of(peer, fold, settings)
+        say(f"{name}: {called}: HOTA {np.mean([of.hota for of in ran[called].reports]):.3f}: {settings}")
     return {called: figures(of, ran[FIRST].reports) for called, of in ran.items()}
 
 
@@ -166,28 +148,6 @@ def figures(ran: Ran, first: Sequence[TrackingReport]) -> Row:
             ("hidden_nees", "hidden_nees"), ("reported", "reported"),
         )
     }  # fmt: skip
-
-
-def table(title: str, rows: Mapping[str, Row]) -> list[str]:
-    """Lines of a Markdown table."""
-    figures_of = ("reported %", "RMSE m", "in sight", "NEES in sight", "switches", "ms a frame")
-    heads = ("tracker", "HOTA", "behind ours", *figures_of, "settings")
-    lines = ["", title, "", " | ".join(heads), "|".join(["---"] * len(heads))]
-    for called, row in rows.items():
-        settings = ", ".join(f"{key} {value:.3g}" for key, value in row["settings"].items()) or "defaults"
-        numbers = (
-            f"{100 * row['reported']:.0f}", f"{row['rmse']:.3f}", f"{row['seen_rmse']:.3f}", f"{row['nees']:.1f}",
-            f"{row['switches']:.0f}", f"{row['ms_per_frame']:.1f}",
-        )  # fmt: skip
-        cells = (called, ranged(row, "hota"), ranged(row, "behind") if called != FIRST else "", *numbers, settings)
-        lines.append(" | ".join(cells))
-    return lines
-
-
-def ranged(row: Row, key: str) -> str:
-    """A figure and half of its interval, where there is one."""
-    half = 0.5 * (row[f"{key}_high"] - row[f"{key}_low"])
-    return f"{row[key]:.3f}" + (f" +- {half:.3f}" if np.isfinite(half) else "")
 
 
 if __name__ == "__main__":

@@ -9,7 +9,6 @@ comes of it without either. Figures are means over the seeds of the sensor.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from pathlib import Path
 
@@ -71,7 +70,6 @@ def main() -> None:
     """Print a line for each scene, tracker and refinement."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=3, help="of the sensor")
-    parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
     figures: dict[tuple[str, str, str], list[list[float]]] = {}
     for scene in DELETED_AFTER:
@@ -92,13 +90,6 @@ def main() -> None:
                     )  # fmt: skip
                     figures.setdefault((scene, name, how), []).append([getattr(report, key) for key in FIGURES])
     means = {key: np.mean(values, axis=0).tolist() for key, values in figures.items()}
-    if given.json:
-        rows_of = [
-            dict(zip(("scene", "tracker", "how", *FIGURES), (*key, *values), strict=True))
-            for key, values in means.items()
-        ]
-        print(json.dumps(rows_of, indent=1))
-        return
     print(" | ".join(("scene", "tracker", "how", *FIGURES)))
     for key, values in means.items():
         print(" | ".join((*key, *(f"{value:.3f}" for value in values))))
