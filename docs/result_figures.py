@@ -58,7 +58,7 @@ def mechanisms(output: str) -> dict[str, Any]:
 
 
 def worth(scene: str, **figures: tuple[float, int]) -> Callable[[Any], Figure]:
-    """Changes on a scene with their intervals, of each figure (its `_` are spaces) so many times, with so many digits."""
+    """Changes on a scene with their intervals, each figure (its `_` are spaces) times a factor, and its digits."""
 
     def read(mechanism: Any) -> Figure:
         of_scene = {name: mechanism.get(scene, {}).get(name.replace("_", " ")) for name in figures}
