@@ -23,23 +23,18 @@ from dirprim_filter.recording.decoding.fields import Field, Kind, steps_of
 from dirprim_filter.recording.rows import LEFT_OUT, Rows
 from dirprim_filter.recording.schemas.attitude import course, heading, rotated
 
-NAMES: dict[str, str] = {
-    "x": "metres; or longitude and latitude in its place and that of y", "y": "metres", "z": "metres",
-    "latitude": "degrees on WGS 84, to be projected to a plane", "longitude": "likewise",
-    "id": "the vehicle's name; left out: the topic's, of single objects",
-    "time": "of the header: seconds and nanoseconds, or whole nanoseconds", "time_s": "the same in seconds",
-    "frame": "name of the frame that x and y are in",
-    "vx": "velocity over ground in that frame, m/s", "vy": "the same along y", "vz": "the same upwards",
-    "speed": "m/s", "speed_kmh": "km/h",
-    "direction": "course over ground, radians counter-clockwise from x", "direction_deg": "the same in degrees",
-    "heading": "yaw of the body, radians; the course is derived from positions",
-    "heading_deg": "the same in degrees",
-    "qx": "of the quaternion that turns the body", "qy": "likewise", "qz": "likewise", "qw": "likewise",
-    "cxx": "variance of x, square metres", "cxy": "covariance of x and y", "cyy": "variance of y",
-    "group": "a whole number", "label": "what the object is",
-    "length": "of the body, metres", "width": "the same across", "height": "the same upwards",
-}  # fmt: skip
-"""What `--fields` may name."""
+NAMES = (
+    "x", "y", "z", "latitude", "longitude", "id", "time", "time_s", "frame", "vx", "vy", "vz", "speed", "speed_kmh",
+    "direction", "direction_deg", "heading", "heading_deg", "qx", "qy", "qz", "qw", "cxx", "cxy", "cyy", "group",
+    "label", "length", "width", "height",
+)  # fmt: skip
+"""What `--fields` may name.
+
+x, y, z are metres in the axes of `frame`, latitude and longitude degrees on WGS 84, to be projected to a plane. The
+`time` is the header's, seconds and nanoseconds or whole nanoseconds. vx, vy, vz are the velocity over ground in that
+frame, m/s; the direction is the course, the heading the yaw of the body, radians counter-clockwise from x unless the
+name ends in `_deg`; qx to qw are the quaternion that turns the body; cxx, cxy, cyy the covariance of x and y.
+"""
 GROUPS: dict[str, dict[str, str]] = {
     "header": {"time": ".stamp", "frame": ".frame_id"},
     "foxglove": {"time": ".timestamp", "frame": ".frame_id"},
@@ -53,11 +48,8 @@ GROUPS: dict[str, dict[str, str]] = {
     "covariance3": {"cxx": "[0]", "cxy": "[1]", "cyy": "[4]"},
 }
 """Names that stand for several below one path."""
-UNITS = {
-    "speed": ("speed_kmh", 1 / 3.6),
-    "direction": ("direction_deg", np.pi / 180),
-    "heading": ("heading_deg", np.pi / 180),
-}
+_DEG = np.pi / 180
+UNITS = {"speed": ("speed_kmh", 1 / 3.6), "direction": ("direction_deg", _DEG), "heading": ("heading_deg", _DEG)}
 """What else a name may be given as, and by which factor."""
 _KINDS: dict[str, Kind] = {
     **dict.fromkeys(("id", "frame", "label", "space", "key", "value", "host", "mover"), "name"),
@@ -162,26 +154,24 @@ class Family:
         return np.where(own == "", topics[of.message], own) if self.names == "topic" else own
 
 
-def family(*schemas: str, paths: Mapping[str, str], required: bool = False, **more: Any) -> Family:
+def family(schemas: str, paths: str, *, at: str = "", required: bool = False, **more: Any) -> Family:
     """A family by the paths of its fields.
 
     Args:
-        schemas: names.
-        paths: by the names of `NAMES` or `GROUPS`.
+        schemas: names, with spaces between.
+        paths: `name=path`, with spaces between, by `NAMES`, `GROUPS` and what else a family asks for.
+        at: what `@` stands for in a path.
         required: a schema must have all of them; else only those of `REQUIRED`.
         more: fields of `Family`.
     """
-    each = {
-        name: f"{path}{below}"
-        for group, path in paths.items()
-        for name, below in GROUPS.get(group, {group: ""}).items()
-    }
     kinds = _KINDS | ({"label": "number"} if more.get("labels") else {})
-    fields = {
-        name: Field(path=path, kind=kinds.get(name, "number"), optional=not (required or name in REQUIRED))
-        for name, path in each.items()
-    }
-    return Family(schemas=schemas, fields=fields, **more)
+    fields = {}
+    for part in paths.split():
+        group, _, path = part.partition("=")
+        for name, below in GROUPS.get(group, {group: ""}).items():
+            optional = not (required or name in REQUIRED)
+            fields[name] = Field(path=path.replace("@", at) + below, kind=kinds.get(name, "number"), optional=optional)
+    return Family(schemas=tuple(schemas.split()), fields=fields, **more)
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,7 +188,9 @@ class FieldMapping:
     paths: Mapping[str, str]
 
     def __post_init__(self) -> None:
-        names = {name: steps_of(one.path) for name, one in self.family().fields.items()}.keys()
+        for path in self.paths.values():
+            steps_of(path)
+        names = self.family().fields.keys()
         for one, other in (("time", "time_s"), *((name, other) for name, (other, _) in UNITS.items())):
             if one in names and other in names:
                 raise ValueError(f"fields: expected one of {one} and {other}, got both")
@@ -230,7 +222,8 @@ class FieldMapping:
     def family(self) -> Family:
         """What reads such objects, of whatever schema: objects of their own messages are named after the topic."""
         is_alone = not any("[]" in self.paths.get(name, "") for name in (*GLOBE, "x", "position", "pose"))
-        return family(paths=self.paths, required=True, names="topic" if is_alone else "id")
+        paths = " ".join(f"{name}={path}" for name, path in self.paths.items())
+        return family("", paths, required=True, names="topic" if is_alone else "id")
 
 
 class _Objects:

@@ -13,20 +13,20 @@ Source: https://docs.foxglove.dev/docs/sdk/schemas/scene-update and https://gith
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
+from dirprim_filter.arrays import AnyArray, BoolArray, IntArray
 from dirprim_filter.recording.decoding.field_columns import FieldColumns
 from dirprim_filter.recording.schemas.family import SIZE, family
 
 INT64_TEXT_LENGTH = 20
-_ENTITIES, _NOTES = ".entities[]", ".entities[].metadata[]"
-_CUBE, _CYLINDER, _MODEL = (f"{_ENTITIES}.{body}[0]" for body in ("cubes", "cylinders", "models"))
-_PLACES = (("x", "y", "z"), ("r.x", "r.y", "r.z"), ("m.x", "m.y", "m.z"))
+_NOTES = ".entities[].metadata[]"
 _ROUND = ("round.x", "round.y", "round.z")
+_OTHERS = {"cylinder": (("r.x", "r.y", "r.z"), _ROUND), "model": (("m.x", "m.y", "m.z"), SIZE)}
+"""Bodies in place of a cube: where each is, and its size, which a model has not, nor a cube."""
 SIZE_NOTES = ("length_m", "width_m", "height_m")
 """In the metadata: of what was observed, where the cube may be of a middling size."""
 DRAWN_NOTE = "drawn"
@@ -37,62 +37,32 @@ HEADING_NOTE = "heading_rad"
 
 def _by_bodies_and_notes(columns: FieldColumns, message: IntArray, known: dict[str, Any]) -> BoolArray:
     """What the metadata say, and the size, the place and the heading of the body; which entities have one."""
-    notes = _Notes(columns, message.size)
-    is_noted = notes.has("speed_mps")
-    facing = np.where(columns.is_set("cube"), known["heading"], np.nan)
-    if is_noted.any():
-        facing = np.where(is_noted, notes.numbers(HEADING_NOTE), facing)
-    known |= {
-        "place": _of_body(columns, *_PLACES), "direction": notes.numbers("direction_rad"),
-        "speed": notes.numbers("speed_mps"), "size": _sizes(columns, notes), "heading": facing,
-        "group": notes.read("group", _group, np.zeros(message.size, np.int64)),
-        "label": notes.read("category", str, np.full(message.size, "", columns.names("value").dtype)),
-    }  # fmt: skip
-    is_body = columns.is_set("cube")
-    for other in ("cylinder", "model"):
-        is_body = is_body | columns.is_set(other, default=False)
-    return is_body
+    n, entity = message.size, columns.parent_of(_NOTES)
+    key, value = columns.names("key"), columns.names("value")
 
-
-def _of_body(columns: FieldColumns, cube: Sequence[str], cylinder: Sequence[str], model: Sequence[str]) -> FloatArray:
-    """(n, 3) of the cube where there is one, else of the cylinder, else of the model, by the labels of each."""
-    is_cube, is_cylinder = columns.is_set("cube"), columns.is_set("cylinder", default=False)
-    found = columns.vectors(cube)
-    for here, labels in ((~is_cube & is_cylinder, cylinder), (~is_cube & ~is_cylinder, model)):
-        if here.any():  # rarely: most logs draw cubes alone
-            found[here] = columns.vectors(labels)[here]
-    return found
-
-
-def _sizes(columns: FieldColumns, notes: _Notes) -> FloatArray:
-    """(n, 3) metres."""
-    drawn = _of_body(columns, SIZE, _ROUND, SIZE)  # who has a model alone has no cube, so none of its size
-    noted = notes.has("speed_mps") | notes.has(DRAWN_NOTE)
-    if noted.any():
-        drawn[noted] = np.stack([notes.numbers(key) for key in SIZE_NOTES], axis=-1)[noted]
-    return drawn
-
-
-class _Notes:
-    """The metadata of the entities."""
-
-    def __init__(self, columns: FieldColumns, n: int) -> None:
-        self._n, self._entity = n, columns.parent_of(_NOTES)
-        self._key, self._value = columns.names("key"), columns.names("value")
-
-    def has(self, key: str) -> BoolArray:
-        """(n,) which entities have a note."""
-        return self.read(key, lambda _: True, np.zeros(self._n, np.bool_))
-
-    def numbers(self, key: str) -> FloatArray:
-        """(n,) NaN, so unknown, where it is missing or no number."""
-        return self.read(key, _number, np.full(self._n, np.nan))
-
-    def read(self, key: str, parse: Callable[[str], object], found: AnyArray) -> AnyArray:
-        """The array (n,), with what the note of each entity says where it has one."""
-        is_key = self._key == key
-        found[self._entity[is_key]] = [parse(text) for text in self._value[is_key].tolist()]
+    def noted(name: str, parse: Callable[[str], object] = _number, none: Any = np.nan) -> AnyArray:
+        """(n,) what the note of each entity says, `none` where it has none."""
+        found, is_named = np.full(n, none), key == name
+        found[entity[is_named]] = [parse(text) for text in value[is_named].tolist()]
         return found
+
+    is_body = columns.is_set("cube")
+    facing = np.where(is_body, known["heading"], np.nan)
+    for body, (place, size) in _OTHERS.items():
+        here = ~is_body & columns.is_set(body, default=False)
+        if here.any():  # rarely: most logs draw cubes alone
+            known["place"][here], known["size"][here] = (columns.vectors(of)[here] for of in (place, size))
+        is_body = is_body | here
+    is_noted = noted("speed_mps", lambda _: True, np.False_)
+    if is_noted.any():
+        facing = np.where(is_noted, noted(HEADING_NOTE), facing)
+    if (is_drawn := is_noted | noted(DRAWN_NOTE, lambda _: True, np.False_)).any():
+        known["size"][is_drawn] = np.stack([noted(name) for name in SIZE_NOTES], axis=-1)[is_drawn]
+    known |= {
+        "direction": noted("direction_rad"), "speed": noted("speed_mps"), "heading": facing,
+        "group": noted("group", _group, np.int64(0)), "label": noted("category", str, np.array("", value.dtype)),
+    }  # fmt: skip
+    return is_body
 
 
 def _number(text: str) -> float:
@@ -109,13 +79,12 @@ def _group(text: str) -> int:
 
 
 SCENE_UPDATE = family(
-    "foxglove.SceneUpdate", "foxglove_msgs/msg/SceneUpdate",
-    paths={
-        "foxglove": _ENTITIES, "id": f"{_ENTITIES}.id", "cube": _CUBE, "cylinder": _CYLINDER, "model": _MODEL,
-        "pose": f"{_CUBE}.pose", "size": f"{_CUBE}.size", "key": f"{_NOTES}.key", "value": f"{_NOTES}.value",
-        **{name: f"{_CYLINDER}.pose.position.{name[-1]}" for name in _PLACES[1]},
-        **{name: f"{_MODEL}.pose.position.{name[-1]}" for name in _PLACES[2]},
-        **{name: f"{_CYLINDER}.size.{name[-1]}" for name in _ROUND},
-    },
-    amend=_by_bodies_and_notes,
+    "foxglove.SceneUpdate foxglove_msgs/msg/SceneUpdate",
+    f"foxglove=@ id=@.id cube=@.cubes[0] cylinder=@.cylinders[0] model=@.models[0] pose=@.cubes[0].pose "
+    f"size=@.cubes[0].size key={_NOTES}.key value={_NOTES}.value "
+    + " ".join(
+        f"r.{axis}=@.cylinders[0].pose.position.{axis} m.{axis}=@.models[0].pose.position.{axis} "
+        f"round.{axis}=@.cylinders[0].size.{axis}" for axis in "xyz"
+    ),
+    at=".entities[]", amend=_by_bodies_and_notes,
 )  # fmt: skip
