@@ -1,8 +1,9 @@
 """The Kalman filters that every result is printed beside: constant velocity, constant turn, and both.
 
-All share one state, x, y, their rates and the rate of turn, so that the interacting multiple model can mix them; the
-numbers of all vehicles stand in arrays. Measurements are linear in the state, so that an unscented filter differs from
-a linear one in its prediction alone.
+All share one state, x, y, their rates and the rate of turn, so that the interacting multiple model can mix them. The
+numbers of all vehicles stand in arrays, which filterpy's filters of one vehicle do not take: its process noise and
+sigma points serve here, and its filters are the oracle of the tests. Measurements are linear in the state, so that an
+unscented filter differs from a linear one in its prediction alone.
 
 Source: Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, ch. 6 and 11;
 Wan and van der Merwe, The Unscented Kalman Filter for Nonlinear Estimation, 2000.
@@ -17,6 +18,8 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
+from filterpy.common import Q_continuous_white_noise
+from filterpy.kalman import MerweScaledSigmaPoints
 
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.config import FilterConfig
@@ -33,9 +36,7 @@ FIRST_TURN_STD = 0.2
 """rad/s, likewise."""
 SMALLEST_TURN = 1e-6
 """rad/s; slower than this is straight on."""
-ALPHA, BETA = 0.3, 2.0
-"""Of the sigma points: how far they are apart, and what is known of the tails; kappa is 0."""
-
+SIGMA_POINTS = MerweScaledSigmaPoints(N_STATES, alpha=0.3, beta=2.0, kappa=0.0)
 
 GaussianMotion = Callable[[FloatArray, FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
 """A motion model: beliefs (v, 5), (v, 5, 5) moved on by (v,) seconds."""
@@ -69,17 +70,13 @@ class ConstantTurn:
 
     def __call__(self, mean: FloatArray, covariance: FloatArray, dt_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Beliefs (v, 5), (v, 5, 5) moved on by (v,) seconds."""
-        spread = ALPHA**2 * N_STATES
-        root = np.linalg.cholesky(spread * covariance).swapaxes(1, 2)
+        root = np.linalg.cholesky(SIGMA_POINTS.alpha**2 * N_STATES * covariance).swapaxes(1, 2)
         points = turned(np.concatenate([0.0 * root[:, :1], root, -root], axis=1) + mean[:, None], dt_s[:, None])
-        weight = np.full(2 * N_STATES + 1, 0.5 / spread)
-        weight[0] = 1.0 - N_STATES / spread
-        later = weight @ points
+        later = SIGMA_POINTS.Wm @ points
         off = points - later[:, None]
-        weight[0] += 1.0 - ALPHA**2 + BETA
         noise = _white_acceleration(self.acceleration_density, dt_s)
         noise[:, 4, 4] = self.turn_density * dt_s
-        return later, (off * weight[:, None]).swapaxes(1, 2) @ off + noise
+        return later, (off * SIGMA_POINTS.Wc[:, None]).swapaxes(1, 2) @ off + noise
 
 
 class KalmanBank:
@@ -333,11 +330,11 @@ def corrected(
 
 def _white_acceleration(density: float, dt_s: FloatArray) -> FloatArray:
     """(v,) -> (v, 5, 5)."""
-    noise = np.zeros((dt_s.size, N_STATES, N_STATES))
-    for i in (0, 1):
-        noise[:, i, i], noise[:, i + 2, i + 2] = density * dt_s**3 / 3.0, density * dt_s
-        noise[:, i, i + 2] = noise[:, i + 2, i] = density * dt_s**2 / 2.0
-    return noise
+    lengths, row = np.unique(dt_s, return_inverse=True)
+    noise = np.zeros((lengths.size, N_STATES, N_STATES))
+    for own, dt in zip(noise, lengths, strict=True):
+        own[:4, :4] = Q_continuous_white_noise(2, dt, density, block_size=2, order_by_dim=False)
+    return noise[row]
 
 
 def _log(probability: float) -> float:
