@@ -12,7 +12,6 @@ from dirprim_filter.evaluation.density import (
     evaluate_density,
     rows_to_judge,
 )
-from dirprim_filter.evaluation.density_rivals import MotionModel, Uninformative
 from dirprim_filter.evaluation.intervals import Interval
 from dirprim_filter.evaluation.settings import Axis
 from dirprim_filter.tracks import Tracks
@@ -114,17 +113,6 @@ def test_no_rival_lies_on_a_bound(on_the_ring):
         assert all(choice.is_inside for fold in of_folds for choice in fold)
 
 
-def test_a_rival_whose_grid_cannot_widen_lies_on_its_bound(ring):  # the negative control of the law above
-    (stef_map,) = chosen({"STeF-map"}, ring)
-    cell_size, pseudo_count = stef_map.settings
-    stuck = stef_map._replace(settings=(cell_size._replace(start=40.0, least=30.0), pseudo_count))
-    (row,) = evaluate_density(
-        ring, n_folds=2, interval_s=0.3, methods=[stuck], rng=np.random.default_rng(4)
-    ).methods  # fmt: skip
-    assert [fold[0].is_inside for fold in row.settings] == [False, False]
-    assert [fold[0].low for fold in row.settings] == [40.0, 40.0]
-
-
 def test_settings_are_chosen_without_the_held_out_rows():
     seen = []
 
@@ -184,8 +172,3 @@ def test_random_rows_leak_what_held_out_vehicles_do_not():
     }
     random, vehicle = (by[split].methods[0].direction.mean_log.value for split in ("random", "vehicle"))
     assert random > vehicle + 1.0
-
-
-def test_the_uninformative_density_is_no_models_of_a_place():
-    assert isinstance(Uninformative(max_speed=1.0), MotionModel)
-    assert not isinstance(Constant(1.0), MotionModel)

@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dirprim_filter.evaluation.baselines import trajectory_memory
-from dirprim_filter.evaluation.baselines.trajectory_memory import FARTHEST, States, TrajectoryMemory
+from dirprim_filter.evaluation.baselines.trajectory_memory import States, TrajectoryMemory
 from dirprim_filter.evaluation.forecast_cases import Cases
 from dirprim_filter.evaluation.forecasting import score_cases
 from dirprim_filter.tracks import Tracks
@@ -41,26 +40,6 @@ def test_on_a_ring_it_goes_along_the_ring_and_off_it_straight_on(memory):
     bend = np.linalg.norm(unfamiliar - [200.0, 0.0], axis=-1)
     assert np.median(np.abs(np.linalg.norm(unfamiliar, axis=-1) - RADIUS)) > 100.0
     assert (bend < 1.7 * 3.0 * SPEED).all()
-
-
-def test_weights_are_those_of_a_slow_loop_over_all_rows(memory, monkeypatch):
-    """Each row's way to its next is cut fine, and the nearest place of it taken."""
-    monkeypatch.setattr(trajectory_memory, "NEIGHBOURS", 600)
-    start = on_ring([1.0])
-    row, weight = memory._alike(start, np.array([3]))
-    found = dict(zip(np.round(row[weight > 0], 2), weight[weight > 0], strict=True))
-    n_alike = 0
-    for r in memory._going:
-        fine = r + np.linspace(0.0, 1.0, 2001)
-        at = memory.at(fine)
-        nearest = np.argmin(np.linalg.norm(at.position - start.position, axis=1))
-        distance = ((memory.at(fine[[nearest]]).features() - start.features()) ** 2).sum() / memory.nearness**2
-        if memory.vehicle[r] != 3 and distance < 0.8 * FARTHEST:
-            n_alike += 1
-            near = min(found, key=lambda key, at=fine[nearest]: abs(key - at))
-            assert near == pytest.approx(fine[nearest], abs=0.02)
-            assert found[near] == pytest.approx(np.exp(-0.5 * distance), rel=0.05, abs=1e-4)
-    assert 20 < n_alike <= (weight > 0).sum()
 
 
 def test_a_vehicle_never_follows_itself():

@@ -46,26 +46,10 @@ def noise_holds(error: np.ndarray) -> bool:
     return bool(deviation.all() and mean.all() and abs(np.corrcoef(error.T)[0, 1]) < Z / np.sqrt(n))
 
 
-def test_noise_is_isotropic_with_the_stated_deviation(truth: Tracks, rng: np.random.Generator) -> None:
-    assert noise_holds(errors(truth, rng, NOISE_M))
-
-
-def test_noise_check_notices_a_tenth_more(truth: Tracks, rng: np.random.Generator) -> None:
-    assert not noise_holds(errors(truth, rng, 1.1 * NOISE_M))
-
-
 def misses_hold(truth: Tracks, rng: np.random.Generator, miss_rate: float) -> bool:
     seen = detect(truth, miss_rate=miss_rate, false_per_frame=0.0, rng=rng)
     n = len(truth)
     return bool(abs(n - len(seen) - n * MISS_RATE) < Z * np.sqrt(n * MISS_RATE * (1 - MISS_RATE)))
-
-
-def test_missed_detections_are_binomial(truth: Tracks, rng: np.random.Generator) -> None:
-    assert misses_hold(truth, rng, MISS_RATE)
-
-
-def test_miss_check_notices_a_quarter_more(truth: Tracks, rng: np.random.Generator) -> None:
-    assert not misses_hold(truth, rng, 1.25 * MISS_RATE)
 
 
 def clutter(truth: Tracks, rng: np.random.Generator, false_per_frame: float) -> np.ndarray:
@@ -89,13 +73,27 @@ def clutter_holds(truth: Tracks, position: np.ndarray) -> bool:
     return bool(abs(n - expected) < Z * np.sqrt(expected) and inside and centred.all() and spread.all())
 
 
-def test_false_detections_are_poisson_and_uniform(truth: Tracks, rng: np.random.Generator) -> None:
-    assert clutter_holds(truth, clutter(truth, rng, FALSE_PER_FRAME))
-
-
-def test_clutter_check_notices_more_of_it_and_a_smaller_box(truth: Tracks, rng: np.random.Generator) -> None:
-    assert not clutter_holds(truth, clutter(truth, rng, 1.5 * FALSE_PER_FRAME))
-    assert not clutter_holds(truth, 0.7 * clutter(truth, rng, FALSE_PER_FRAME))
+@pytest.mark.parametrize(
+    ("holds", "stated", "other"),
+    [
+        (lambda truth, rng, noise_m: noise_holds(errors(truth, rng, noise_m)), NOISE_M, 1.1 * NOISE_M),
+        (misses_hold, MISS_RATE, 1.25 * MISS_RATE),
+        (
+            lambda truth, rng, n: clutter_holds(truth, clutter(truth, rng, n)),
+            FALSE_PER_FRAME,
+            1.5 * FALSE_PER_FRAME,
+        ),
+        (
+            lambda truth, rng, box: clutter_holds(truth, box * clutter(truth, rng, FALSE_PER_FRAME)),
+            1.0,
+            0.7,
+        ),
+    ],
+    ids=["noise", "misses", "false ones", "their box"],
+)
+def test_what_is_stated_holds_and_a_little_more_does_not(truth, rng, holds, stated, other):
+    assert holds(truth, rng, stated)
+    assert not holds(truth, rng, other)
 
 
 def test_a_perfect_sensor_reports_the_truth(truth: Tracks, rng: np.random.Generator) -> None:

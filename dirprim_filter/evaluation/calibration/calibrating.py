@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -83,7 +83,6 @@ class Calibration:
 
     Attributes:
         sensor: the model.
-        errors: what it was learned from.
         clock_offset_s: seconds by which the sensor's clock is ahead of the truth's, as far as that is no latency.
         n_detections: all.
         n_pairs: of them, those of true vehicles.
@@ -92,7 +91,6 @@ class Calibration:
     """
 
     sensor: Sensor
-    errors: Errors
     clock_offset_s: float
     n_detections: int
     n_pairs: int
@@ -133,15 +131,14 @@ def calibrate(detections: Detections, truth: Tracks) -> Calibration:
         along, clock_offset_s = errors.fit(errors.along), lag_s
         unknown.append("latency_s: vehicles drive too alike; it is in along.bias_m, which holds at their speed")
     else:
-        late = float(along.mean[1])
-        lag_s, errors = lag_s + late, replace(errors, along=errors.along + late * errors.speed)
+        lag_s += float(along.mean[1])
         if LATENCY_S[0] - WIDE * along.mean_se[1] <= lag_s < LATENCY_S[1]:
             found["latency_s"] = Measured(max(lag_s, 0.0), float(along.mean_se[1]))
         else:
             clock_offset_s = lag_s
             unknown.append("latency_s: the clocks differ, and latency cannot be separated from their difference")
     return Calibration(
-        sensor=_sensor(found, {"along": along, "across": across}), errors=errors, clock_offset_s=clock_offset_s,
+        sensor=_sensor(found, {"along": along, "across": across}), clock_offset_s=clock_offset_s,
         n_detections=len(detections), n_pairs=int(pairs.one.size),
         n_vehicles=int(np.unique(rows.vehicle[pairs.one]).size), unknown=tuple(unknown),
     )  # fmt: skip

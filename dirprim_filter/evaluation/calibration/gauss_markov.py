@@ -42,7 +42,6 @@ class ErrorFit(NamedTuple):
         share_se: NaN where there is none.
         lasts_s: seconds; NaN where there is none.
         lasts_se: likewise.
-        residual: (n,) what the regressors leave.
     """
 
     mean: FloatArray
@@ -53,7 +52,6 @@ class ErrorFit(NamedTuple):
     share_se: float
     lasts_s: float
     lasts_se: float
-    residual: FloatArray
 
 
 def fit_errors(y: FloatArray, regressors: FloatArray, time_s: FloatArray, is_first: BoolArray) -> ErrorFit:
@@ -85,20 +83,8 @@ def fit_errors(y: FloatArray, regressors: FloatArray, time_s: FloatArray, is_fir
     return ErrorFit(
         found.mean, found.mean_se, found.spread, found.spread * 0.5 * square_se, share,
         (1.0 - share) * float(np.hypot(share * se[0], square_se)), lasts_s,
-        lasts_s * float(np.hypot(se[1], square_se)), found.residual,
+        lasts_s * float(np.hypot(se[1], square_se)),
     )  # fmt: skip
-
-
-def autocorrelation(residual: FloatArray, time_s: FloatArray, is_first: BoolArray, lag_s: FloatArray) -> FloatArray:
-    """(m,) mean product of errors about `lag_s` (m,) apart, over their mean square; NaN of a lag that no pair has."""
-    within_s, series = 0.03, np.cumsum(is_first)
-    result, shifted = np.full(lag_s.size, np.nan), series * 1e6 + time_s - time_s.min()
-    for i, lag in enumerate(lag_s):
-        other = np.minimum(np.searchsorted(shifted, shifted + lag - within_s), residual.size - 1)
-        fits = (series[other] == series) & (np.abs(time_s[other] - time_s - lag) <= within_s)
-        if fits.any():
-            result[i] = (residual[fits] * residual[other[fits]]).mean() / (residual**2).mean()
-    return result
 
 
 class Profile:
@@ -110,13 +96,13 @@ class Profile:
         both = solve(np.column_stack([regressors, y]))
         inverse = np.linalg.pinv(regressors.T @ both[:, :k])
         self.mean = inverse @ regressors.T @ both[:, k]
-        self.residual = y - regressors @ self.mean
+        residual = y - regressors @ self.mean
         # what the mean takes of the errors is put back: of few long series it is not little
         taken = float(((regressors @ inverse) * regressors).sum(axis=1).mean())
-        variance = max(float((self.residual**2).mean()) / max(1.0 - taken, 0.1), 1e-12)
+        variance = max(float((residual**2).mean()) / max(1.0 - taken, 0.1), 1e-12)
         self.spread = float(np.sqrt(variance))
         self.mean_se = self.spread * np.sqrt(np.maximum(np.diag(inverse), 0.0))
-        square = float(self.residual @ (both[:, k] - both[:, :k] @ self.mean))
+        square = float(residual @ (both[:, k] - both[:, :k] @ self.mean))
         self.log_likelihood = -0.5 * float(n * np.log(2.0 * np.pi * variance) + log_determinant + square / variance)
 
 
