@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
+from dirprim_filter.config import LearningConfig
 from dirprim_filter.distributions import von_mises
 from dirprim_filter.drawing.colors import ByteArray, speed_color
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
@@ -25,6 +26,8 @@ SHARPEST_PETAL = 10.0
 """Concentrations are drawn up to this one, a standard deviation of 18 degrees: narrower could not be seen."""
 ROOT_SHADE = 4
 """A petal's root is darker by this factor, so that one sees which way it points; a disc points nowhere."""
+STANDING_SPEED = LearningConfig().standing_speed
+"""m/s; below it a direction means nothing."""
 SMALLEST_PETAL = 0.02
 """Modes of less weight are not drawn."""
 PETAL_RIM = 0.08
@@ -43,6 +46,8 @@ LITTLE_LARGER = 1.3
 """Times as long as the box around most of the traffic is a map that is shown in whole."""
 BUSY_SHARE = 0.75
 """Of the traffic: what to look at first. A map reaches far along its roads, where nothing happens."""
+CLOSER_CELLS, N_MIDDLES = 16, 100
+"""Cells across what is looked at closely: roses are large enough to be read. And how many places are tried."""
 MARGIN = 0.06
 """Free space around a map, as a share of its longer side."""
 MIDDLING = (4.5, 1.8)
@@ -50,14 +55,15 @@ MIDDLING = (4.5, 1.8)
 
 
 class Petals(NamedTuple):
-    """The petals of a map's roses, the heaviest first, so that a lighter one is drawn over it.
+    """The petals of a map's roses, discs first and the heaviest first, so that a lighter one is drawn over it.
 
     Attributes:
         polygon: (n, k, 2) metres; the first vertex is the cell's anchor.
         mean_speed: (n,) m/s, of the petal's mode.
-        weight: (n,) of the petal's mode in its cell.
+        weight: (n,) of the petal's mode among those of its cell that move; of a disc, the share of rows that stand.
         cell: (n,) the petal's cell.
         reach: (n,) metres, of the petal's rose.
+        is_disc: (n,) of standing vehicles.
     """
 
     polygon: FloatArray
@@ -65,19 +71,24 @@ class Petals(NamedTuple):
     weight: FloatArray
     cell: IntArray
     reach: FloatArray
+    is_disc: BoolArray
 
 
 def rose_petals(primitives: PrimitiveMap) -> Petals:
     """One petal for each mode of its own of each cell that holds data; a disc for that of standing vehicles.
+
+    Where most wait, petals of those that go are as large as elsewhere: they lie on the disc of those that stand.
 
     The radius at direction theta is R sqrt(w VM(theta; mu, k) / VM(mu; mu, K)) with R the rose's reach, see
     `_rose_reach`, K = `SHARPEST_PETAL` and k = min(kappa, K): the area is proportional to w, whatever kappa. Where the
     mode bends, so does the petal: as much along its way as the mode's mean direction turns along it.
     """
     direction, weight = primitives.direction, primitives.own_weight
-    drawn = (weight >= SMALLEST_PETAL) & _has_rose(primitives)[:, None]
-    cell, mode = np.nonzero(drawn)
-    order = np.argsort(-weight[cell, mode], kind="stable")
+    stands = primitives.speed.mean[:-1, : weight.shape[1]] < STANDING_SPEED
+    moving = np.where(stands, 0.0, weight).sum(axis=1, keepdims=True)
+    weight = np.where(stands, weight, weight / np.maximum(moving, SMALLEST_PETAL))
+    cell, mode = np.nonzero((weight >= SMALLEST_PETAL) & _has_rose(primitives)[:, None])
+    order = np.lexsort((-weight[cell, mode], ~stands[cell, mode]))
     cell, mode = cell[order], mode[order]
     root, bend = anchors(primitives.tessellation)[cell], primitives.bend[cell, mode]
     weight, mean = weight[cell, mode], direction.mean_direction[cell, mode]
@@ -99,6 +110,7 @@ def rose_petals(primitives: PrimitiveMap) -> Petals:
         weight=weight,
         cell=cell,
         reach=reach,
+        is_disc=stands[cell, mode],
     )
 
 
@@ -138,9 +150,7 @@ def fastest_speed(petals: Petals) -> float:
 def petal_colors(petals: Petals, *, fastest: float) -> ByteArray:
     """The colour of each vertex, by the petal's mean speed; darker at the root. -> (n, k, 4)."""
     color = np.repeat(speed_color(petals.mean_speed, fastest=fastest)[:, None], petals.polygon.shape[1], axis=1)
-    spoke = petals.polygon - petals.polygon[:, :1]  # coordinates of a whole country are all close to each other
-    is_disc = np.isclose(spoke[:, 1], spoke[:, -1]).all(axis=-1)
-    color[~is_disc, 0, :3] //= ROOT_SHADE
+    color[~petals.is_disc, 0, :3] //= ROOT_SHADE
     return color
 
 
@@ -184,6 +194,17 @@ def map_extent(primitives: PrimitiveMap, *, share: float = 1.0) -> FloatArray:
         kept[order] &= (below > rare) & (below - n_rows[order] / n_rows.sum() < 1.0 - rare)
     box = extent(np.concatenate([polygon for polygon, one in zip(polygons, kept, strict=True) if one and len(polygon)]))
     return whole if np.ptp(whole, axis=0).max() <= LITTLE_LARGER * np.ptp(box, axis=0).max() else box
+
+
+def busy_square(primitives: PrimitiveMap) -> FloatArray:
+    """The square of `CLOSER_CELLS` usual cells that holds most traffic, about one of the busiest cells. -> (2, 2)."""
+    n_rows, cells = primitives.n_rows[:-1], primitives.tessellation
+    if n_rows.sum() == 0:
+        return map_extent(primitives)
+    half = 0.5 * CLOSER_CELLS * _median(cells.area, n_rows) ** 0.5
+    middle = cells.centers[np.argsort(-n_rows)[:N_MIDDLES]]
+    held = (np.abs(middle[:, None] - cells.centers) <= half).all(axis=-1) @ n_rows
+    return np.asarray(middle[np.argmax(held)] + half * np.array([[-1.0], [1.0]]))
 
 
 def covariance_axes(covariance: FloatArray, *, probability: float) -> tuple[FloatArray, FloatArray]:

@@ -26,6 +26,8 @@ MAX_GAP_S = 2.0
 """A vehicle unseen for longer is drawn as two lines."""
 ROOT_DIAMETER = 0.12
 """Of the dot at a rose's root, as a share of its reach: it shows which way the petals point."""
+DISC_OPACITY = 0.4
+"""Of standing vehicles: they must not hide those that go."""
 FEW_VEHICLES = 12
 """Of more, lines are thin: they would hide the map."""
 
@@ -45,8 +47,8 @@ def draw_map(axes: Axes, primitives: PrimitiveMap, *, opacity: float = 1.0) -> S
     fastest = shapes.fastest_speed(petals)
     outlines = shapes.cell_outlines(primitives.tessellation)
     axes.add_collection(LineCollection(outlines, colors=CELL_GREY, linewidths=0.4, zorder=1))
-    color = speed_color(petals.mean_speed, fastest=fastest) / 255.0
-    color[:, 3] = opacity
+    color = shapes.petal_colors(petals, fastest=fastest)[:, 1] / 255.0
+    color[:, 3] = np.where(petals.is_disc, DISC_OPACITY * opacity, opacity)
     axes.add_collection(PolyCollection(list(petals.polygon), facecolors=color, linewidths=0, zorder=3))
     _, first = np.unique(petals.cell, return_index=True)
     width = ROOT_DIAMETER * petals.reach[first]

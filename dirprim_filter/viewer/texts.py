@@ -9,9 +9,9 @@ LONGEST = 64
 """Characters of a value in a report: longer ones are cut."""
 
 LEGEND = """\
-**Roses**: how vehicles move in a cell. A petal points and bends in their direction; its area is their probability; its
-colour is their mean speed, from violet (0 m/s) by green ({half:g} m/s) to yellow ({fastest:g} m/s and more). A violet
-disc: standing vehicles.
+**Roses**: how vehicles move in a cell. A petal points and bends in their direction; its area is their share of those
+that move; its colour is their mean speed, from violet (0 m/s) by green ({half:g} m/s) to yellow ({fastest:g} m/s and
+more). A violet disc: the share of those that stand.
 
 **White dots**: detections. **White outlines**: true vehicles, where known.
 

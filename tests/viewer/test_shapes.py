@@ -52,6 +52,26 @@ def test_a_rose_grows_with_traffic_more_than_with_its_cell(scene_map: PrimitiveM
     assert reach([10**6, 1])[1] == pytest.approx(shapes.TRAFFIC[0] ** 0.25 * reach([10**6, 1])[0])
 
 
+def test_vehicles_that_stand_are_a_disc_and_leave_the_petals_of_the_others_as_large(scene_map: PrimitiveMap) -> None:
+    speed = replace(scene_map.speed, rate=np.where(np.arange(3) == 0, 100.0, scene_map.speed.rate))  # mode 1 stands
+    petals = shapes.rose_petals(replace(scene_map, speed=speed))
+    assert petals.is_disc.tolist() == [True, True, False]  # beneath what moves
+    assert petals.weight.tolist() == [0.9, 0.6, 1.0]
+    (alone,) = shapes.rose_petals(scene_map).polygon[2:]
+    assert area_of(petals.polygon[2]) == pytest.approx(3.0 * area_of(alone))
+    rim = shapes.petal_colors(petals, fastest=8.0)
+    assert (rim[petals.is_disc, 0] == rim[petals.is_disc, 1]).all()
+    assert (rim[2, 0] != rim[2, 1]).any()
+
+
+def test_the_busy_square_holds_more_than_one_about_any_other_busy_cell(scene_map: PrimitiveMap) -> None:
+    rows = scene_map.n_rows[:-1]
+    low, high = shapes.busy_square(scene_map)
+    assert high - low == pytest.approx(10.0 * shapes.CLOSER_CELLS)
+    inside = ((scene_map.tessellation.centers >= low) & (scene_map.tessellation.centers <= high)).all(axis=1)
+    assert rows[inside].sum() == rows.sum()
+
+
 def test_where_most_of_the_traffic_is_leaves_out_who_is_far_away() -> None:
     """A thousandth of the rows lies a kilometre off; control: a tenth is shown."""
 
@@ -73,7 +93,7 @@ def test_where_most_of_the_traffic_is_leaves_out_who_is_far_away() -> None:
 def test_only_a_cells_own_modes_are_drawn_the_heaviest_first(scene_map: PrimitiveMap) -> None:
     petals = shapes.rose_petals(scene_map)
     assert petals.cell.tolist() == [0, 1, 1]  # cell 2 holds no data; the last mode is the background's
-    assert petals.weight.tolist() == [0.9, 0.6, 0.3]
+    assert petals.weight == pytest.approx([1.0, 2 / 3, 1 / 3])
     assert petals.mean_speed.tolist() == [8.0, 8.0, 4.0]
     assert shapes.fastest_speed(petals) == 8.0
 
@@ -151,6 +171,7 @@ def test_the_extent_holds_all_points_with_a_margin_on_every_side() -> None:
 def test_a_map_without_traffic_is_shown_whole(scene_map: PrimitiveMap) -> None:
     for quiet in (scene_map.without_places(), replace(scene_map, n_rows=np.zeros(4, np.int64))):
         assert (shapes.map_extent(quiet, share=0.5) == shapes.map_extent(quiet)).all()
+        assert (shapes.busy_square(quiet) == shapes.map_extent(quiet)).all()
 
 
 def test_a_petal_bends_as_its_mode_does_and_keeps_its_area(scene_map: PrimitiveMap) -> None:

@@ -39,10 +39,8 @@ AROUND = (1.7, 1.1)
 """Inches beside and below the maps: numbers, colour bar, key."""
 SHOWN_SHARE = 0.99
 """Of the traffic: a vehicle that is far away must not make all others small."""
-CLOSER_SHARE = 0.6
-"""A close-up holds this share of the traffic,"""
 LARGEST_CLOSE_UP = 0.6
-"""and spans no more than this share of the whole."""
+"""A close-up spans no more than this share of the whole."""
 FADED = 0.35
 """Opacity of the roses under vehicles."""
 KEY: Mapping[str, dict[str, Any]] = {
@@ -84,7 +82,7 @@ def map_figure(
         width: inches, of the figure.
     """
     boxes = [shapes.map_extent(primitives, share=SHOWN_SHARE) if extent is None else extent]
-    near = shapes.map_extent(primitives, share=CLOSER_SHARE)
+    near = shapes.busy_square(primitives)
     if forecasts:
         box = shapes.extent(np.concatenate([paths.reshape(-1, 2) for paths in forecasts.values()]))
         near = box.mean(axis=0) + 0.5 * np.ptp(box, axis=0).max() * np.array([[-1.0], [1.0]])

@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
 
@@ -20,13 +21,16 @@ from dirprim_filter.partial_file import OutputExistsError, PartialFile
 DOTS_PER_INCH = 200
 SMALL, NORMAL, LARGE = 8, 9, 10
 """Points: numbers at ticks and keys, labels, titles."""
+PAD = 0.1
+"""Inches around all that is drawn."""
 FAINT = "0.6"
 """Of frames and ticks."""
 
 
 def new_figure(width: float, height: float) -> Figure:
     """A page of so many inches, on which matplotlib finds room for all that is around the axes."""
-    return Figure(figsize=(width, height), dpi=DOTS_PER_INCH, layout="constrained")
+    layout = ConstrainedLayoutEngine(w_pad=PAD, h_pad=PAD)
+    return Figure(figsize=(width, height), dpi=DOTS_PER_INCH, layout=layout)
 
 
 def save_figure(figure: Figure, path: Path, *, dpi: float | None = None, force: bool = False) -> None:
