@@ -160,9 +160,9 @@ def _together(given: _Given, viewer: RerunSink, *, truth: Path | None, group: in
     """Maps, logs and at most one run in one view."""
     from dirprim_filter.detections import Detections
     from dirprim_filter.recording import load_map, read_tracks, topic_names
+    from dirprim_filter.recording.container.log import Log, Scan
     from dirprim_filter.recording.playback import Playback
     from dirprim_filter.recording.reader import stream_detections
-    from dirprim_filter.recording.scan import scan
 
     for path in given.maps:
         viewer.log_map(load_map(path))
@@ -174,12 +174,12 @@ def _together(given: _Given, viewer: RerunSink, *, truth: Path | None, group: in
     if not given.runs:
         viewer.log_detections(detections)
         return
-    with scan(given.runs[0]) as log:
-        said = {key: value for _, entries in log.metadata for key, value in entries.items()}
-        is_smoothed = any(channel.topic == topic_names.SMOOTHED for channel in log.channels())
-    for frame in Playback(given.runs[0], seen=detections):
-        viewer.write(frame)
-    if is_smoothed:
-        for frame in Playback(given.runs[0], seen=detections, smoothed=True):
-            viewer.write_smoothed(frame)
+    with Log(given.runs[0]) as run:
+        said = {key: value for _, entries in Scan(run).metadata for key, value in entries.items()}
+        is_smoothed = any(channel.topic == topic_names.SMOOTHED for channel in run.channels())
+        for frame in Playback(run, seen=detections):
+            viewer.write(frame)
+        if is_smoothed:
+            for frame in Playback(run, seen=detections, smoothed=True):
+                viewer.write_smoothed(frame)
     viewer.log_run(said, {})

@@ -5,8 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
-from os import PathLike
-from pathlib import Path
 from typing import Unpack
 
 import numpy as np
@@ -16,7 +14,7 @@ from dirprim_filter.arrays import FloatArray
 from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.recording import topic_names
-from dirprim_filter.recording.container.log import Log, Scan, scan
+from dirprim_filter.recording.container.log import Log, LogSource, Scan
 from dirprim_filter.recording.errors import DamagedRecordingError
 from dirprim_filter.recording.losses import Losses
 from dirprim_filter.recording.objects.options import EVERYTHING, Reading, ReadOptions
@@ -37,7 +35,7 @@ class Playback:
     shown as detected and no more.
 
     Args:
-        path: the log.
+        source: the log, which may be open.
         options: as for `read_tracks`. If topics are named, the log's estimates are passed over; of estimates only the
             wanted times and `strict` matter.
         seen: what was reported when the estimates were made; of times without estimates there is no frame.
@@ -56,26 +54,25 @@ class Playback:
 
     def __init__(
         self,
-        path: str | PathLike[str],
+        source: LogSource,
         options: ReadOptions = EVERYTHING,
         *,
         seen: Detections | None = None,
         smoothed: bool = False,
         **changes: Unpack[Reading],
     ) -> None:
-        self.path = Path(path)
+        self._log = log = source if isinstance(source, Log) else Log(source)
         self.losses = Losses()
-        with Log(path) as log:
-            self._options = options = replace(options, **changes).of_log(log.start_ns)
-            self.end_ns = Scan(log, end_ns=options.end_ns).end_ns
-            named = {c.topic for c in log.channels() if c.schema.name == ESTIMATES_SCHEMA}
+        self._options = options = replace(options, **changes).of_log(log.start_ns)
+        self.end_ns = Scan(log, end_ns=options.end_ns).end_ns
+        named = {c.topic for c in log.channels() if c.schema.name == ESTIMATES_SCHEMA}
         topic = topic_names.SMOOTHED if smoothed else topic_names.ESTIMATES
         self._is_estimated = topic in named and options.topics in (None, topic)
         self._seen = {int(frame.time_ns[0]): frame for frame in seen.frames()} if seen is not None else {}
         if self._is_estimated:
             self.topics = frozenset({topic})
         else:
-            self._stream = stream_detections(path, options)
+            self._stream = stream_detections(log, options)
             self.topics = self._stream.topics
 
     def __iter__(self) -> Iterator[TrackedFrame]:
@@ -88,24 +85,24 @@ class Playback:
 
     def _estimated(self) -> Iterator[TrackedFrame]:
         asked = self._options
-        with scan(self.path, topics=self.topics.__contains__, start_ns=asked.start_ns, end_ns=asked.end_ns) as log:
-            messages = iter(log)
-            self.losses = Losses(damage=log.damage)
-            for message in messages:
-                self._check_intact()
-                try:
-                    believed = decode_estimates(message.data)
-                except ProtobufDecodeError as error:
-                    self.losses.fail([str(error)])
-                    continue
-                seen = self._seen.get(message.log_time_ns, Detections.none())
-                yield _frame(message.log_time_ns, seen, believed)
+        scan = Scan(self._log, self.topics.__contains__, start_ns=asked.start_ns, end_ns=asked.end_ns)
+        messages = iter(scan)
+        self.losses = Losses(damage=scan.damage)
+        for message in messages:
+            self._check_intact()
+            try:
+                believed = decode_estimates(message.data)
+            except ProtobufDecodeError as error:
+                self.losses.fail([str(error)])
+                continue
+            seen = self._seen.get(message.log_time_ns, Detections.none())
+            yield _frame(message.log_time_ns, seen, believed)
         self._check_intact()
-        self.losses.log(self.path)
+        self.losses.log(self._log.path)
 
     def _check_intact(self) -> None:
         if self._options.strict and self.losses.damage:
-            raise DamagedRecordingError(self.path, self.losses.damage)
+            raise DamagedRecordingError(self._log.path, self.losses.damage)
 
     def _observed(self) -> Iterator[TrackedFrame]:
         last: dict[str, tuple[int, FloatArray]] = {}

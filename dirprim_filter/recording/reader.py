@@ -133,7 +133,7 @@ def _reporting(
 
 
 def stream_detections(
-    path: PathOrText,
+    source: LogSource,
     options: ReadOptions = EVERYTHING,
     *,
     motion: bool = False,
@@ -143,7 +143,7 @@ def stream_detections(
     """The detections of a log, an instant at a time, in bounded memory; or of a table.
 
     Args:
-        path: the log, or a .csv, .parquet or .feather.
+        source: the log, which may be open, or a .csv, .parquet or .feather.
         options: as for `read_tracks`; without topics, `/detections` goes before all others. Messages that go back in
             the time that counts are left out and counted.
         motion: take the log's directions and speeds for measurements. Often they are no sensor's, but were derived from
@@ -158,11 +158,11 @@ def stream_detections(
         ValueError: `topics` is neither a name nor a regular expression.
     """
     options = replace(options, **changes)
-    if _is_table(path):
+    if _is_table(source):
         from dirprim_filter.recording.tables.source import TableDetections  # noqa: PLC0415 - logs do without Arrow
 
-        return TableDetections(Path(path), options, motion=motion)
-    log = Log(path, live=live)
+        return TableDetections(Path(source), options, motion=motion)
+    log = source if isinstance(source, Log) else Log(source, live=live)
     options = options.of_log(log.start_ns)
     chosen = choose_topics(log, options, prefer_detections=True)
     return DetectionStream(_wanted(log, chosen, options), options, topics=chosen, motion=motion)
@@ -175,11 +175,11 @@ def _wanted(log: Log, topics: frozenset[str], options: ReadOptions) -> Scan:
     return Scan(log, topics.__contains__, start_ns=options.start_ns, end_ns=options.end_ns)
 
 
-def read_estimates(path: PathOrText, *, smoothed: bool = False, topic: str | None = None) -> Estimates:
+def read_estimates(source: LogSource, *, smoothed: bool = False, topic: str | None = None) -> Estimates:
     """All estimates of a log that `dirprim track` wrote, in order of time.
 
     Args:
-        path: the log.
+        source: the log, which may be open.
         smoothed: those that `--smooth` or `--lag` wrote beside the filter's.
         topic: a topic of `dirprim.TrackEstimates`; left out, the filter's or the smoother's.
 
@@ -190,7 +190,7 @@ def read_estimates(path: PathOrText, *, smoothed: bool = False, topic: str | Non
     """
     topic = topic or (topic_names.SMOOTHED if smoothed else topic_names.ESTIMATES)
     parts = []
-    with Log(path) as log:
+    with opened(source) as log:
         scan = Scan(log, lambda name: name == topic)
         if not any(c.topic == topic and c.schema.name == ESTIMATES_SCHEMA for c in log.channels()):
             wanted = f"topic {topic!r} of {ESTIMATES_SCHEMA}"

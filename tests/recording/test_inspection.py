@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from mcap.writer import CompressionType, Writer
@@ -159,3 +160,14 @@ def test_the_index_knows_no_span_of_some_topics(log):
     assert (summarise_by_index(path, from_bytes=0).start_ns, summarise_by_index(path, from_bytes=0).end_ns) == (0, 7)
     some = summarise_by_index(path, topics="/b", from_bytes=0)
     assert (some.messages, some.start_ns, some.end_ns) == (1, None, None)
+
+
+def test_what_info_does_not_need_it_does_not_import():
+    code = (
+        "import sys; from dirprim_filter.cli.main import run;"
+        "assert run(['info', 'recordings/roundabout_track.mcap']) == 0; print(*sys.modules, file=sys.stderr)"
+    )
+    command, root = [sys.executable, "-c", code], Path(__file__).parents[2]
+    done = subprocess.run(command, cwd=root, capture_output=True, text=True, check=True)
+    late = {"pyarrow", "rosbags", "ruamel.yaml", "apsw", "fsspec", "sklearn", "matplotlib", "rerun", "foxglove"}
+    assert not late & set(done.stderr.split())

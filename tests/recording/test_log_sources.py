@@ -6,6 +6,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,14 +14,16 @@ import pytest
 from mcap.writer import CompressionType, Writer
 from mcap_files import log_bytes
 
-from dirprim_filter import load_map, read_estimates, save_map, write_tracks
+from dirprim_filter import load_map, read_estimates, read_tracks, save_map, write_tracks
 from dirprim_filter.cli.main import run
 from dirprim_filter.detections import Detections
-from dirprim_filter.recording.container import log_file as scans
-from dirprim_filter.recording.container import merge, source
+from dirprim_filter.recording.container import log_file, merge, source
 from dirprim_filter.recording.container.errors import without_secrets
+from dirprim_filter.recording.container.log import Log, Scan
 from dirprim_filter.recording.container.message_columns import SHORT_BYTES
 from dirprim_filter.recording.errors import NoRoomError, NotMcapError, RecordingError
+from dirprim_filter.recording.inspection import inspect
+from dirprim_filter.recording.playback import Playback
 from dirprim_filter.recording.reader import stream_detections
 from dirprim_filter.recording.scan import scan
 
@@ -113,8 +116,8 @@ def test_filters_give_what_filtering_afterwards_would_and_leave_chunks_closed(
     path.write_bytes(log_bytes(SENT, chunk_size=500, compression=compression))
     log = scan(path, **asked)
     opened = []
-    read = scans.read_contents
-    monkeypatch.setattr(scans, "read_contents", lambda file, chunk: opened.append(chunk) or read(file, chunk))
+    read = log_file.read_contents
+    monkeypatch.setattr(log_file, "read_contents", lambda file, chunk: opened.append(chunk) or read(file, chunk))
     start_ns, end_ns = asked.get("start_ns", 0), asked.get("end_ns", 1 << 62)
     wanted = [m for m in SENT if start_ns <= m[1] < end_ns and asked.get("topics", bool)(m[0])]
     assert rows(log) == wanted
@@ -153,8 +156,8 @@ def test_a_log_of_one_time_stays_in_the_order_of_the_file_without_being_held(tmp
     path.write_bytes(log_bytes(sent, chunk_size=1000))
     log = scan(path)
     opened = []
-    read = scans.read_contents
-    monkeypatch.setattr(scans, "read_contents", lambda file, chunk: opened.append(chunk) or read(file, chunk))
+    read = log_file.read_contents
+    monkeypatch.setattr(log_file, "read_contents", lambda file, chunk: opened.append(chunk) or read(file, chunk))
     messages = iter(log)
     first = [next(messages) for _ in range(20)]
     assert len(opened) <= 4
@@ -241,19 +244,43 @@ def test_a_signed_url_is_no_pattern_and_its_signature_is_nowhere(tmp_path, capsy
     assert "pattern" not in said
 
 
-@pytest.mark.parametrize("has_summary", [True, False])
-@pytest.mark.parametrize(
-    "command", [["info"], ["learn", "-o", "map.mcap", "--tessellation", "grid", "--cell-size", "8"]]
-)
-def test_a_command_decompresses_each_chunk_of_a_short_log_once(tmp_path, ring, monkeypatch, command, has_summary):
+@pytest.fixture
+def opened(tmp_path, ring, ring_map, monkeypatch):
+    """A log with and one without a Summary section, a map, and the files and chunks that were opened."""
     monkeypatch.chdir(tmp_path)
-    write_tracks(ring[ring.track_id < 6], tmp_path / "log.mcap")
-    if not has_summary:
-        (tmp_path / "log.mcap").write_bytes((tmp_path / "log.mcap").read_bytes()[:-30])
-    read, seen = scans.read_contents, []
-    monkeypatch.setattr(scans, "read_contents", lambda file, chunk: seen.append(chunk.offset) or read(file, chunk))
-    assert run([command[0], "log.mcap", *command[1:]]) == (0 if has_summary else 3)
-    assert 1 <= len(seen) == len(set(seen))
+    write_tracks(ring[ring.track_id < 6], "log.mcap")
+    Path("cut.mcap").write_bytes(Path("log.mcap").read_bytes()[:-30])
+    save_map(ring_map, "map.mcap")
+    monkeypatch.setattr("dirprim_filter.recording.load_map", lambda _: ring_map)
+    read, outline, seen = log_file.read_contents, log_file.Outline, []
+    monkeypatch.setattr(log_file, "read_contents", lambda file, chunk: seen.append(chunk.offset) or read(file, chunk))
+    monkeypatch.setattr(log_file, "Outline", lambda file: seen.append("outline") or outline(file))
+    return seen
+
+
+@pytest.mark.parametrize("log", ["log.mcap", "cut.mcap"])
+@pytest.mark.parametrize(
+    ("command", "more"),
+    [
+        ("info", []),
+        ("learn", ["-o", "new.mcap", "--tessellation", "grid", "--cell-size", "8"]),
+        ("track", ["--map", "map.mcap", "-o", "out.mcap", "--particles", "20"]),
+    ],
+)
+def test_a_command_opens_and_decompresses_a_log_once(opened, log, command, more):
+    assert run([command, log, *more]) == (0 if log == "log.mcap" else 3)
+    assert 2 <= len(opened) == len(set(opened))
+
+
+@pytest.mark.parametrize("log", ["log.mcap", "cut.mcap"])
+def test_an_open_log_is_read_as_often_as_wanted(opened, log):
+    with Log(log) as one:
+        assert inspect(one).messages > 0
+        assert read_tracks(one) == read_tracks(one) == read_tracks(log)
+        assert len(list(Playback(one))) == len(list(stream_detections(one)))
+        assert len(list(Scan(one))) == inspect(one).messages
+    n_chunks = len(one.chunks)
+    assert len(opened) == 2 * (n_chunks + 1)  # once as it is open, and once by its name
 
 
 class Pipe(io.FileIO):

@@ -16,12 +16,10 @@ from ros_messages import header, write_ros2_log
 from scipy.spatial.transform import Rotation
 from test_ros2_schemas import carla, point, quaternion
 
-from dirprim_filter.cli.main import run
-from dirprim_filter.recording.container import log_file
 from dirprim_filter.recording.container.log import Log
 from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError, MissingTransformError
 from dirprim_filter.recording.losses import TRANSFORMS, UNDECODABLE, UNPLACED
-from dirprim_filter.recording.reader import inspect, read_track_logs, read_tracks, stream_detections
+from dirprim_filter.recording.reader import read_track_logs, read_tracks, stream_detections
 from dirprim_filter.recording.scan import scan
 from dirprim_filter.recording.transforms.transform_tree import TransformTree
 
@@ -161,30 +159,6 @@ def test_rotation_is_at_a_constant_rate_the_short_way(tmp_path):
     np.testing.assert_allclose(yaw[:2], [3.0 + 0.25 * turn, 3.0 + 1.05 * turn])
     assert at.translation[0, 0] == pytest.approx(1.5)
     assert at.known.tolist() == [True, True, False, False]
-
-
-def test_a_log_is_outlined_once_however_often_it_is_read(tmp_path, monkeypatch):
-    """Its topics, transforms and objects are three passes over one open log."""
-    outlined = []
-
-    class Counted(log_file.Outline):
-        def __init__(self, *given, **named):
-            outlined.append(given)
-            super().__init__(*given, **named)
-
-    monkeypatch.setattr(log_file, "Outline", Counted)
-    path = write_ros(tmp_path / "log.mcap", [("sensor", [carla(k, 0)]) for k in range(N)])
-    assert len(read_tracks(path)) == N
-    assert len(outlined) == 1
-    assert sum(1 for _ in stream_detections(path)) == N
-    assert len(outlined) == 2
-    with Log(path) as log:
-        assert inspect(log).messages > N
-        assert len(read_tracks(log)) == N
-        assert len(read_tracks(log)) == N  # it is still open
-    assert len(outlined) == 3
-    assert run(["info", str(path)]) == 0
-    assert len(outlined) == 4
 
 
 def test_a_missing_transform_names_both_frames_and_the_time(tmp_path):
