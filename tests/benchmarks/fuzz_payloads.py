@@ -1,4 +1,4 @@
-"""Ten thousand broken messages, definitions and logs of transforms: that no stranger's bytes end a read rests on this.
+"""Ten thousand broken messages, definitions, tables and logs of transforms: no stranger's bytes end a read.
 
 Usage: python tests/benchmarks/fuzz_payloads.py [ROUNDS [SEED [KIND]]]. Prints for each kind (of those that begin with
 KIND) how many were refused, the slowest round, and the memory at its height; a failure with its round.
@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "recording"))
-from payload_mutations import check_definition, check_payload, check_transforms, subjects
+from payload_mutations import TABLES, check_definition, check_payload, check_table, check_transforms, subjects
 
 TRANSFORMS_A_LOG = 4
 Check = Callable[[np.random.Generator], int]
@@ -31,6 +31,7 @@ def main(rounds: int = 10_000, seed: int = 0, only: str = "") -> None:
         kinds: dict[str, Check] = {f"message, {one.name}": partial(check_payload, one) for one in whole}
         kinds |= {f"definition, {one.name}": partial(check_definition, one) for one in whole if one.name != "json"}
         kinds["transforms"] = lambda rng: check_transforms(rng, path, TRANSFORMS_A_LOG)
+        kinds |= {f"table, {form}": partial(check_table, form, Path(folder) / "table") for form in TABLES}
         logging.disable()  # of frames with several parents, at every round
         failures = sum(run(name, rounds, seed, check) for name, check in kinds.items() if name.startswith(only))
     print(f"memory at its height: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MiB")

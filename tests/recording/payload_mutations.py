@@ -1,7 +1,8 @@
-"""Messages, and definitions of them, broken at random: the law is that nothing but the broken message is lost."""
+"""Messages, their definitions, transforms and tables, broken at random: nothing but what is broken is lost."""
 
 from __future__ import annotations
 
+import csv
 import json
 import re
 from dataclasses import replace
@@ -9,6 +10,9 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
+import pytest
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf.json_format import MessageToDict
@@ -20,9 +24,12 @@ from test_ros2_schemas import tracked
 
 from dirprim_filter.recording.container.log import Log
 from dirprim_filter.recording.container.records import Channel, Schema
+from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.losses import UNDECODABLE
 from dirprim_filter.recording.scan import scan
 from dirprim_filter.recording.schemas.decoders import Decoders
+from dirprim_filter.recording.schemas.family import FieldMapping
+from dirprim_filter.recording.tables import FORMATS
 from dirprim_filter.recording.transforms.transform_tree import TransformTree
 
 TAGS = (
@@ -195,3 +202,62 @@ def check_transforms(rng, path, n):
         turned = placed.rotation.as_matrix()[placed.known]
         np.testing.assert_allclose(np.linalg.det(turned), np.ones(len(turned)), atol=1e-9)
     return tree.losses.dropped[UNDECODABLE]
+
+
+TABLE = b"time_s,track_id,x_m,y_m,course_rad,speed_mps,group,length_m,label,turn_signal\n" + b"".join(
+    b"%d.5,%s,%d,-1.5,0.25,3,%d,4.5,car,\n" % (1_700_000_000 + k // 2, b"ab"[k % 2 : k % 2 + 1], k, k // 12)
+    for k in range(24)
+)
+FRAMES = b"\n".join(b'{"t": %d.25, "o": [{"id": %d, "x": %d, "y": 1e1}]}' % (k, k % 2, k) for k in range(12))
+FCD = b"<fcd-export>" + b"".join(
+    b'<timestep time="%d.0"><vehicle id="a" x="1" y="2" angle="90" speed="1"/></timestep>\n' % k for k in range(12)
+)
+LABELS = b"".join(b'7 %d 20 30 60 %d 0 0 0 "Cart"\n' % (k, k) for k in range(12))
+WALKS = b"".join(b"%d 1.0 %d 2\n" % (10 * k, k) for k in range(12))
+TABLES = {
+    "csv": (TABLE, {}), "trajnet": (WALKS, {"frames_per_second": 25}), "sdd": (LABELS, {"metres_per_pixel": 0.1}),
+    "json": (FRAMES, {"mapping": FieldMapping.parse("time_s=.t,id=.o[].id,x=.o[].x,y=.o[].y")}),
+    "sumo-fcd": (FCD + b"</fcd-export>", {}), "parquet": (b"", {}), "feather": (b"", {}),
+}  # fmt: skip
+"""Each format's whole table, and what its reader is told; Arrow's are those of the csv's cells."""
+CELLS = b"nan inf -inf 1e308 1e999 9e15 1_0 0x1 True - ' \" = 1970-01-01T00:00:00Z 9999-12-31T23:59:59 \xff 99".split()
+TYPES = (pa.float64(), pa.float32(), pa.int64(), pa.string(), pa.decimal128(18, 2))
+
+
+def broken_table(form, data, rng):
+    """Broken bytes, or in half of the rounds cells that are others."""
+    if rng.random() < 0.5:
+        return broken(data, rng)
+    parts = re.split(rb"([,\s;\"]+)", data)
+    for _ in range(int(rng.integers(1, 4))):
+        parts[2 * int(rng.integers(len(parts) // 2))] = CELLS[int(rng.integers(len(CELLS)))] * int(rng.integers(2))
+    return b"".join(parts)
+
+
+def check_table(form, path, rng):
+    """A broken table is refused in one line, or each of its rows is read or counted. -> whether it was refused."""
+    data, options = TABLES[form]
+    if data:
+        path.write_bytes(broken_table(form, data, rng))
+    else:
+        rows = [*csv.reader(TABLE.decode().splitlines())]
+        made = {name: pa.array([*of]) for name, *of in zip(*rows, strict=True)}
+        for name in ("x_m", "y_m", "speed_mps", "group"):
+            numbers = pa.array([float(cell) for cell in made[name].to_pylist()])
+            made[name] = numbers.cast(TYPES[int(rng.integers(len(TYPES)))], safe=False)
+        write = pa.parquet.write_table if form == "parquet" else pa.feather.write_feather
+        write(pa.table(made), path)
+        path.write_bytes(broken(path.read_bytes(), rng) if rng.random() < 0.8 else path.read_bytes())
+    try:
+        table = FORMATS[form](path, **options)
+    except RecordingError as error:
+        return "\n" not in str(error) or pytest.fail(str(error))
+    if form == "csv":
+        with path.open(newline="", encoding="utf-8-sig") as text:
+            delimiter = max(",;\t", key=text.readline().count)
+            text.seek(0)
+            n = sum(any(row) for row in csv.reader(text, delimiter=delimiter)) - 1
+        seen = sum(map(len, table.detections.values()))
+        dropped = {why: n for why, n in table.losses.dropped.items() if not seen or why.startswith(("a number", "neg"))}
+        assert (seen or len(table.tracks)) + sum(dropped.values()) == n
+    return False

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import payload_mutations
 import pytest
-from payload_mutations import check_definition, check_payload, check_transforms, subjects
+from payload_mutations import TABLES, check_definition, check_payload, check_table, check_transforms, subjects
 
 ROUNDS = 20
 
@@ -31,6 +31,12 @@ def test_what_is_broken_costs_itself_and_no_more(whole, check):
 
 def test_broken_transforms_cost_themselves_and_no_more(tmp_path):
     assert check_transforms(np.random.default_rng(0), tmp_path / "tf.mcap", 100) > 0
+
+
+@pytest.mark.parametrize("form", TABLES)
+def test_of_a_broken_table_each_row_is_read_or_counted(tmp_path, form):
+    refused = [check_table(form, tmp_path / "table", np.random.default_rng([i, 3])) for i in range(3 * ROUNDS)]
+    assert 0 < sum(refused) < len(refused)
 
 
 def test_no_index_of_a_kernel_leaves_its_array(tmp_path):

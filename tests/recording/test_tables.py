@@ -21,7 +21,8 @@ from dirprim_filter.estimates import Estimates
 from dirprim_filter.recording import write_tracks
 from dirprim_filter.recording.errors import RecordingError, TableError
 from dirprim_filter.recording.reader import read_track_logs, stream_detections
-from dirprim_filter.recording.tables import read_named
+from dirprim_filter.recording.schemas.family import FieldMapping
+from dirprim_filter.recording.tables import read_json, read_named
 from dirprim_filter.recording.tables.estimate_table import write_estimates
 from dirprim_filter.recording.tables.named_columns import parse_columns
 
@@ -157,7 +158,7 @@ WRONG = [
     (f"{HEADER}\n\n0,1,2,3,0\n", r"line 3: expected 6 cells, got 5"),
     (f'{HEADER}\n0,"1\n', "line 2: expected 6 cells, got 2"),
     (f'{PLACES},label\n0,a,1,2,"car\n1,a,1,2,car\n', "expected quotes in pairs, got one that is not closed"),
-    (f"{PLACES}\n0,{'a' * 3_000_000},1,2\n", "expected rows of cells in UTF-8 text"),
+    (f"{PLACES}\n0,{'a' * 3_000_000},1,2\n", "expected rows of cells, got"),
     (f"{HEADER}\n1700000000000,1,2,3,0,1\n", r"line 2: expected seconds as time_s, got '1700000000000'; divide by 1e3"),
     (f"{HEADER},group\n0,1,2,3,0,1,red\n", "a whole number as group, got 'red'"),
     (f"{HEADER},group\n0,1,2,3,0,1,{2**70}\n", "a whole number as group"),
@@ -178,7 +179,7 @@ def test_a_wrong_table_is_reported_in_one_line(tmp_path, text, message):
 
 def test_bytes_that_are_no_text_are_reported_and_a_byte_order_mark_is_no_part_of_the_name(tmp_path):
     (tmp_path / "a.csv").write_bytes(f"{HEADER}\n0,M\xfcller,2,3,0,1\n".encode("latin-1"))
-    with pytest.raises(TableError, match="UTF-8"):
+    with pytest.raises(TableError, match=r"a\.csv, line 2: expected UTF-8 text"):
         read_named(tmp_path / "a.csv")
     (tmp_path / "a.csv").write_text(f"{HEADER}\n0,1,2,3,0,1\n", encoding="utf-8-sig")
     assert len(read_named(tmp_path / "a.csv").tracks) == 1
@@ -371,12 +372,28 @@ def test_a_wrong_arrow_table_is_told_in_one_line(tmp_path, change, told):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("data", [b"PAR1" + bytes(50) + b"PAR1", b"ARROW1\0\0" + bytes(50), b"PAR1", b""])
+def of_offsets_beyond_its_texts():
+    ids = pa.StringArray.from_buffers(2, pa.py_buffer(np.array([0, 2**31 - 2, 2], np.int32)), pa.py_buffer(b"ab"))
+    sink = pa.BufferOutputStream()
+    table = pa.table({"time_s": [0.0, 1.0], "track_id": ids, "x_m": [0.0, 1.0], "y_m": [0.0, 1.0]})
+    pa.feather.write_feather(table, sink, compression="uncompressed")
+    return sink.getvalue().to_pybytes()
+
+
+@pytest.mark.parametrize(
+    "data",
+    [b"PAR1" + bytes(50) + b"PAR1", b"ARROW1\0\0" + bytes(50), b"PAR1", b"", of_offsets_beyond_its_texts()],
+)
 def test_a_broken_arrow_file_is_told_in_one_line(tmp_path, data):
     (tmp_path / "t.parquet").write_bytes(data)
     with pytest.raises(TableError, match="expected a Parquet, Feather or Arrow file, got") as caught:
         read_named(tmp_path / "t.parquet")
     assert "\n" not in str(caught.value)
+
+
+def test_json_of_endless_depth_is_told_in_one_line(tmp_path):
+    with pytest.raises(TableError, match=r"line 1: expected JSON, got .*recursion"):
+        read_json(table(tmp_path, "[" * 200_000), FieldMapping.parse("time_s=.t,x=.x,y=.y"))
 
 
 def test_values_are_tables_that_read_back(tmp_path, ring):

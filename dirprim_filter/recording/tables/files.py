@@ -46,14 +46,18 @@ def text_columns(path: str | Path, names: Sequence[str] = (), *, by_spaces: bool
     if by_spaces:
         data = b"\n".join(b"\t".join(line.replace(b'"', b"").split()) for line in data.splitlines())
     try:
-        first = (data.lstrip(b"\r\n")[:SAMPLE_BYTES].splitlines() or [b""])[0].decode()
+        data.decode()
+        first = (data.lstrip(b"\r\n")[:SAMPLE_BYTES].splitlines() or [b""])[0].decode(errors="ignore")
         delimiter = max("\t" if by_spaces else DELIMITERS, key=first.count)
         header = 0 if names else data[: data.find(first.encode())].count(b"\n") + 1
         names = names or [name.strip() for name in next(csv.reader([first], delimiter=delimiter), ())]
         table = _parsed(path, data, names, header, delimiter)
-    except (UnicodeDecodeError, csv.Error, pa.ArrowException) as error:
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise TableError(path, line, "UTF-8 text", error.reason, "save the table as UTF-8") from error
+    except (csv.Error, pa.ArrowException) as error:
         got = str(error).partition("\n")[0]
-        raise TableError(path, "", "rows of cells in UTF-8 text", got, "save the table as UTF-8") from error
+        raise TableError(path, "", "rows of cells", got, "write the table anew") from error
     is_held = np.zeros(len(table), np.bool_)
     for column in table.columns:
         is_held |= pc.not_equal(column, "").to_numpy()
@@ -114,7 +118,9 @@ def columns_of(path: str | Path) -> Columns:
         return text_columns(path)
     try:
         read = pa.parquet.read_table if opening.startswith(PARQUET) else pa.feather.read_table
-        return Columns(path, read(path, memory_map=True))
+        table = read(path, memory_map=True)
+        table.validate(full=True)  # else offsets beyond their buffers are followed
+        return Columns(path, table)
     except (pa.ArrowException, OSError) as error:
         got = str(error).partition("\n")[0]
         raise TableError(path, "", "a Parquet, Feather or Arrow file", got, "write the table anew") from error

@@ -71,6 +71,6 @@ def _frames(path: Path) -> list[Any]:
 def _parsed(path: Path, line: int, text: str) -> Any:
     try:
         return json.loads(text)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         remedy = "a file is an array of frames, or has one in each line"
         raise TableError(path, line, "JSON", str(error), remedy) from error
