@@ -50,7 +50,7 @@ def text_columns(path: str | Path, names: Sequence[str] = (), *, by_spaces: bool
         first = (data.lstrip(b"\r\n")[:SAMPLE_BYTES].splitlines() or [b""])[0].decode(errors="ignore")
         delimiter = max("\t" if by_spaces else DELIMITERS, key=first.count)
         header = 0 if names else data[: data.find(first.encode())].count(b"\n") + 1
-        names = names or [name.strip() for name in next(csv.reader([first], delimiter=delimiter), ())]
+        names = names or [name.strip() for name in next(csv.reader([first], delimiter=delimiter, strict=True), ())]
         table = _parsed(path, data, names, header, delimiter)
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
@@ -61,8 +61,8 @@ def text_columns(path: str | Path, names: Sequence[str] = (), *, by_spaces: bool
     is_held = np.zeros(len(table), np.bool_)
     for column in table.columns:
         is_held |= pc.not_equal(column, "").to_numpy()
-    line = header + 1 + np.flatnonzero(is_held)  # of texts whose cells hold no line breaks
-    return Columns(path, table.filter(is_held), line, header=header, decimal_comma=delimiter == ";")
+    lines = np.flatnonzero(is_held) + header + 1  # of texts whose cells hold no line breaks
+    return Columns(path, table.filter(is_held), lines, header=header, decimal_comma=delimiter == ";")
 
 
 def _contents(path: Path) -> bytes:
