@@ -21,14 +21,14 @@ from dirprim_filter.estimates import TrackedFrame
 from dirprim_filter.filtering._kernels import Cloud
 from dirprim_filter.filtering.belief import birth_key
 from dirprim_filter.filtering.rollouts import (
-    Start,
-    Steps,
+    checked,
     leader_table,
     projected,
     sample_paths,
+    sampled,
     sampled_belief,
-    sampled_state,
     side_by_side,
+    steps,
 )
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.primitives.cues import Cue
@@ -73,10 +73,10 @@ def forecast(
     Raises:
         ValueError: a number that is not finite, a negative speed, or times and counts that are not positive.
     """
-    start = Start.of(as_floats("position", position, "2")[None], [direction], [speed])
-    steps = Steps.of(horizon_s, dt_s, n_samples)
+    start = checked(as_floats("position", position, "2")[None], [direction], [speed])
+    dt = steps(horizon_s, dt_s, n_samples)
     table = motion_table(primitive_map, step_s=(config or FilterConfig()).step_s)
-    return np.asarray(sample_paths(table, start, steps, cue=cue, rng=rng)[0])
+    return np.asarray(sample_paths(table, start, dt, n_samples, cue=cue, rng=rng)[0])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -145,23 +145,16 @@ class Forecaster:
     """
 
     def __init__(
-        self,
-        primitive_map: PrimitiveMap,
-        sinks: Sequence[ForecastSink],
-        *,
-        every_s: float = 1.0,
-        horizon_s: float = 5.0,
-        dt_s: float = 0.25,
-        n_samples: int = 30,
-        config: FilterConfig | None = None,
+        self, primitive_map: PrimitiveMap, sinks: Sequence[ForecastSink], *, every_s: float = 1.0,
+        horizon_s: float = 5.0, dt_s: float = 0.25, n_samples: int = 30, config: FilterConfig | None = None,
         rng: np.random.Generator,
-    ) -> None:
+    ) -> None:  # fmt: skip
         config = config or FilterConfig()
         self._table = motion_table(primitive_map, step_s=config.step_s)
         self._response = leader_table(primitive_map, config)
         self._sinks = sinks
         self._every_ns = int(every_s * 1e9)
-        self._steps = Steps.of(horizon_s, dt_s, n_samples)
+        self._dt_s, self._n_samples = steps(horizon_s, dt_s, n_samples), n_samples
         self._seed = int(rng.integers(2**63))
         self._next_ns: int | None = None
 
@@ -178,11 +171,11 @@ class Forecaster:
     def paths(self, frame: TrackedFrame) -> FloatArray:
         """Rollouts of the frame's vehicles, (n, n_samples, n_steps, 2) metres: from their particles if it has them."""
         clouds = [self._of_vehicle(frame, row) for row in range(len(frame.estimates))]
-        path = np.empty((len(clouds), self._steps.n_samples, self._steps.dt_s.size, 2))
+        path = np.empty((len(clouds), self._n_samples, self._dt_s.size, 2))
         for group in np.unique(frame.group):
             own = np.flatnonzero(frame.group == group)
             scene = side_by_side([clouds[row] for row in own])
-            path[own] = projected(self._table, scene, self._steps.dt_s, self._response)
+            path[own] = projected(self._table, scene, self._dt_s, self._response)
         return path
 
     def _of_vehicle(self, frame: TrackedFrame, row: int) -> Cloud:
@@ -190,6 +183,6 @@ class Forecaster:
         key = birth_key(self._seed, str(estimates.track_id[row]), frame.time_ns)
         rng = np.random.default_rng(int(key))
         if len(particles):
-            return sampled_belief(self._table, particles.of(row), self._steps, rng=rng)
-        mean = Start(estimates.position[[row]], estimates.direction[[row]], estimates.speed[[row]])
-        return sampled_state(self._table, mean, self._steps, rng=rng)
+            return sampled_belief(self._table, particles.of(row), self._n_samples, rng=rng)
+        mean = estimates.position[[row]], estimates.direction[[row]], estimates.speed[[row]]
+        return sampled(self._table, mean, self._n_samples, rng=rng)

@@ -10,7 +10,7 @@ from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.filtering import Tracker
-from dirprim_filter.filtering.rollouts import Steps, projected, sampled_belief
+from dirprim_filter.filtering.rollouts import projected, sampled_belief
 from dirprim_filter.forecasting import Forecaster
 from dirprim_filter.primitives.motion_table import motion_table
 from dirprim_filter.replay import replay
@@ -122,14 +122,14 @@ def test_a_belief_goes_on_by_the_manoeuvres_that_the_filter_found(ring_map):
     here = np.flatnonzero((motion.cell == cell) & (motion.start_rate == 0))
     gained = motion.acceleration[here] @ [1.0, *(state[0] - ring_map.centers[cell]), state[2]]
     slowest = here[np.argmin(gained)]
-    table, steps = motion_table(ring_map), Steps.of(0.5, 0.1, 400)
+    table, dt_s = motion_table(ring_map), np.full(5, 0.1)
 
     def mean_way(**found):
         belief = Particles(
             position=np.tile(state[0], (n, 1)), direction=np.full(n, state[1]), speed=np.full(n, state[2]),
             weight=np.full(n, 1 / n), vehicle=np.zeros(n, np.int64), **found,
         )  # fmt: skip
-        paths = projected(table, sampled_belief(table, belief, steps, rng=np.random.default_rng(0)), steps.dt_s)[0]
+        paths = projected(table, sampled_belief(table, belief, n, rng=np.random.default_rng(0)), dt_s)[0]
         return float(np.linalg.norm(paths[:, -1] - state[0], axis=1).mean())
 
     hard = {"manoeuvre": np.full(n, slowest), "push": np.full(n, -20.0)}

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -25,6 +25,8 @@ from dirprim_filter.primitives._manoeuvres import MotionTable
 from dirprim_filter.primitives.cues import Cue
 from dirprim_filter.primitives.motion_table import motion_table
 
+States = tuple[FloatArray, FloatArray, FloatArray]
+"""(n, 2), (n,), (n,) metres, radians and m/s of vehicles."""
 PER_SAMPLE = 16
 """Rollouts drawn for each one that is kept, where a cue weighs them: rare manoeuvres must be among them."""
 
@@ -64,12 +66,44 @@ def forecast_states(
         ValueError: columns of different lengths, a number that is not finite, a negative speed, or times that do not
             ascend from above zero.
     """
-    start = Start.of(position, direction, speed)
-    steps = Steps.at(time_s, n_samples)
+    start = checked(position, direction, speed)
+    dt_s = np.diff(as_floats("time_s", time_s, "n"), prepend=0.0)
+    if dt_s.size < 1 or (dt_s <= 0).any() or n_samples < 1:
+        raise ValueError(f"time_s, n_samples: expected ascending times and a sample, got {time_s!r}, {n_samples}")
     config = config or FilterConfig(interaction="none")
     response = leader_table(primitive_map, config)
     table = motion_table(primitive_map, step_s=config.step_s)
-    return sample_paths(table, start, steps, cue=cue, response=response, rng=rng)
+    return sample_paths(table, start, dt_s, n_samples, cue=cue, response=response, rng=rng)
+
+
+def checked(position: npt.ArrayLike, direction: npt.ArrayLike, speed: npt.ArrayLike) -> States:
+    """Where vehicles are, which way they go and how fast.
+
+    Raises:
+        ValueError: of different lengths, not finite, or a negative speed.
+    """
+    place = as_floats("position", position, "n 2")
+    n = len(place)
+    states = place, as_floats("direction", direction, f"{n}"), as_floats("speed", speed, f"{n}")
+    if (states[2] < 0).any():
+        raise ValueError(f"speed: expected at least 0 m/s, got {states[2].min()}")
+    return states
+
+
+def steps(horizon_s: float, dt_s: float, n_samples: int) -> FloatArray:
+    """(n_steps,) seconds: every `dt_s` up to the horizon.
+
+    Raises:
+        ValueError: not a step or not a sample.
+    """
+    horizon_s, dt_s = float(as_floats("horizon_s", horizon_s, "")), float(as_floats("dt_s", dt_s, ""))
+    n_steps = int(np.floor(horizon_s / dt_s + 1e-9)) if dt_s > 0 else 0
+    if n_steps < 1 or n_samples < 1:
+        raise ValueError(
+            "horizon_s, dt_s, n_samples: expected at least one step and one sample, "
+            f"got {horizon_s}, {dt_s} and {n_samples}"
+        )
+    return np.full(n_steps, dt_s)
 
 
 def leader_table(primitive_map: PrimitiveMap, config: FilterConfig) -> LeaderTable:
@@ -80,92 +114,30 @@ def leader_table(primitive_map: PrimitiveMap, config: FilterConfig) -> LeaderTab
     return LeaderTable(response.gain, response.push, response.trust, response.start_rate)
 
 
-class Start(NamedTuple):
-    """Where vehicles are, which way they go and how fast."""
-
-    position: FloatArray  # (n, 2)
-    direction: FloatArray  # (n,)
-    speed: FloatArray  # (n,)
-
-    @classmethod
-    def of(cls, position: npt.ArrayLike, direction: npt.ArrayLike, speed: npt.ArrayLike) -> Start:
-        """Check the columns.
-
-        Raises:
-            ValueError: of different lengths, not finite, or a negative speed.
-        """
-        place = as_floats("position", position, "n 2")
-        n = len(place)
-        start = cls(place, as_floats("direction", direction, f"{n}"), as_floats("speed", speed, f"{n}"))
-        if (start.speed < 0).any():
-            raise ValueError(f"speed: expected at least 0 m/s, got {start.speed.min()}")
-        return start
-
-
-class Steps(NamedTuple):
-    """The times of a forecast, and the number of rollouts of each vehicle."""
-
-    dt_s: FloatArray  # (n_steps,)
-    n_samples: int
-
-    @classmethod
-    def of(cls, horizon_s: float, dt_s: float, n_samples: int) -> Steps:
-        """Every `dt_s` up to the horizon.
-
-        Raises:
-            ValueError: not a step or not a sample.
-        """
-        horizon_s, dt_s = float(as_floats("horizon_s", horizon_s, "")), float(as_floats("dt_s", dt_s, ""))
-        n_steps = int(np.floor(horizon_s / dt_s + 1e-9)) if dt_s > 0 else 0
-        if n_steps < 1 or n_samples < 1:
-            raise ValueError(
-                "horizon_s, dt_s, n_samples: expected at least one step and one sample, "
-                f"got {horizon_s}, {dt_s} and {n_samples}"
-            )
-        return cls(np.full(n_steps, dt_s), n_samples)
-
-    @classmethod
-    def at(cls, time_s: npt.ArrayLike, n_samples: int) -> Steps:
-        """At given seconds ahead.
-
-        Raises:
-            ValueError: they do not ascend from above zero, or not a sample.
-        """
-        dt_s = np.diff(as_floats("time_s", time_s, "n"), prepend=0.0)
-        if dt_s.size < 1 or (dt_s <= 0).any() or n_samples < 1:
-            raise ValueError(f"time_s, n_samples: expected ascending times and a sample, got {time_s!r}, {n_samples}")
-        return cls(dt_s, n_samples)
-
-
 def sample_paths(
-    table: MotionTable, start: Start, steps: Steps, *, cue: Cue | None = None, response: LeaderTable = ALONE,
-    rng: np.random.Generator,
+    table: MotionTable, start: States, dt_s: FloatArray, n_samples: int, *, cue: Cue | None = None,
+    response: LeaderTable = ALONE, rng: np.random.Generator,
 ) -> FloatArray:  # fmt: skip
     """Rollouts of vehicles, each from one state. (n, n_samples, n_steps, 2) metres."""
-    n = steps.n_samples * (1 if cue is None else PER_SAMPLE)
-    repeated = Start(*(np.repeat(column[:, None], n, axis=1) for column in start))
-    cloud = _cloud(repeated, rng=rng)
-    _kernels.initialise_motion(table, cloud, np.arange(start.speed.size))
+    cloud = sampled(table, start, n_samples * (1 if cue is None else PER_SAMPLE), rng=rng)
     if cue is not None:
         cloud = _weighted_by_cue(table, cloud, cue, rng=rng)
-    return projected(table, cloud, steps.dt_s, response)
+    return projected(table, cloud, dt_s, response)
 
 
-def sampled_state(table: MotionTable, start: Start, steps: Steps, *, rng: np.random.Generator) -> Cloud:
-    """Samples of one vehicle that all begin at one state, (1,)."""
-    cloud = _cloud(Start(*(np.repeat(column[:, None], steps.n_samples, axis=1) for column in start)), rng=rng)
-    _kernels.initialise_motion(table, cloud, np.zeros(1, np.int64))
-    return cloud
+def sampled(table: MotionTable, start: States, n_samples: int, *, rng: np.random.Generator) -> Cloud:
+    """Samples of vehicles that all begin at one state each."""
+    position, direction, speed = (np.repeat(column[:, None], n_samples, axis=1) for column in start)
+    return _cloud(table, position, direction, speed, rng=rng)
 
 
-def sampled_belief(table: MotionTable, belief: Particles, steps: Steps, *, rng: np.random.Generator) -> Cloud:
+def sampled_belief(table: MotionTable, belief: Particles, n_samples: int, *, rng: np.random.Generator) -> Cloud:
     """Samples of one vehicle's belief.
 
     Samples go on by the manoeuvre and the push that the filter found for them; those of no place look at the map anew.
     """
-    chosen = belief[rng.choice(len(belief), steps.n_samples, p=belief.weight / belief.weight.sum())]
-    cloud = _cloud(Start(chosen.position[None], chosen.direction[None], chosen.speed[None]), rng=rng)
-    _kernels.initialise_motion(table, cloud, np.zeros(1, np.int64))
+    chosen = belief[rng.choice(len(belief), n_samples, p=belief.weight / belief.weight.sum())]
+    cloud = _cloud(table, chosen.position[None], chosen.direction[None], chosen.speed[None], rng=rng)
     placed = (chosen.manoeuvre >= 0) & (chosen.manoeuvre < table.begin[-1])
     cloud.manoeuvre[0, placed], cloud.push[0, placed] = chosen.manoeuvre[placed], chosen.push[placed]
     return cloud
@@ -177,19 +149,18 @@ def side_by_side(clouds: Sequence[Cloud]) -> Cloud:
     return Cloud(*columns)
 
 
-def _cloud(start: Start, *, rng: np.random.Generator) -> Cloud:
-    """Particles of each vehicle, (v, n, ...), that follow nothing yet."""
-    v, n = start.speed.shape
-    return Cloud(
-        position=start.position.copy(),
-        direction=start.direction.copy(),
-        speed=start.speed.copy(),
-        cell=np.empty((v, n), np.int64),
-        manoeuvre=np.empty((v, n), np.int64),
-        push=np.empty((v, n)),
-        weight=np.full((v, n), 1.0 / n),
-        state=rng.integers(2**64, size=(v, 4), dtype=np.uint64),
-    )
+def _cloud(
+    table: MotionTable, position: FloatArray, direction: FloatArray, speed: FloatArray, *, rng: np.random.Generator
+) -> Cloud:  # fmt: skip
+    """Particles of each vehicle, (v, n, ...), that follow manoeuvres which fit them."""
+    v, n = speed.shape
+    unknown = np.empty((v, n), np.int64)
+    cloud = Cloud(
+        position, direction, speed, cell=unknown, manoeuvre=unknown.copy(), push=np.empty((v, n)),
+        weight=np.full((v, n), 1.0 / n), state=rng.integers(2**64, size=(v, 4), dtype=np.uint64),
+    )  # fmt: skip
+    _kernels.initialise_motion(table, cloud, np.arange(v))
+    return cloud
 
 
 def _weighted_by_cue(table: MotionTable, cloud: Cloud, cue: Cue, *, rng: np.random.Generator) -> Cloud:

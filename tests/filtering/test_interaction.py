@@ -8,12 +8,11 @@ from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.filtering import Tracker, Worlds
 from dirprim_filter.filtering.rollouts import (
-    Start,
-    Steps,
+    checked,
     forecast_states,
     leader_table,
     projected,
-    sampled_state,
+    sampled,
     side_by_side,
 )
 from dirprim_filter.forecasting import Forecaster
@@ -68,13 +67,13 @@ def test_samples_of_one_number_are_one_scene():
 def test_order_does_not_matter():
     table, response = motion_table(road(push=0.5)), leader_table(road(push=0.5), HEEDING)
     place, speed = np.array([100.0, 60.0, 20.0, 140.0]), np.array([4.0, 10.0, 12.0, 9.0])
-    steps, order = Steps.of(3.0, 0.5, 50), np.array([2, 0, 3, 1])
+    dt_s, order = np.full(6, 0.5), np.array([2, 0, 3, 1])
     alone = [
-        sampled_state(table, Start.of([[x, 10.0]], [0.0], [v]), steps, rng=np.random.default_rng(int(x)))
+        sampled(table, checked([[x, 10.0]], [0.0], [v]), 50, rng=np.random.default_rng(int(x)))
         for x, v in zip(place, speed, strict=True)
     ]
-    found = projected(table, side_by_side(alone), steps.dt_s, response)
-    again = projected(table, side_by_side([alone[i] for i in order]), steps.dt_s, response)
+    found = projected(table, side_by_side(alone), dt_s, response)
+    again = projected(table, side_by_side([alone[i] for i in order]), dt_s, response)
     np.testing.assert_array_equal(again, found[order])
 
 
