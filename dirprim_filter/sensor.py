@@ -18,15 +18,12 @@ import numpy as np
 
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.config import FilterConfig, TrackingConfig
-from dirprim_filter.sight import Sight
 from dirprim_filter.tracks import Tracks
 
 LATEST_S = 5.0
 """Seconds; what is later is a clock that is wrong."""
 WIDE = 2.58
 """Standard deviations in half of a 99 % interval."""
-NO_NUMBERS = ("sight", "uncertainty")
-"""Values of a sensor that are more than one number."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,7 +73,6 @@ class Sensor:
         detection_probability: of a vehicle in sight, in each frame.
         clutter_density: false detections per square metre in each frame.
         outlier_share: of a vehicle's detections, those that say nothing of where it is.
-        sight: where it sees; everywhere where that is not known.
         uncertainty: half the widths of 99 % intervals, by the names of numbers, as `latency_s` or `along.bias_m`.
 
     Raises:
@@ -89,7 +85,6 @@ class Sensor:
     detection_probability: float | None = None
     clutter_density: float | None = None
     outlier_share: float | None = None
-    sight: Sight | None = None
     uncertainty: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -129,7 +124,7 @@ class Sensor:
     def numbers(self) -> dict[str, float | None]:
         """All its numbers, by name."""
         axes = {"along": self.along, "across": self.across}
-        own = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in (*axes, *NO_NUMBERS)}
+        own = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in (*axes, "uncertainty")}
         return own | {f"{name}.{f.name}": getattr(axis, f.name) for name, axis in axes.items() for f in fields(axis)}
 
     @property
@@ -159,12 +154,11 @@ class Sensor:
         uncertainty = table.get("uncertainty", {})
         if not isinstance(uncertainty, Mapping):
             raise ValueError(f"uncertainty: expected a table, got {uncertainty!r}")  # noqa: TRY004 - a file's, no caller's
-        sight = Sight.of(table["sight"]) if "sight" in table else None
-        flat = {name: value for name, value in table.items() if name not in {*axes, *NO_NUMBERS}}
+        flat = {name: value for name, value in table.items() if name not in {*axes, "uncertainty"}}
         known = [f.name for f in fields(cls) if f.name not in axes]
         _check_numbers(flat, [*known, *axes], where="")
         _check_numbers(uncertainty, list(uncertainty), where="uncertainty: ")
-        return cls(**flat, along=axes["along"], across=axes["across"], sight=sight, uncertainty=dict(uncertainty))
+        return cls(**flat, along=axes["along"], across=axes["across"], uncertainty=dict(uncertainty))
 
 
 def without_bias(tracks: Tracks, sensor: Sensor) -> Tracks:

@@ -28,17 +28,15 @@ def at_birth(first: FloatArray, config: TrackingConfig) -> FloatArray:
     return np.column_stack([exists, np.zeros_like(exists), 1.0 - exists])
 
 
-def probability(existence: FloatArray, outside: FloatArray, in_sight: FloatArray | float = 1.0) -> FloatArray:
+def probability(existence: FloatArray, outside: FloatArray) -> FloatArray:
     """(n, 3) -> (n,) probability that there is a vehicle, visible or occluded.
 
     Args:
         existence: by state.
-        outside: (n,) probability that the vehicle is outside of the map's cells: there one that is occluded or out of
-            sight has left, a visible one has not.
-        in_sight: (n,) probability that it is where the sensor sees.
+        outside: (n,) probability that the vehicle is outside of the map's cells: there one that is occluded has left,
+            a visible one has not.
     """
-    visible = existence[:, VISIBLE] * in_sight
-    return np.asarray(visible + (existence[:, VISIBLE] + existence[:, OCCLUDED] - visible) * (1.0 - outside))
+    return np.asarray(existence[:, VISIBLE] + existence[:, OCCLUDED] * (1.0 - outside))
 
 
 def later(
@@ -80,11 +78,9 @@ def after_hit(
     return _normalised(existence * np.column_stack([1.0 - p + p * gain, np.ones_like(gain), np.ones_like(gain)]))
 
 
-def after_miss(existence: FloatArray, config: TrackingConfig, in_sight: FloatArray | float = 1.0) -> FloatArray:
-    """(n, 3) -> (n, 3) after a miss: a frame without a detection of the vehicle, as likely to be `in_sight` (n,)."""
-    missed = np.ones_like(existence)
-    missed[:, VISIBLE] -= config.detection_probability * in_sight
-    return _normalised(existence * missed)
+def after_miss(existence: FloatArray, config: TrackingConfig) -> FloatArray:
+    """(n, 3) -> (n, 3) after a miss: a frame without a detection of the vehicle."""
+    return _normalised(existence * np.array([1.0 - config.detection_probability, 1.0, 1.0]))
 
 
 def _normalised(weight: FloatArray) -> FloatArray:

@@ -12,7 +12,6 @@ from dirprim_filter.config import TrackingConfig
 from dirprim_filter.filtering import existence
 from dirprim_filter.filtering.protocols import BayesFilter, KnowsPlaces
 from dirprim_filter.filtering.scans import is_due
-from dirprim_filter.sight import Sight
 
 FIRST_CAPACITY = 16
 GAP_INTERVALS = 3.0
@@ -23,7 +22,7 @@ TENTATIVE = "\0"
 """Prefix of the names of tentative unlabelled tracks: no sensor's id begins with it."""
 _EMPTY: dict[str, Any] = {
     "time_ns": np.int64(0), "existence_ns": np.int64(0), "measured_ns": np.int64(0), "counted_ns": np.int64(0),
-    "is_labelled": np.False_, "is_confirmed": np.False_, "existence": np.zeros(3), "outside": 0.0, "in_sight": 1.0,
+    "is_labelled": np.False_, "is_confirmed": np.False_, "existence": np.zeros(3), "outside": 0.0,
     "ends": 0.0, "n_unexplained": np.int64(0), "log_evidence": 0.0, "cue": np.full(2, np.nan), "interval": np.zeros(2),
 }  # fmt: skip
 """The columns, and what a track has in each before it begins."""
@@ -35,7 +34,6 @@ class Roster:
     Args:
         bayes_filter: holds their beliefs.
         config: rates, and when a track is confirmed.
-        sight: where the sensor sees; None for everywhere.
         least_gap_ns: as the attribute.
 
     Attributes:
@@ -47,7 +45,6 @@ class Roster:
         is_confirmed: (slots,) whether it was ever confirmed.
         existence: (slots, 3) see `existence`.
         outside: (slots,) probability that it is outside of the map's cells.
-        in_sight: (slots,) probability that it is where its sensor sees.
         ends: (slots,) 1/s, rate at which journeys end where it was when its existence was last moved on.
         n_unexplained: (slots,) consecutive measurements that its belief did not explain.
         log_evidence: (slots,) of its measurement in this frame; 0 where there is none.
@@ -64,17 +61,14 @@ class Roster:
     is_confirmed: BoolArray
     existence: FloatArray
     outside: FloatArray
-    in_sight: FloatArray
     ends: FloatArray
     n_unexplained: IntArray
     log_evidence: FloatArray
     cue: FloatArray
     interval: FloatArray
 
-    def __init__(
-        self, bayes_filter: BayesFilter, config: TrackingConfig, sight: Sight | None, *, least_gap_ns: float
-    ) -> None:
-        self._filter, self._config, self._sight = bayes_filter, config, sight
+    def __init__(self, bayes_filter: BayesFilter, config: TrackingConfig, *, least_gap_ns: float) -> None:
+        self._filter, self._config = bayes_filter, config
         self._places = bayes_filter if isinstance(bayes_filter, KnowsPlaces) else None
         self._slot: dict[str, int] = {}
         self._name: dict[int, str] = {}
@@ -123,7 +117,7 @@ class Roster:
     @property
     def probability(self) -> FloatArray:
         """(slots,) that there is such a vehicle."""
-        return existence.probability(self.existence, self.outside, self.in_sight)
+        return existence.probability(self.existence, self.outside)
 
     def tentative_names(self, n: int) -> list[str]:
         """Names of unlabelled tracks until they are confirmed; none was given before."""
@@ -176,9 +170,6 @@ class Roster:
         self.ends[slot], self.existence_ns[slot] = ends, time_ns
         if self._places is not None:
             self.outside[slot] = self._places.probability_outside(held)
-        if self._sight is not None:
-            m = self._filter.moments(held)
-            self.in_sight[slot] = self._sight.probability(m[:, :2], m[:, [2, 3, 3, 4]].reshape(-1, 2, 2))
 
     def missed(self, hit: IntArray, time_ns: int) -> IntArray:
         """Slots of the tracks that a frame ought to have shown and did not; those it did are `hit`."""
@@ -193,7 +184,7 @@ class Roster:
         """
         config = self._config
         self.existence[hit] = existence.after_hit(self.existence[hit], self.log_evidence[hit], by_chance, config)
-        self.existence[missed] = existence.after_miss(self.existence[missed], config, self.in_sight[missed])
+        self.existence[missed] = existence.after_miss(self.existence[missed], config)
         self.is_confirmed |= self.probability >= config.confirm_above
         for name in [name for name in self._slot if name.startswith(TENTATIVE)]:
             if self.is_confirmed[self._slot[name]]:

@@ -55,7 +55,6 @@ class Tracker:
         sensor: its errors, for a particle filter on the map; left out, the isotropic noise of `config`. What it states
             of misses, clutter and outliers replaces that of the configurations, for any filter.
             Beliefs are of the time when a detection was true, its latency ago; estimates are of the frame's own time.
-            Out of its sight a vehicle is not missed, and none is expected to be found; for any filter.
         with_innovations: report innovations, to find the frame where a filter went wrong; costs some 5 % of the time.
         recorder: keeps what a smoother needs.
         rng: one number drawn from it seeds every vehicle, together with its id.
@@ -89,14 +88,13 @@ class Tracker:
         if recorder is not None:
             recorder.follow(self._filter)
         self._latency_ns = 0 if sensor is None else round(sensor.latency_s * 1e9)
-        sight = None if sensor is None else sensor.sight
         self.longest_gap_ns = int(self.config.max_gap_s * 1e9)
-        self._roster = Roster(self._filter, self.tracking, sight, least_gap_ns=self.longest_gap_ns)
+        self._roster = Roster(self._filter, self.tracking, least_gap_ns=self.longest_gap_ns)
         self._motion = CuedMotion(self._filter, self._roster, recorder, step_s=self.config.step_s)
         self._associator = Associator(self._filter, self.config, self.tracking)
         self._places = self._filter if isinstance(self._filter, KnowsPlaces) else None
         traffic = None if self._places is None else self._places.traffic
-        self._undetected = Undetected(traffic, self.tracking, self.config, sight=sight)
+        self._undetected = Undetected(traffic, self.tracking, self.config)
         self._seed = int(rng.integers(2**63))
         self._time_ns = NO_TIME
         self._frame = CurrentFrame(is_weighed=True)

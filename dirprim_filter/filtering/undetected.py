@@ -13,7 +13,6 @@ import numpy as np
 from dirprim_filter.arrays import BoolArray, FloatArray
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.primitives.traffic import Traffic
-from dirprim_filter.sight import Sight
 
 N_FIXED_POINT = 30
 """Steps of expectation maximisation towards the traffic's level, which rises to it; a few do where few are doubtful."""
@@ -37,27 +36,21 @@ class Undetected:
         traffic: of a map; None without one.
         config: detection probability and densities.
         noise: standard deviation of detections.
-        sight: where the sensor sees: frames thin there alone, so that vehicles come into sight at its edge; everywhere
-            where left out. A cell is in sight if its centre is.
 
     Attributes:
         of_labels: share of the densities that holds for detections with an id: of all false ones on a map these are
             `MOST_FALSE` in a frame, at most.
     """
 
-    def __init__(
-        self, traffic: Traffic | None, config: TrackingConfig, noise: FilterConfig, *, sight: Sight | None = None
-    ) -> None:
+    def __init__(self, traffic: Traffic | None, config: TrackingConfig, noise: FilterConfig) -> None:
         area = 0.0 if traffic is None else float(traffic.tessellation.area.sum())
         self.of_labels = min(1.0, MOST_FALSE / max(config.clutter_density * area, 1e-300))
         self._traffic, self.config, self._noise = traffic, config, noise
         self._learns_level = False
         self._first = np.array([1.0, 1.0 / (config.vehicle_density * area) if area > 0 else 1.0])
         self._counts = self._first.copy()  # vehicles found, and those expected at a level of 1
-        self._sight = sight
         self._share: FloatArray
         self._begin()
-        self._seen = self._seen_of(traffic)
 
     @property
     def level(self) -> float:
@@ -88,12 +81,12 @@ class Undetected:
         self._learns_level |= self._traffic is not None and not is_labelled.all()
         if self._learns_level:
             found, per_unlabelled = self._counts[0], per_level[~is_labelled]
-            self._counts[1] += (self._seen * self._share).sum()
+            self._counts[1] += (self.config.detection_probability * self._share).sum()
             for _ in range(N_FIXED_POINT):
                 any_cause = self._density(per_unlabelled) + self.config.clutter_density
                 self._counts[0] = found + (self.level * per_unlabelled / any_cause).sum()
         expected = self._density(per_level)
-        self._share = (1.0 - self._seen) * self._share
+        self._share = (1.0 - self.config.detection_probability) * self._share
         self._anywhere *= 1.0 - self.config.detection_probability
         return expected
 
@@ -102,18 +95,12 @@ class Undetected:
         self._share = np.empty(0) if self._traffic is None else self._traffic.present
         self._anywhere = self.config.vehicle_density
 
-    def _seen_of(self, traffic: Traffic | None) -> FloatArray:
-        """(z,) probability that a frame shows a vehicle of each manoeuvre; (1,) if it is the same of all."""
-        p = self.config.detection_probability
-        if traffic is None or self._sight is None:
-            return np.full(1, p)
-        return np.asarray(p * self._sight.sees(traffic.tessellation.centers)[traffic.cell])
-
     def _per_level(self, position: FloatArray) -> FloatArray:
         """(n, 2) -> (n,) first detections per square metre where the level is 1."""
         if self._traffic is None:
             return np.zeros(len(position))
-        return self._traffic.density(self._seen * self._share, position, spread_m=self._noise.noise_m)
+        seen = self.config.detection_probability * self._share
+        return self._traffic.density(seen, position, spread_m=self._noise.noise_m)
 
     def _density(self, per_level: FloatArray) -> FloatArray:
         """(n,) -> (n,) with those that come into sight anywhere."""

@@ -42,9 +42,6 @@ def sensor_text(sensor: Sensor) -> str:
     """The sensor as TOML: numbers that are not known are left out."""
     numbers = {name: value for name, value in sensor.numbers().items() if value is not None}
     lines = _lines({name: value for name, value in numbers.items() if "." not in name})
-    if sensor.sight is not None:
-        polygons = [[list(vertex) for vertex in polygon] for polygon in sensor.sight.polygons]
-        lines.append(f"sight = {polygons}")
     for axis in ("along", "across"):
         own = {name.partition(".")[2]: value for name, value in numbers.items() if name.startswith(f"{axis}.")}
         lines += ["", f"[{axis}]", *_lines(own)]

@@ -81,13 +81,11 @@ def sense(tracks: Tracks, sensor: Sensor, *, rng: np.random.Generator) -> Detect
     position[strayed] = tracks.position[strayed] + rng.uniform(-half, half, (int(strayed.sum()), 2))
     seen = np.flatnonzero(known & (rng.random(len(tracks)) >= missed))
     area = float(np.prod(np.ptp(tracks.position, axis=0)))
-    found = _with_false(tracks, seen, position[seen], (sensor.clutter_density or 0.0) * area, rng)
-    is_false = np.char.startswith(found.track_id, FALSE)
-    return found if sensor.sight is None else found[~is_false | sensor.sight.sees(found.position)]
+    return _with_false(tracks, seen, position[seen], (sensor.clutter_density or 0.0) * area, rng)
 
 
 def _late(track: Tracks, sensor: Sensor, rng: np.random.Generator) -> tuple[FloatArray, BoolArray]:
-    """Of one vehicle (n,) rows: (n, 2) reported positions, and (n,) whether it was there and in sight then."""
+    """Of one vehicle (n,) rows: (n, 2) reported positions, and (n,) whether it was there then."""
     time_s = (track.time_ns - track.time_ns[0]) * 1e-9
     at = time_s - sensor.latency_s
     columns = np.column_stack([track.position, np.cos(track.direction), np.sin(track.direction)])
@@ -96,8 +94,7 @@ def _late(track: Tracks, sensor: Sensor, rng: np.random.Generator) -> tuple[Floa
     cosine, sine = cosine / length, sine / length
     along, across = _errors(sensor.along, time_s, rng), _errors(sensor.across, time_s, rng)
     reported = np.column_stack([x + along * cosine - across * sine, y + along * sine + across * cosine])
-    in_sight = sensor.sight is None or sensor.sight.sees(np.column_stack([x, y]))
-    return reported, (at >= 0.0) & in_sight
+    return reported, at >= 0.0
 
 
 def _errors(axis: AxisError, time_s: FloatArray, rng: np.random.Generator) -> FloatArray:

@@ -1,7 +1,5 @@
 """Pieces of unlabelled tracks: joined, trimmed, or left alone."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -9,11 +7,9 @@ from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import EstimateList
 from dirprim_filter.filtering import ConstantVelocityKalman, ParticleFilter
-from dirprim_filter.filtering.smoothing import Smoother, stitching
+from dirprim_filter.filtering.smoothing import Smoother
 from dirprim_filter.filtering.smoothing.chain import Belief
 from dirprim_filter.filtering.smoothing.recorder import Recorder
-from dirprim_filter.sensor import Sensor
-from dirprim_filter.sight import Sight
 from situations import one_cell_map
 
 CONFIG = FilterConfig(n_particles=500)
@@ -29,13 +25,13 @@ def side_by_side(*, ahead_m):
     return seen
 
 
-def tracked(seen, *, lag_s=None, sensor=None):
+def tracked(seen, *, lag_s=None):
     """What the filter says without ids, and what the smoother says."""
     found, later = EstimateList(), EstimateList()
     smoother = Smoother(max_gap_s=CONFIG.max_gap_s, lag_s=lag_s, sinks=[later.write])
     model = ConstantVelocityKalman(acceleration_density=0.2, config=CONFIG)
     rng = np.random.default_rng(0)
-    tracker = smoother.tracker(0, model, config=CONFIG, tracking=TrackingConfig(), sensor=sensor, rng=rng)
+    tracker = smoother.tracker(0, model, config=CONFIG, tracking=TrackingConfig(), rng=rng)
     frames = {int(frame.time_ns[0]): frame.without_ids() for frame in seen}
     with smoother:
         for i in range(N_FRAMES):
@@ -94,27 +90,3 @@ def test_of_constant_velocity_the_way_across_a_gap_is_exact_and_particles_agree(
     near, far = particles.sibling().bridges(keys, [at, at], where)
     assert near.log_density > far.log_density + 1.0
     assert near.links["time_ns"].tolist() == [i * 100_000_000 for i in range(10)]
-
-
-def test_out_of_sight_a_gap_is_no_evidence_against_a_link_and_in_sight_it_is():
-    """Odds as they were where the sensor sees all the while; they rise with the time out of sight, and then no longer
-    fall with the length of the gap. A vehicle that would be too far off is none all the same.
-    """
-    config, frame_s = TrackingConfig(), 0.1
-    out_s = np.array([1.0, 3.0])
-    seen, half, unseen = (stitching._log_odds(out_s, np.full(2, share), frame_s, config) for share in (0.0, 0.5, 1.0))
-    assert (np.diff([seen, half, unseen], axis=0) > 1.0).all()
-    assert np.diff(seen)[0] == pytest.approx(-2.0 * config.reappearance_rate)
-    assert np.diff(unseen)[0] == 0.0
-
-
-@pytest.mark.parametrize(("blind", "n_tracks"), [((17.0, 39.0), 2), (None, 4)], ids=["out of sight", "in sight"])
-def test_pieces_to_either_side_of_a_blind_strip_are_joined_where_others_are_not(blind, n_tracks):
-    """So far from where it was expected that in sight it is more likely another."""
-    sensor = None
-    if blind is not None:
-        low, high = blind
-        left, right = (((x0, -99), (x1, -99), (x1, 99), (x0, 99)) for x0, x1 in ((-99, low), (high, 999)))
-        sensor = replace(Sensor.white(CONFIG.noise_m), sight=Sight((left, right)))
-    later = tracked(side_by_side(ahead_m=8.0), sensor=sensor)[1]
-    assert np.unique(later.track_id).size == n_tracks

@@ -6,7 +6,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from dirprim_filter.config import FilterConfig
+from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.distributions import Gamma
 from dirprim_filter.estimates import Estimates
@@ -15,6 +15,8 @@ from dirprim_filter.filtering.belief import FIRST_CAPACITY
 from dirprim_filter.filtering.measurements import OUTLIER_EXTENT_M
 from oracles import kalman_known_velocity
 from situations import TRUSTING, one_cell_map, ring_traffic
+
+on_either_filter = pytest.mark.parametrize("filter_of", ["particles", "kalman"])
 
 
 @pytest.fixture(scope="module")
@@ -30,17 +32,22 @@ def one(name, time_s, x, y):
     return Detections(track_id=[name], time_ns=[round(time_s * 1e9)], position=[[x, y]])
 
 
-def track(primitive_map, frames, *, seed=1, n_particles=100, tracking=TRUSTING, **knobs):
-    """Estimates of every frame, and the tracker."""
+def on_the_ring(time_s):
+    """Where a vehicle is that drives at 8 m/s."""
+    return 20.0 * np.array([np.cos(0.4 * time_s), np.sin(0.4 * time_s)])
+
+
+def round_the_ring(name, times_s, start_s=0.0):
+    return [one(name, t, *on_the_ring(t - start_s)) for t in times_s]
+
+
+def track(model, frames, *, filter_of="particles", seed=1, n_particles=100, tracking=TRUSTING, **knobs):
+    """Estimates of every frame, and the tracker: on a map, or by a Kalman filter."""
     config = FilterConfig(n_particles=n_particles, **knobs)
-    tracker = Tracker(primitive_map, config=config, tracking=tracking, rng=np.random.default_rng(seed))
-    found = []
-    for frame in frames:
-        tracker.predict(frame)
-        tracker.weigh()
-        found.append(tracker.estimate())
-        tracker.resample()
-    return Estimates.concatenate(found), tracker
+    if filter_of == "kalman":
+        model = ConstantVelocityKalman(acceleration_density=3.0, config=config)
+    tracker = Tracker(model, config=config, tracking=tracking, rng=np.random.default_rng(seed))
+    return Estimates.concatenate([tracker.step(frame) for frame in frames]), tracker
 
 
 def of_vehicle(estimates, name, *, but=()):
@@ -50,63 +57,40 @@ def of_vehicle(estimates, name, *, but=()):
     return [getattr(estimates, f.name)[rows].tobytes() for f in fields(estimates)[1:] if f.name not in but]
 
 
-def test_the_same_seed_gives_identical_estimates_and_another_gives_others(ring_map, traffic):
-    first, again = (track(ring_map, traffic.frames())[0] for _ in range(2))
-    for f in fields(first):
-        assert getattr(first, f.name).tobytes() == getattr(again, f.name).tobytes()
-    other = track(ring_map, traffic.frames(), seed=2)[0]
-    assert of_vehicle(other, "car 3") != of_vehicle(first, "car 3")
+@pytest.mark.parametrize(
+    ("kept", "n_threads"),
+    [
+        ("all", None), ("car 3", None), ("car 39, car 3, car 17", None), ("in another order", None), ("all", 1),
+        ("all", 7),
+    ],
+)  # fmt: skip
+def test_a_vehicles_estimates_are_the_same_to_the_byte(ring_map, everybody, monkeypatch, kept, n_threads):
+    """Again, without the others, in any order, on any number of threads; with another seed they are not."""
+    traffic, of_all = everybody
+    rows = np.isin(traffic.track_id, kept.split(", ")) | (kept in {"all", "in another order"})
+    some = traffic[np.random.default_rng(0).permutation(len(traffic)) if kept == "in another order" else rows]
+    if n_threads is not None:
+        monkeypatch.setattr(os, "cpu_count", lambda: n_threads)
+    found, tracker = track(ring_map, some.frames())
+    assert n_threads in {None, tracker._filter._n_threads}
+    for name in np.unique(some.track_id):
+        assert of_vehicle(found, name) == of_vehicle(of_all, name)
+    other = track(ring_map, some.frames(), seed=2)[0]
+    assert of_vehicle(other, "car 3") != of_vehicle(found, "car 3")
 
 
 @pytest.fixture(scope="module")
 def everybody(ring_map, traffic):
-    return track(ring_map, traffic.frames())[0]
+    return traffic, track(ring_map, traffic.frames())[0]
 
 
-def test_a_vehicles_estimates_are_the_same_to_the_byte_without_the_others(ring_map, traffic, everybody):
-    for names in (["car 3"], ["car 39", "car 3", "car 17"]):
-        rows = np.isin(traffic.track_id, names)
-        few = Detections(
-            track_id=traffic.track_id[rows], time_ns=traffic.time_ns[rows], position=traffic.position[rows]
-        )
-        alone, _ = track(ring_map, few.frames())
-        for name in names:
-            assert of_vehicle(alone, name) == of_vehicle(everybody, name)
-
-
-def test_a_vehicles_estimates_are_the_same_to_the_byte_in_any_order(ring_map, traffic, everybody):
-    rows = np.random.default_rng(0).permutation(len(traffic))
-    shuffled = Detections(
-        track_id=traffic.track_id[rows], time_ns=traffic.time_ns[rows], position=traffic.position[rows]
-    )
-    mixed, _ = track(ring_map, shuffled.frames())
-    assert mixed.track_id.tolist() != everybody.track_id.tolist()
-    for name in np.unique(traffic.track_id):
-        assert of_vehicle(mixed, name) == of_vehicle(everybody, name)
-
-
-def test_a_vehicles_estimates_are_the_same_to_the_byte_on_any_number_of_threads(
-    ring_map, traffic, everybody, monkeypatch
-):
-    for n_threads in (1, 7):
-        monkeypatch.setattr(os, "cpu_count", lambda n=n_threads: n)
-        found, tracker = track(ring_map, traffic.frames())
-        assert tracker._filter._n_threads == n_threads
-        for name in ("car 0", "car 20", "car 39"):
-            assert of_vehicle(found, name) == of_vehicle(everybody, name)
-
-
-def test_a_vehicle_unseen_for_longer_than_the_gap_begins_anew(ring_map):
-    frames = [one("a", t, 20.0, 0.5) for t in (0.0, 0.1, 0.2, 0.3, 5.3, 10.4)]
+@pytest.mark.parametrize("late_s", [10.4, 3600.0])
+def test_a_vehicle_unseen_for_longer_than_the_gap_begins_anew(ring_map, late_s):
+    frames = [one("a", t, 20.0, 0.5) for t in (0.0, 0.1, 0.2, 0.3, 5.3, late_s)]
     found, _ = track(ring_map, frames, max_gap_s=5.0)
     assert np.flatnonzero(found.log_evidence == 0).tolist() == [0, 5]
     fresh, _ = track(ring_map, frames[5:])
     assert of_vehicle(fresh, "a") == [column[-len(column) // 6 :] for column in of_vehicle(found, "a")]
-
-
-def on_the_ring(time_s):
-    """Where a vehicle is that drives at 8 m/s."""
-    return 20.0 * np.array([np.cos(0.4 * time_s), np.sin(0.4 * time_s)])
 
 
 def test_a_jump_of_a_kilometre_is_begun_anew_and_counted(ring_map):
@@ -131,55 +115,44 @@ def test_a_jump_of_a_kilometre_is_begun_anew_and_counted(ring_map):
     assert of_vehicle(calm, "b") == of_vehicle(found, "b")
 
 
-def test_an_empty_frame_gives_no_estimate_and_changes_nothing(ring_map):
-    frames = [one("a", 0.0, 20.0, 0.5), Detections.none(), one("a", 0.1, 20.0, 1.3)]
-    found, tracker = track(ring_map, frames)
-    assert len(found) == 2
-    without, _ = track(ring_map, frames[::2])
-    assert of_vehicle(found, "a") == of_vehicle(without, "a")
-    tracker.predict(Detections.none())
-    assert len(tracker.particles()) == 0
-
-
 def both(times_s, names=("a", "b")):
     return Detections(
         track_id=list(names), time_ns=[round(t * 1e9) for t in times_s], position=[[20.0, 0.5], [0.0, 20.0]]
     )
 
 
-@pytest.mark.parametrize("filter_of", ["particles", "kalman"])
+@on_either_filter
 @pytest.mark.parametrize(
-    ("frame", "message"),
+    ("frame", "time_ns", "message"),
     [
-        (both([0.6, 0.6], names=("a", "a")), "each track id once"),
-        (both([0.6, 0.7]), "one instant"),
-        (both([0.4, 0.4]), "expected times after 500000000 ns, got 400000000"),
-        (both([0.5, 0.5]), "expected times after 500000000 ns, got 500000000"),
-        (one("b", 0.4, 20.0, 0.0), "expected times after 500000000 ns, got 400000000"),
+        (both([0.6, 0.6], names=("a", "a")), None, "each track id once"),
+        (both([0.6, 0.7]), None, "one instant"),
+        (both([0.4, 0.4]), None, "expected times after 500000000 ns, got 400000000"),
+        (one("b", 0.5, 20.0, 0.0), None, "expected times after 500000000 ns, got 500000000"),
+        (Detections.none(), 0, "expected times after 500000000 ns, got 0"),
+        (Detections.none(), 500_000_000, "expected times after 500000000 ns, got 500000000"),
+        (Detections.none(), None, None),
     ],
 )
-def test_a_frame_out_of_order_is_refused_and_changes_nothing(ring_map, filter_of, frame, message):
-    def followed(bad):
-        tracker = (
-            Tracker(ring_map, config=FilterConfig(n_particles=50), tracking=TRUSTING, rng=np.random.default_rng(0))
-            if filter_of == "particles"
-            else Tracker(
-                ConstantVelocityKalman(acceleration_density=1.0), tracking=TRUSTING, rng=np.random.default_rng(0)
-            )
-        )
-        tracker.predict(one("a", 0.5, 20.0, 0.0))
-        tracker.weigh()
-        tracker.resample()
-        if bad is not None:
+def test_a_frame_out_of_order_is_refused_and_changes_nothing(ring_map, filter_of, frame, time_ns, message):
+    def followed(*, bad):
+        _, tracker = track(ring_map, [one("a", 0.5, 20.0, 0.0)], filter_of=filter_of)
+        if bad and message is None:  # no frame
+            tracker.predict(frame)
+            assert len(tracker.particles()) == 0
+        elif bad:
             with pytest.raises(ValueError, match=message):
-                tracker.predict(bad)
-        tracker.predict(both([0.8, 0.8]))
-        tracker.weigh()
-        return tracker.estimate()
+                tracker.predict(frame, time_ns=time_ns)
+        return tracker.step(both([0.8, 0.8]))
 
-    before, after = followed(None), followed(frame)
-    assert of_vehicle(after, "a") == of_vehicle(before, "a")
-    assert of_vehicle(after, "b") == of_vehicle(before, "b")
+    assert followed(bad=True) == followed(bad=False)
+
+
+def test_a_frame_in_which_nothing_was_seen_has_an_estimate_where_its_time_is_given(ring_map):
+    _, tracker = track(ring_map, [one("a", 0.0, 20.0, 0.0), one("a", 0.1, 20.0, 0.8)])
+    tracker.predict(Detections.none(), time_ns=200_000_000)
+    tracker.weigh()
+    assert tracker.estimate().unseen_s.tolist() == pytest.approx([0.1])
 
 
 def test_particles_weigh_one_for_each_vehicle_and_are_copied_before_the_next_step(ring_map, traffic):
@@ -188,12 +161,21 @@ def test_particles_weigh_one_for_each_vehicle_and_are_copied_before_the_next_ste
     tracker.predict(frames[4])
     tracker.weigh()
     estimates, samples = tracker.estimate(), tracker.particles()
-    particles = samples.thinned(1)
+    particles, odd = samples.thinned(1), np.arange(40) % 2 == 1
     weight = particles.weight.reshape(len(estimates), 100)
     np.testing.assert_allclose(weight.sum(axis=1), 1.0, rtol=1e-12)
     np.testing.assert_array_equal(particles.vehicle, np.repeat(np.arange(40), 100))
     mean = np.einsum("vp,vpi->vi", weight, particles.position.reshape(40, 100, 2))
     np.testing.assert_allclose(mean, estimates.position, rtol=1e-9)
+    of_odd = np.flatnonzero((np.arange(4000) % 7 == 0) & np.repeat(odd, 100))
+    for some, rows in (
+        (samples.of(7), slice(700, 800)),
+        (samples.thinned(7), slice(None, None, 7)),
+        (samples.thinned(7, rows=odd), of_odd),
+        (particles.thinned(7, rows=odd), of_odd),
+    ):
+        for name in ("position", "direction", "speed", "weight", "vehicle", "mode"):
+            np.testing.assert_array_equal(getattr(some, name), getattr(particles, name)[rows])
     tracker.resample()
     np.testing.assert_allclose(np.einsum("vp,vpi->vi", weight, particles.position.reshape(40, 100, 2)), mean)
     assert (weight.max(axis=1) > 1 / 50).any()  # they were weighed
@@ -201,21 +183,6 @@ def test_particles_weigh_one_for_each_vehicle_and_are_copied_before_the_next_ste
     for late in (lambda: samples.thinned(7), lambda: samples.of(3)):
         with pytest.raises(RuntimeError, match="moved on: copy what is wanted"):
             late()
-
-
-def test_some_particles_are_some_of_all(ring_map, traffic):
-    _, tracker = track(ring_map, list(traffic.frames())[:4])
-    samples, all_of_them = tracker.particles(), tracker.particles().thinned(1)
-    odd = np.arange(40) % 2 == 1
-    of_odd = np.flatnonzero((np.arange(4000) % 7 == 0) & np.repeat(odd, 100))
-    for some, rows in (
-        (samples.of(7), slice(700, 800)),
-        (samples.thinned(7), slice(None, None, 7)),
-        (samples.thinned(7, rows=odd), of_odd),
-        (all_of_them.thinned(7, rows=odd), of_odd),
-    ):
-        for name in ("position", "direction", "speed", "weight", "vehicle", "mode"):
-            np.testing.assert_array_equal(getattr(some, name), getattr(all_of_them, name)[rows])
 
 
 def test_a_thousand_vehicles_one_after_another_need_no_more_memory_than_a_few(ring_map):
@@ -301,22 +268,15 @@ def test_a_measurement_is_unexplained_where_an_outlier_explains_more_than_the_pa
     np.testing.assert_array_equal(unexplained, log_density < np.log(2 * outlier))
 
 
-def test_time_does_not_go_back_where_nothing_was_seen_either(ring_map):
-    _, tracker = track(ring_map, [one("a", 0.0, 20.0, 0.0), one("a", 0.1, 20.0, 0.8)])
-    for time_ns in (0, 50_000_000, 100_000_000):
-        with pytest.raises(ValueError, match=f"expected times after 100000000 ns, got {time_ns}"):
-            tracker.predict(Detections.none(), time_ns=time_ns)
-    tracker.predict(Detections.none())  # no frame
-    tracker.predict(Detections.none(), time_ns=200_000_000)
-    tracker.weigh()
-    assert tracker.estimate().unseen_s.tolist() == pytest.approx([0.1])
-
-
 def test_one_step_is_predict_weigh_estimate_and_resample(ring_map, traffic):
-    frames = list(traffic.frames())[:6]
-    tracker = Tracker(ring_map, config=FilterConfig(n_particles=100), tracking=TRUSTING, rng=np.random.default_rng(1))
-    stepped = Estimates.concatenate([tracker.step(frame) for frame in frames])
-    assert stepped == track(ring_map, frames)[0]
+    frames, found = list(traffic.frames())[:6], []
+    _, tracker = track(ring_map, [])
+    for frame in frames:
+        tracker.predict(frame)
+        tracker.weigh()
+        found.append(tracker.estimate())
+        tracker.resample()
+    assert Estimates.concatenate(found) == track(ring_map, frames)[0]
 
 
 @pytest.mark.parametrize(
@@ -346,17 +306,11 @@ def test_a_lone_outlier_moves_no_belief_and_is_no_recovery(ring_map):
     times = 0.1 * np.arange(20)
     path = np.array([on_the_ring(t) for t in times])
     seen = path + np.where(np.arange(20)[:, None] == 12, [60.0, -80.0], 0.0)
-    found, tracker = track(ring_map, [one("a", t, *place) for t, place in zip(times, seen, strict=True)])
+    frames = [one("a", t, *place) for t, place in zip(times, seen, strict=True)]
+    found, tracker = track(ring_map, frames)
     assert tracker.recoveries == 0
     assert np.abs(found.position - path).max() < 2.0
-    hasty = Tracker(
-        ring_map, config=FilterConfig(n_particles=100), tracking=replace(TRUSTING, lost_after=1),
-        rng=np.random.default_rng(1),
-    )  # fmt: skip
-    for t, place in zip(times, seen, strict=True):
-        hasty.predict(one("a", t, *place))
-        hasty.weigh()
-        hasty.resample()
+    _, hasty = track(ring_map, frames, tracking=replace(TRUSTING, lost_after=1))
     assert hasty.recoveries == 2  # there and back
 
 
@@ -373,20 +327,14 @@ def test_who_is_back_where_no_belief_reaches_is_begun_anew_at_once(monkeypatch):
     assert abs(found.position[-1, 0] - 150.0) > 50.0
 
 
-@pytest.mark.parametrize("filter_of", ["particles", "kalman"])
+@on_either_filter
 def test_out_of_sight_a_labelled_vehicle_is_reported_until_it_is_likelier_gone(ring_map, filter_of):
-    frames = [one("a", 0.1 * i, *on_the_ring(0.1 * i)) for i in range(15)]
-    frames += [one("b", 1.53 + 0.1 * i, *on_the_ring(3.0 + 0.1 * i)) for i in range(60)]
-    config = FilterConfig(n_particles=200, max_gap_s=20.0, own_way_rate=0.0)  # off the map a vehicle has left at once
-    model = ring_map if filter_of == "particles" else ConstantVelocityKalman(acceleration_density=3.0, config=config)
-    tracker = Tracker(model, config=config, rng=np.random.default_rng(0))
-    reported = []
-    for frame in frames:
-        tracker.predict(frame)
-        tracker.weigh()
-        reported.append(tracker.estimate())
-        tracker.resample()
-    unseen = Estimates.concatenate(reported)
+    frames = [*round_the_ring("a", 0.1 * np.arange(15)), *round_the_ring("b", 1.53 + 0.1 * np.arange(60), -1.47)]
+    off_the_map_one_has_left_at_once = {"max_gap_s": 20.0, "own_way_rate": 0.0}
+    unseen, _ = track(
+        ring_map, frames, filter_of=filter_of, seed=0, n_particles=200, tracking=TrackingConfig(),
+        **off_the_map_one_has_left_at_once,
+    )  # fmt: skip
     unseen = unseen[(unseen.track_id == "a") & (unseen.unseen_s > 0)]
     np.testing.assert_allclose(np.diff(unseen.unseen_s), 0.1, atol=1e-9)
     assert (np.diff(unseen.existence) < 0).all()
@@ -397,7 +345,7 @@ def test_out_of_sight_a_labelled_vehicle_is_reported_until_it_is_likelier_gone(r
     assert (unseen.log_evidence == 0).all()
 
 
-@pytest.mark.parametrize("filter_of", ["particles", "kalman"])
+@on_either_filter
 def test_out_of_sight_a_vehicle_is_the_same_whenever_others_are_seen(ring_map, filter_of):
     """Frames at odd times cut the gap in odd pieces; where the vehicle is believed to be must not depend on them.
 
@@ -405,28 +353,19 @@ def test_out_of_sight_a_vehicle_is_the_same_whenever_others_are_seen(ring_map, f
     """
 
     def at_the_end(others):
-        frames = [one("a", 0.1 * i, *on_the_ring(0.1 * i)) for i in range(10)]
-        frames += [one("b", t, 0.0, 20.0) for t in others] + [one("a", 3.0, *on_the_ring(3.0))]
-        config = FilterConfig(n_particles=100)
-        kalman = ConstantVelocityKalman(acceleration_density=3.0, config=config)
-        tracker = Tracker(ring_map if filter_of == "particles" else kalman, config=config, rng=np.random.default_rng(1))
-        for frame in frames:
-            tracker.predict(frame)
-            tracker.weigh()
-            reported = tracker.estimate()
-            tracker.resample()
-        return of_vehicle(reported, "a", but=["existence"])
+        frames = [*round_the_ring("a", 0.1 * np.arange(10)), *(one("b", t, 0.0, 20.0) for t in others)]
+        frames += round_the_ring("a", [3.0])
+        found, _ = track(ring_map, frames, filter_of=filter_of, tracking=TrackingConfig())
+        return of_vehicle(found[found.time_ns == 3_000_000_000], "a", but=["existence"])
 
     assert at_the_end([]) == at_the_end([0.93, 1.0, 1.777, 2.95]) == at_the_end([2.999999999])
 
 
 def test_beliefs_without_any_weight_are_begun_anew_at_once_and_counted(ring_map):
-    _, tracker = track(ring_map, [one("a", 0.1 * i, *on_the_ring(0.1 * i)) for i in range(5)])
+    _, tracker = track(ring_map, round_the_ring("a", 0.1 * np.arange(5)))
     tracker._filter.belief.cloud.position[tracker._roster.slots_of(["a"])] = np.inf
-    tracker.predict(one("a", 0.5, *on_the_ring(0.5)))
-    tracker.weigh()
+    found = tracker.step(one("a", 0.5, *on_the_ring(0.5)))
     assert tracker.recoveries == 1
-    found = tracker.estimate()
     for f in fields(found)[1:]:
         assert np.isfinite(getattr(found, f.name)).all()
     assert np.abs(found.position - on_the_ring(0.5)).max() < 1.0
@@ -458,39 +397,23 @@ def test_vehicles_that_leave_the_map_are_followed(ring_map):
 
 
 def test_an_id_reused_elsewhere_is_a_new_belief_after_two_measurements(ring_map):
-    here = [one("7", 0.1 * i, *on_the_ring(0.1 * i)) for i in range(10)]
-    there = [one("7", 1.0 + 0.1 * i, *on_the_ring(np.pi / 0.4 + 0.1 * i)) for i in range(10)]
-    found, tracker = track(ring_map, here + there)
+    times, away_s = 0.1 * np.arange(10), np.pi / 0.4
+    frames = [*round_the_ring("7", times), *round_the_ring("7", 1.0 + times, 1.0 - away_s)]
+    found, tracker = track(ring_map, frames)
     assert tracker.recoveries == 1
-    assert np.linalg.norm(found.position[-1] - on_the_ring(np.pi / 0.4 + 0.9)) < 1.5
+    assert np.linalg.norm(found.position[-1] - on_the_ring(away_s + 0.9)) < 1.5
 
 
-def test_an_hour_later_a_belief_begins_anew(ring_map):
-    found, _ = track(ring_map, [one("a", 0.0, 20.0, 0.5), one("a", 3600.0, 0.0, 20.0)])
-    assert found.log_evidence.tolist() == [0.0, 0.0]
-    assert np.abs(found.position[1] - [0.0, 20.0]).max() < 0.2
-
-
-@pytest.mark.parametrize("filter_of", ["particles", "kalman"])
+@on_either_filter
 def test_what_a_sensor_knows_of_motion_and_of_its_errors_sharpens_the_belief(ring_map, filter_of):
     times = 0.1 * np.arange(3)
-    path = np.array([on_the_ring(t) for t in times])
     course, n = 0.4 * times + np.pi / 2, times.size
 
     def spread(**known):
-        config = FilterConfig(n_particles=2000)
-        kalman = ConstantVelocityKalman(acceleration_density=3.0, config=config)
-        tracker = Tracker(
-            ring_map if filter_of == "particles" else kalman, config=config, tracking=TRUSTING,
-            rng=np.random.default_rng(3),
-        )  # fmt: skip
+        path = np.array([on_the_ring(t) for t in times])
         seen = Detections(track_id=["a"] * n, time_ns=(times * 1e9).astype(int), position=path, **known)
-        for frame in seen.frames():
-            tracker.predict(frame)
-            tracker.weigh()
-            reported = tracker.estimate()
-            tracker.resample()
-        return reported.speed_std[0], np.trace(reported.covariance[0])
+        found, _ = track(ring_map, seen.frames(), filter_of=filter_of, seed=3, n_particles=2000)
+        return found.speed_std[-1], np.trace(found.covariance[-1])
 
     blind = spread()
     knows_motion = spread(direction=course, speed=np.full(n, 8.0))

@@ -22,7 +22,6 @@ from dirprim_filter.filtering.belief import birth_key
 from dirprim_filter.filtering.measurements import FASTEST
 from dirprim_filter.filtering.smoothing.chain import Belief, Chain, may_be_off
 from dirprim_filter.filtering.smoothing.recorder import Bridge, Recorder
-from dirprim_filter.sight import Sight
 
 SURE = 0.99
 """Probability of existence that an unlabelled track has had, of a vehicle: of all candidates of a whole log a few look
@@ -33,7 +32,7 @@ AT_ONCE = 64
 
 def stitch(
     recorder: Recorder, *, before_ns: int, gap_ns: int, now_ns: int, noise_m: float, config: TrackingConfig,
-    sight: Sight | None, joins_labelled: bool = False,
+    joins_labelled: bool = False,
 ) -> list[tuple[str, str]]:  # fmt: skip
     """Drop, trim and join the chains of vehicles that no sensor named, now that the log is known for long after them.
 
@@ -46,7 +45,6 @@ def stitch(
         now_ns: the last time that is known.
         noise_m: standard deviation of detections.
         config: how likely vehicles appear, are occluded, come back and leave.
-        sight: where the sensor sees; a vehicle that was out of it need not have been occluded. None for everywhere.
         joins_labelled: chains whose ids were given are joined too, and neither dropped nor trimmed.
 
     Returns:
@@ -69,8 +67,7 @@ def stitch(
     for first in range(0, pairs.one.size, AT_ONCE):
         bridges += _bridges(chains, starts, Pairs(*(column[first : first + AT_ONCE] for column in pairs)), expected)
     out_s = np.array([starts[j].time_ns - chains[i].last.time_ns for i, j in _each(pairs)]) * 1e-9
-    unseen = np.array([_share_out_of_sight(bridge, sight) for bridge in bridges])
-    gain = np.array([bridge.log_density for bridge in bridges]) + _log_odds(out_s, unseen, frame_s, config)
+    gain = np.array([bridge.log_density for bridge in bridges]) + _log_odds(out_s, frame_s, config)
     path = {pair: bridge.links for pair, bridge in zip(_each(pairs), bridges, strict=True)}
     best = sorted(_each(best_assignment(pairs, gain)), key=lambda pair: starts[pair[1]].time_ns)
     names = [(chains[i].name, chains[j].name) for i, j in best]
@@ -137,24 +134,15 @@ def _candidates(chains: Sequence[Chain], starts: Sequence[Belief], *, before_ns:
     return Pairs(one[near], other[near])
 
 
-def _share_out_of_sight(bridge: Bridge, sight: Sight | None) -> float:
-    """Of the way across a gap, as the filter expects it."""
-    if sight is None or not bridge.links.size:
-        return 0.0
-    return 1.0 - float(sight.sees(bridge.links["mean"][:, :2]).mean())
-
-
-def _log_odds(out_s: FloatArray, unseen: FloatArray, frame_s: float, config: TrackingConfig) -> FloatArray:
+def _log_odds(out_s: FloatArray, frame_s: float, config: TrackingConfig) -> FloatArray:
     """Of one vehicle that came back after so long (n,), against one that left and another that appeared.
 
     The density of the state in which it came back is not in it.
 
-    In a frame in sight a vehicle is occluded at the occlusion rate and comes back at the reappearance rate, or leaves
-    at the departure rate; another appears at the birth density, at any velocity up to the fastest. Wholly `unseen`,
-    where the sensor does not see, no occlusion need have begun nor lasted, and who left would not have shown it either:
-    nothing speaks against the link. Of gaps that are unseen for a share of their time (n,) the odds are in between.
+    In a frame a vehicle is occluded at the occlusion rate and comes back at the reappearance rate, or leaves at the
+    departure rate; another appears at the birth density, at any velocity up to the fastest.
     """
     back = np.log(config.reappearance_rate * frame_s) - config.reappearance_rate * out_s
     away = np.log(config.occlusion_rate) - np.log(config.departure_rate)
     other = np.log(config.birth_density) - np.log(np.pi * FASTEST**2)
-    return np.asarray((1.0 - unseen) * (away + back) - other)
+    return np.asarray(away + back - other)
