@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 from dirprim_filter.detections import Detections
-from dirprim_filter.estimates import EstimateSink
+from dirprim_filter.estimates import EstimateSink, TrackedFrame
 from dirprim_filter.filtering import Tracker, Worlds
 
 
-def replay(stream: Iterable[Detections], tracker: Tracker | Worlds, sinks: Sequence[EstimateSink]) -> int:
+def replay(
+    stream: Iterable[Detections], tracker: Tracker | Worlds, sinks: Sequence[EstimateSink], *,
+    rate_hz: float | None = None,
+) -> int:  # fmt: skip
     """Track the vehicles of a stream; nothing of it is kept.
 
     Args:
@@ -17,20 +21,31 @@ def replay(stream: Iterable[Detections], tracker: Tracker | Worlds, sinks: Seque
         tracker: holds the beliefs; they are those of the last frame when the loop ends. A stream of several groups
             needs one for each: `Worlds`.
         sinks: take every tracked frame, in the order given.
+        rate_hz: between two frames farther apart there are estimates so often, as long as there is a vehicle.
 
     Returns:
-        The number of frames.
+        The number of frames of the stream.
 
     Raises:
         ValueError: a frame of several instants, a repeated id, or time going backwards.
     """
-    n_frames = 0
-    for detections in stream:
-        tracker.predict(detections)  # one step on, by the manoeuvres of the map
+
+    def step(detections: Detections, **at: Any) -> TrackedFrame:
+        tracker.predict(detections, **at)  # one step on, by the manoeuvres of the map
         tracker.weigh()  # by the measured positions
         frame = tracker.frame()
         for sink in sinks:
             sink.write(frame)
         tracker.resample()
+        return frame
+
+    n_frames, frame = 0, None
+    every_ns = round(1e9 / rate_hz) if rate_hz else 0
+    for detections in stream:
+        if every_ns and frame is not None and len(detections):
+            until_ns = int(detections.time_ns[0]) - every_ns // 2
+            while len(frame.estimates) and frame.time_ns + every_ns < until_ns:
+                frame = step(Detections.none(), time_ns=frame.time_ns + every_ns, is_scan=False)
+        frame = step(detections)
         n_frames += 1
     return n_frames

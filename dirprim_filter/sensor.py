@@ -150,15 +150,19 @@ class Sensor:
         Raises:
             ValueError: an unknown or missing name, or a value that is no number or out of range.
         """
-        axes = {name: _axis(name, table.get(name)) for name in ("along", "across")}
+        axes: dict[str, Any] = {}
+        for name in ("along", "across"):
+            axis = table.get(name)
+            if not isinstance(axis, Mapping) or "spread_m" not in axis:
+                raise ValueError(f"{name}: expected a table with spread_m, got {axis!r}")
+            axes[name] = _made(AxisError, axis, where=f"{name}: ")
         uncertainty = table.get("uncertainty", {})
         if not isinstance(uncertainty, Mapping):
             raise ValueError(f"uncertainty: expected a table, got {uncertainty!r}")  # noqa: TRY004 - a file's, no caller's
-        flat = {name: value for name, value in table.items() if name not in {*axes, "uncertainty"}}
-        known = [f.name for f in fields(cls) if f.name not in axes]
-        _check_numbers(flat, [*known, *axes], where="")
         _check_numbers(uncertainty, list(uncertainty), where="uncertainty: ")
-        return cls(**flat, along=axes["along"], across=axes["across"], uncertainty=dict(uncertainty))
+        numbers = {name: value for name, value in table.items() if name not in {*axes, "uncertainty"}}
+        made: Self = _made(cls, numbers, where="", **axes, uncertainty=dict(uncertainty))
+        return made
 
 
 def without_bias(tracks: Tracks, sensor: Sensor) -> Tracks:
@@ -172,16 +176,13 @@ def without_bias(tracks: Tracks, sensor: Sensor) -> Tracks:
     return replace(tracks, position=tracks.position - off)
 
 
-def _axis(name: str, table: object) -> AxisError:
-    if not isinstance(table, Mapping):
-        raise ValueError(f"{name}: expected a table with spread_m, got {table!r}")  # noqa: TRY004 - a file's, no caller's
-    _check_numbers(table, [f.name for f in fields(AxisError)], where=f"{name}: ")
-    if "spread_m" not in table:
-        raise ValueError(f"{name}: expected spread_m, got {', '.join(table) or 'nothing'}")
+def _made(kind: type[Any], table: Mapping[str, Any], *, where: str, **more: Any) -> Any:
+    """A value of the numbers of a file's table."""
+    _check_numbers(table, [f.name for f in fields(kind)], where=where)
     try:
-        return AxisError(**table)
+        return kind(**table, **more)
     except ValueError as error:
-        raise ValueError(f"{name}: {error}") from error
+        raise ValueError(f"{where}{error}") from error
 
 
 def _check_numbers(table: Mapping[str, Any], known: list[str], *, where: str) -> None:

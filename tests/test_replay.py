@@ -1,14 +1,14 @@
 """The main loop hands every frame to every sink, in order, and asks the log for no more than it needs."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
-from dirprim_filter.estimates import EstimateList
-from dirprim_filter.filtering import Tracker
+from dirprim_filter.estimates import EstimateList, Estimates
+from dirprim_filter.filtering import Tracker, Worlds
 from dirprim_filter.replay import replay
 from situations import TRUSTING
 
@@ -81,3 +81,27 @@ def test_an_empty_stream_is_no_frame(ring_map):
     kept = EstimateList()
     assert replay([], Tracker(ring_map, rng=np.random.default_rng(0)), [kept]) == 0
     assert len(kept.all()) == 0
+
+
+def test_at_a_rate_the_log_has_estimates_also_where_it_has_no_frame_and_those_of_its_frames_stay(ring_map, ring):
+    seen = Detections.of(
+        ring[(ring.track_id < 3) & (ring.time_ns < 4e9) & ((ring.time_ns < 1e9) | (ring.time_ns > 3e9))]
+    )
+
+    def tracked(rate_hz):
+        config, kept = FilterConfig(n_particles=50), EstimateList()
+        worlds = Worlds(lambda _: Tracker(ring_map, config=config, tracking=TRUSTING, rng=np.random.default_rng(0)))
+        assert replay(seen.frames(), worlds, [kept], rate_hz=rate_hz) == np.unique(seen.time_ns).size
+        return kept.all()
+
+    plain, rated = tracked(None), tracked(5.0)
+    in_gap = ~np.isin(rated.time_ns, seen.time_ns)
+    times = np.unique(rated.time_ns[in_gap]) * 1e-9
+    np.testing.assert_allclose(times, np.arange(1.1, 3.0, 0.2))
+    assert (rated.unseen_s[in_gap] > 0).all()
+    for column in fields(Estimates):
+        one, other = (getattr(of, column.name) for of in (plain, rated[~in_gap]))
+        if column.name == "existence":  # ages by another number of steps
+            np.testing.assert_allclose(one, other, rtol=1e-12)
+        else:
+            np.testing.assert_array_equal(one, other)

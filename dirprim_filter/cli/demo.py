@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     Table = Mapping[str, Mapping[str, str]]
 
 
-KERNEL = "_interaction.advance"
+KERNEL = "_kernels.advance"
 """Where this is compiled, so are the others that tracking needs."""
 WITH_MAP, CONSTANT_VELOCITY = "with the map", "constant velocity"
 """Of the ways that are compared."""

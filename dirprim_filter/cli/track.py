@@ -85,6 +85,9 @@ def track(
     lag: Annotated[
         float | None, typer.Option(min=0.0, help="Also smooth, so many seconds late; a pipe is tracked live.")
     ] = None,
+    rate: Annotated[
+        float | None, typer.Option(min=1e-3, help="Also estimate so many times a second where no frame comes.")
+    ] = None,
     forecast: Annotated[float, typer.Option(min=0.0, help="Every second, forecast so many seconds ahead.")] = 0.0,
     no_ids: NoIds = False,
     noise: Noise = None,
@@ -183,7 +186,9 @@ def track(
             ))  # fmt: skip
         seen = (frame.without_ids() for frame in frames) if no_ids else frames
         with smoother or nullcontext():
-            n_frames = replay(with_progress(seen, what=f"tracking {log.name}", end_ns=stream.end_ns), worlds, sinks)
+            n_frames = replay(
+                with_progress(seen, what=f"tracking {log.name}", end_ns=stream.end_ns), worlds, sinks, rate_hz=rate
+            )
         reading.require_frames(n_frames, log, stream.losses)
         if viewer is not None:
             viewer.log_run(said, {"frames": str(n_frames), "beliefs reinitialised": str(worlds.recoveries)})

@@ -16,7 +16,7 @@ from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.evaluation.settings import Axis, Choice, choose
 from dirprim_filter.filtering import BayesFilter, ConstantTurnUKF, ConstantVelocityKalman, InteractingModels
-from dirprim_filter.filtering.manoeuvre import acceleration_density, pace_density
+from dirprim_filter.filtering.manoeuvre import acceleration_density
 from dirprim_filter.tracks import Tracks
 
 Rival = Literal["constant velocity", "constant turn", "interacting models"]
@@ -70,7 +70,7 @@ def fitted(name: Rival, seen: Detections, train: Tracks, config: FilterConfig) -
     Raises:
         ValueError: no training vehicle has two rows near in time, or no noise is best.
     """
-    pace = pace_density(train)
+    pace = acceleration_density(train, along=True)
     start = {
         "constant velocity": {"acceleration_density": acceleration_density(train)},
         "constant turn": {"acceleration_density": pace, "turn_density": FIRST_TURN},

@@ -1,6 +1,7 @@
 """Compiled steps of the particle filter, one vehicle after the other: no vehicle sees another's numbers.
 
-Particles move by the manoeuvres of the map (`primitives._motion`).
+Particles move by the manoeuvres of the map (`primitives._motion`), in forecasts also in response to the vehicle ahead.
+Each vehicle sees where the others were before the step, so the order of the vehicles does not matter.
 """
 
 import math
@@ -13,7 +14,8 @@ from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions._arithmetic import dot, total_of
 from dirprim_filter.distributions._elementary import EXACT, squared_sine
 from dirprim_filter.distributions._random import UIntArray
-from dirprim_filter.primitives import _motion
+from dirprim_filter.primitives import _leader, _motion
+from dirprim_filter.primitives._leader import LeaderTable
 from dirprim_filter.primitives._manoeuvres import MotionTable
 from tessellation import OUTSIDE
 
@@ -31,6 +33,12 @@ class Cloud(NamedTuple):
     state: UIntArray  # (V, 4) of the random numbers
 
 
+LOOK_S = 0.2
+"""Seconds: the longest time between two searches for the vehicle ahead."""
+NOBODY = np.empty((0, 0, 4))
+"""The scene of vehicles that move as if alone."""
+
+
 @njit(nogil=True, **EXACT)
 def initialise_motion(table: MotionTable, cloud: Cloud, vehicle: IntArray) -> None:
     """Look up the cell of every particle, and draw a manoeuvre that fits its direction and speed."""
@@ -39,6 +47,44 @@ def initialise_motion(table: MotionTable, cloud: Cloud, vehicle: IntArray) -> No
             table, cloud.position[v], cloud.direction[v], cloud.speed[v], cloud.cell[v], cloud.manoeuvre[v],
             cloud.push[v], cloud.state[v],
         )  # fmt: skip
+
+
+@njit(cache=True, nogil=True)
+def advance(
+    table: MotionTable, response: LeaderTable, cloud: Cloud, scene: FloatArray, vehicle: IntArray, dt_s: FloatArray
+) -> None:
+    """Move every particle of the given vehicles by the map: the one transition of filter, smoother and forecasts.
+
+    Args:
+        table: the map.
+        response: the map's response to leaders.
+        cloud: the particles.
+        scene: (n, m, 4) place, direction and speed of all vehicles before the step: particle p of all of them is one
+            scene, which holds for at most `LOOK_S`. Or (0, 0, 4): vehicles move as if alone.
+        vehicle: (V,) the vehicles to move.
+        dt_s: (V,) seconds to move by.
+    """
+    n, is_alone = cloud.speed.shape[1], scene.shape[0] == 0
+    curvature, seen, led = np.empty(n), np.empty((n, 3)), np.empty((0 if is_alone else n, 3))
+    for i in range(vehicle.size):
+        v = vehicle[i]
+        if not is_alone:
+            _leader.bends(table, cloud.manoeuvre[v], cloud.direction[v], curvature)
+            _leader.behind(scene, v, cloud.position[v], cloud.direction[v], curvature, seen)
+            _leader.respond(response, cloud.speed[v], cloud.push[v], seen, led)
+        step(table, cloud, v, led, dt_s[i])
+
+
+@njit(inline="always", cache=True, nogil=True)  # by itself it would compile all of `move` once more
+def step(table: MotionTable, cloud: Cloud, v: int, led: FloatArray, dt_s: float) -> None:
+    """Move the particles of one vehicle."""
+    state = cloud.state[v].copy()  # of its own memory, or threads would count references to one array in turns
+    _motion.move(
+        table, cloud.position[v], cloud.direction[v], cloud.speed[v], cloud.cell[v], cloud.manoeuvre[v],
+        cloud.push[v], led, dt_s, state,
+    )  # fmt: skip
+    for word in range(state.size):  # a slice would compile numba's strings for its error
+        cloud.state[v, word] = state[word]
 
 
 @njit(cache=True)
@@ -76,22 +122,13 @@ def moments(cloud: Cloud, vehicle: IntArray, out: FloatArray) -> None:
 
 
 @njit(cache=True, nogil=True)
-def outside(cloud: Cloud, vehicle: IntArray, out: FloatArray) -> None:
-    """Fills (V,): the weight of the particles that are in no cell."""
-    is_outside = np.empty(cloud.position.shape[1])
+def places(cloud: Cloud, of_manoeuvre: FloatArray, vehicle: IntArray, out: FloatArray) -> None:
+    """Fills (V, 3): the weight of particles in no cell, and the means of two numbers of each manoeuvre, (z, 2)."""
+    n = cloud.position.shape[1]
+    outside, one, two = np.empty(n), np.empty(n), np.empty(n)
     for i in range(vehicle.size):
-        cell = cloud.cell[vehicle[i]]
-        for p in range(cell.size):
-            is_outside[p] = 1.0 if cell[p] == OUTSIDE else 0.0
-        out[i] = dot(cloud.weight[vehicle[i]], is_outside)
-
-
-@njit(cache=True, nogil=True)
-def mean_of_manoeuvres(cloud: Cloud, value: FloatArray, vehicle: IntArray, out: FloatArray) -> None:
-    """Fills (V,): the mean over the particles of what is (z,) of each manoeuvre."""
-    of_particle = np.empty(cloud.position.shape[1])
-    for i in range(vehicle.size):
-        manoeuvre = cloud.manoeuvre[vehicle[i]]
-        for p in range(manoeuvre.size):
-            of_particle[p] = value[manoeuvre[p]]
-        out[i] = dot(cloud.weight[vehicle[i]], of_particle)
+        cell, manoeuvre, weight = cloud.cell[vehicle[i]], cloud.manoeuvre[vehicle[i]], cloud.weight[vehicle[i]]
+        for p in range(n):
+            outside[p] = 1.0 if cell[p] == OUTSIDE else 0.0
+            one[p], two[p] = of_manoeuvre[manoeuvre[p], 0], of_manoeuvre[manoeuvre[p], 1]
+        out[i, 0], out[i, 1], out[i, 2] = dot(weight, outside), dot(weight, one), dot(weight, two)

@@ -10,9 +10,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import min_weight_full_bipartite_matching
 from scipy.spatial import KDTree
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
@@ -120,8 +119,8 @@ def gated(mean: FloatArray, covariance: FloatArray, position: FloatArray, noise:
 def best_assignment(pairs: Pairs, gain: FloatArray) -> Pairs:
     """Of the pairs those that no row stands in twice and whose gains (n,) add up to the most; ascending by `one`.
 
-    Pairs without a gain are never chosen. Groups of rows that share no pair are solved one by one: a thousand false
-    detections far from all tracks cost nothing.
+    Pairs without a gain are never chosen: each row of the one side may also be left alone, at no gain. In sparse
+    tables, so that a thousand false detections far from all tracks cost nothing.
     """
     useful = gain > 0
     one, other, gain = pairs.one[useful], pairs.other[useful], gain[useful]
@@ -129,25 +128,9 @@ def best_assignment(pairs: Pairs, gain: FloatArray) -> Pairs:
         return Pairs(one, other)
     ones, row = np.unique(one, return_inverse=True)
     others, column = np.unique(other, return_inverse=True)
-    n = ones.size + others.size
-    links = coo_array((np.ones(one.size), (row, column + ones.size)), shape=(n, n))
-    _, group = connected_components(links, directed=False)
-    order = np.argsort(group[row], kind="stable")
-    bounds = np.flatnonzero(np.diff(group[row][order], prepend=-1))
-    chosen = [_solved(rows, row, column, gain) for rows in np.split(order, bounds[1:])]
-    picked = np.concatenate(chosen)
-    picked = picked[np.argsort(one[picked], kind="stable")]
-    return Pairs(one[picked], other[picked])
-
-
-def _solved(rows: IntArray, row: IntArray, column: IntArray, gain: FloatArray) -> IntArray:
-    """The pairs chosen of one connected group."""
-    if rows.size == 1:
-        return rows
-    ones, i = np.unique(row[rows], return_inverse=True)
-    others, j = np.unique(column[rows], return_inverse=True)
-    table = np.zeros((ones.size, others.size))  # no pair, no gain: as good as left alone
-    number = np.full(table.shape, -1, np.int64)
-    table[i, j], number[i, j] = gain[rows], rows
-    best = number[linear_sum_assignment(table, maximize=True)]
-    return best[best >= 0]
+    each = np.arange(ones.size)
+    cost = gain.max() + 1.0 - np.append(gain, np.zeros(ones.size))  # of as many pairs in any matching
+    table = csr_array((cost, (np.append(row, each), np.append(column, others.size + each))))
+    chosen = min_weight_full_bipartite_matching(table)[1]
+    is_pair = chosen < others.size
+    return Pairs(ones[is_pair], others[chosen[is_pair]])

@@ -25,6 +25,7 @@ class CurrentFrame:
             does not hold, and unlabelled ones.
         n_aside: how many beliefs were moved aside.
         held: the slots that hold their beliefs at the frame's time.
+        is_scan: whether the sensor looked.
         is_weighed: whether the beliefs are weighed by it.
         moments: of those, once they are weighed.
         shown: of these, what there are estimates of.
@@ -40,6 +41,7 @@ class CurrentFrame:
     home: IntArray = field(default_factory=NO_ROWS.copy)
     n_aside: int = 0
     held: IntArray = field(default_factory=NO_ROWS.copy)
+    is_scan: bool = True
     is_weighed: bool = False
     moments: FloatArray | None = None
     shown: IntArray = field(default_factory=NO_ROWS.copy)

@@ -18,11 +18,11 @@ from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.distributions import von_mises
-from dirprim_filter.filtering import _interaction, _kernels, _measuring, _resampling
+from dirprim_filter.filtering import _kernels, _measuring, _resampling
 from dirprim_filter.filtering.belief import BelievedParticles, ParticleBelief
 from dirprim_filter.filtering.cue_weights import weigh_by_cue
 from dirprim_filter.filtering.measurements import FASTEST, OUTLIER_EXTENT_M, measured_motion
-from dirprim_filter.filtering.protocols import BayesFilter, Evidence
+from dirprim_filter.filtering.protocols import BayesFilter, Evidence, Places
 from dirprim_filter.filtering.smoothing.particle_paths import ParticlePaths
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.primitives._leader import ALONE
@@ -59,10 +59,10 @@ class ParticleFilter:
         self._primitives = primitive_map.compiled()
         self._has_cells = primitive_map.tessellation.n_cells > 0
         self.traffic = Traffic.of(primitive_map.tessellation, primitive_map.motion)
-        self._is_placed = (primitive_map.motion.cell >= 0).astype(np.float64)
-        self._ends = np.zeros(len(primitive_map.motion))
+        self._of_manoeuvre = np.zeros((len(primitive_map.motion), 2))  # whether it is a cell's, and rate of ends
+        self._of_manoeuvre[:, 0] = primitive_map.motion.cell >= 0
         if self.traffic is not None:
-            self._ends[: self.traffic.ends.size] = self.traffic.ends
+            self._of_manoeuvre[: self.traffic.ends.size, 1] = self.traffic.ends
         self._noise, self._sensor, self._errors = _noise(config), sensor, _errors(sensor)
         spread = (1.0, 1.0) if sensor is None else (sensor.along.spread_m, sensor.across.spread_m)
         self._errors_at_birth = self._errors.lasting[0] / spread[0], self._errors.lasting[1] / spread[1]
@@ -126,7 +126,7 @@ class ParticleFilter:
         """Move the particles by the map's motion model. (v,), (v,) seconds."""
         self.belief.step += 1
         self.split(
-            _interaction.advance, (self._table, ALONE, self.belief.cloud, _interaction.NOBODY), (slot, dt_s), (),
+            _kernels.advance, (self._table, ALONE, self.belief.cloud, _kernels.NOBODY), (slot, dt_s), (),
             each_ns=60.0,
         )  # fmt: skip
         self.belief.carried.since_s[slot] += dt_s
@@ -180,26 +180,11 @@ class ParticleFilter:
         self.split(_kernels.moments, (self.belief.cloud,), (slot, result), (), each_ns=8.0)
         return result
 
-    def probability_outside(self, slot: IntArray) -> FloatArray:
-        """Weight of the particles outside of every cell; 0 by a map without cells. (v,) -> (v,)."""
-        if not self._has_cells:
-            return np.zeros(slot.size)
-        result = np.empty(slot.size)
-        self.split(_kernels.outside, (self.belief.cloud,), (slot, result), (), each_ns=1.0)
-        return result
-
-    def follows_map(self, slot: IntArray) -> FloatArray:
-        """Weight of the particles that follow a manoeuvre of a cell. (v,) -> (v,)."""
-        return self._mean(self._is_placed, slot)
-
-    def rate_of_ends(self, slot: IntArray) -> FloatArray:
-        """Mean over the particles of the rate at which journeys end in their manoeuvre, 1/s. (v,) -> (v,)."""
-        return self._mean(self._ends, slot)
-
-    def _mean(self, of_manoeuvre: FloatArray, slot: IntArray) -> FloatArray:
-        result = np.empty(slot.size)
-        self.split(_kernels.mean_of_manoeuvres, (self.belief.cloud, of_manoeuvre), (slot, result), (), each_ns=1.0)
-        return result
+    def places(self, slot: IntArray) -> Places:
+        """Where the particles are; a map without cells has no outside. (v,) -> columns (v,)."""
+        result = np.empty((slot.size, 3))
+        self.split(_kernels.places, (self.belief.cloud, self._of_manoeuvre), (slot, result), (), each_ns=2.0)
+        return Places(result[:, 0] * self._has_cells, result[:, 1], result[:, 2])
 
     def particles(self, slot: IntArray) -> BelievedParticles:
         """The beliefs' samples, one vehicle after the other."""

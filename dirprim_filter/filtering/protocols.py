@@ -30,6 +30,20 @@ class Evidence(NamedTuple):
     is_moved: BoolArray
 
 
+class Places(NamedTuple):
+    """Where vehicles are on a map, by their beliefs.
+
+    Attributes:
+        outside: (v,) probability that a vehicle is outside of the map's cells; 0 without cells.
+        follows_map: (v,) probability that it follows a manoeuvre of the map and does not go its own way.
+        ends: (v,) 1/s, rate at which journeys end there; 0 without cells.
+    """
+
+    outside: FloatArray
+    follows_map: FloatArray
+    ends: FloatArray
+
+
 class BayesFilter(Protocol):
     """Beliefs of many vehicles; every step takes the slots (v,) it is about.
 
@@ -90,16 +104,8 @@ class KnowsPlaces(Protocol):
         """Of the map; None for one without cells."""
         ...
 
-    def probability_outside(self, slot: IntArray) -> FloatArray:
-        """(v,) probability that a vehicle is outside of the map's cells; 0 without cells."""
-        ...
-
-    def follows_map(self, slot: IntArray) -> FloatArray:
-        """(v,) probability that a vehicle follows a manoeuvre of the map and does not go its own way."""
-        ...
-
-    def rate_of_ends(self, slot: IntArray) -> FloatArray:
-        """(v,) 1/s, rate at which journeys end where vehicles are; 0 without cells."""
+    def places(self, slot: IntArray) -> Places:
+        """Where vehicles are on the map."""
         ...
 
 

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from dirprim_filter.arrays import FloatArray, as_floats
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.estimates import Particles
-from dirprim_filter.filtering import _interaction, _kernels
+from dirprim_filter.filtering import _kernels
 from dirprim_filter.filtering._kernels import Cloud
 from dirprim_filter.filtering.cue_weights import weigh_by_cue
 from dirprim_filter.primitives import PrimitiveMap
@@ -176,13 +176,13 @@ def _weighted_by_cue(table: MotionTable, cloud: Cloud, cue: Cue, *, rng: np.rand
 def projected(table: MotionTable, cloud: Cloud, dt_s: FloatArray, response: LeaderTable = ALONE) -> FloatArray:
     """The particles moved on: (v, n, n_steps, 2) metres. Behind leaders sample p of all vehicles is one scene."""
     v, n = cloud.speed.shape
-    path, is_alone, scene = np.empty((v, n, dt_s.size, 2)), response.trust == 0.0 or v == 1, _interaction.NOBODY
+    path, is_alone, scene = np.empty((v, n, dt_s.size, 2)), response.trust == 0.0 or v == 1, _kernels.NOBODY
     for t, dt in enumerate(dt_s.tolist()):
-        n_looks = 1 if is_alone else max(1, math.ceil(dt / _interaction.LOOK_S - 1e-9))
+        n_looks = 1 if is_alone else max(1, math.ceil(dt / _kernels.LOOK_S - 1e-9))
         for _ in range(n_looks):
             if not is_alone:
                 columns = [*np.moveaxis(cloud.position, 2, 0), cloud.direction, cloud.speed]
                 scene = np.ascontiguousarray(np.stack(columns, axis=-1).transpose(1, 0, 2))
-            _interaction.advance(table, response, cloud, scene, np.arange(v), np.full(v, dt / n_looks))
+            _kernels.advance(table, response, cloud, scene, np.arange(v), np.full(v, dt / n_looks))
         path[:, :, t] = cloud.position
     return path

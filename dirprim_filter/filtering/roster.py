@@ -164,12 +164,12 @@ class Roster:
         """Let existence (v,) come to a time, by where the beliefs in the slots `held` (v,) are then."""
         dt_s = np.asarray((time_ns - self.existence_ns[slot]) * 1e-9, np.float64)
         pace = 1.0 / np.maximum(self.interval[slot, 0] / SLOW_NS, 1.0)
-        ends = np.zeros(slot.size) if self._places is None else self._places.rate_of_ends(held)
-        passed = 0.5 * (self.ends[slot] + ends)  # on the way
-        self.existence[slot] = existence.later(self.existence[slot], dt_s, self._config, ends=passed, pace=pace)
-        self.ends[slot], self.existence_ns[slot] = ends, time_ns
+        passed = self.ends[slot]
         if self._places is not None:
-            self.outside[slot] = self._places.probability_outside(held)
+            self.outside[slot], _, self.ends[slot] = self._places.places(held)
+            passed = 0.5 * (passed + self.ends[slot])  # on the way
+        self.existence[slot] = existence.later(self.existence[slot], dt_s, self._config, ends=passed, pace=pace)
+        self.existence_ns[slot] = time_ns
 
     def missed(self, hit: IntArray, time_ns: int) -> IntArray:
         """Slots of the tracks that a frame ought to have shown and did not; those it did are `hit`."""

@@ -96,27 +96,28 @@ class Tracker:
         traffic = None if self._places is None else self._places.traffic
         self._undetected = Undetected(traffic, self.tracking, self.config)
         self._seed = int(rng.integers(2**63))
-        self._time_ns = NO_TIME
+        self._time_ns = self._scanned_ns = NO_TIME
         self._frame = CurrentFrame(is_weighed=True)
 
-    def step(self, detections: Detections) -> Estimates:
-        """A whole frame: predict to its time, weigh by its detections, estimate, and resample.
+    def step(self, detections: Detections, *, time_ns: int | None = None) -> Estimates:
+        """A whole frame: predict to its time, weigh by its detections, estimate, and resample; see `predict`.
 
         Raises:
             ValueError: as `predict`.
         """
-        self.predict(detections)
+        self.predict(detections, time_ns=time_ns)
         self.weigh()
         estimates = self.estimate()
         self.resample()
         return estimates
 
-    def predict(self, detections: Detections, *, time_ns: int | None = None) -> None:
+    def predict(self, detections: Detections, *, time_ns: int | None = None, is_scan: bool = True) -> None:
         """Predict beliefs to the frame's time, assign its detections, and initialise tracks at those not assigned.
 
         Args:
             detections: one instant, each id once; none is no frame, unless `time_ns` says when nothing was seen.
             time_ns: the frame's time; left out, that of its detections.
+            is_scan: the sensor looked; else nobody was missed at `time_ns`, which is between its frames.
 
         Raises:
             ValueError: several instants or groups, a repeated id, or time going backwards; the beliefs are as before.
@@ -129,17 +130,20 @@ class Tracker:
         else:
             check_after(time_ns, self._time_ns)
         is_frame = time_ns > self._time_ns
-        passed_ns, self._time_ns = time_ns - self._time_ns, time_ns
-        self._frame = frame = CurrentFrame(detections=detections)
+        self._time_ns = time_ns
+        self._frame = frame = CurrentFrame(detections=detections, is_scan=is_scan)
         if not is_frame:
             return
         is_labelled = detections.track_id != NO_ID
         labels, row = detections.track_id[is_labelled].tolist(), np.flatnonzero(is_labelled)
-        self._learn_intervals(labels)
+        if is_scan:
+            self._learn_intervals(labels)
+            passed_ns, self._scanned_ns = time_ns - self._scanned_ns, time_ns
+            frame.by_chance = self._by_chance(is_labelled, passed_ns)
         self._roster.forget(now_ns=time_ns)
-        frame.by_chance = self._by_chance(is_labelled, passed_ns)
         frame.hits = Hits.concatenate([self._match(labels, row), self._associate(np.flatnonzero(~is_labelled))])
-        self._begin_tracks(np.setdiff1d(np.arange(len(detections)), frame.hits.row), is_labelled)
+        if is_scan:
+            self._begin_tracks(np.setdiff1d(np.arange(len(detections)), frame.hits.row), is_labelled)
         self._hold(labels)
 
     def weigh(self) -> None:
@@ -164,7 +168,7 @@ class Tracker:
         since_ns = (time_ns - roster.measured_ns[slot])[~roster.is_labelled[slot]]
         if since_ns.size:
             self._intervals.of_others.add(int(np.median(since_ns)))
-        missed = roster.missed(slot, time_ns)
+        missed = roster.missed(slot, time_ns) if frame.is_scan else slot
         is_back = roster.is_labelled[slot] & (_seconds(time_ns - roster.measured_ns[slot]) > AWAY_S)
         roster.measured_ns[slot] = time_ns
         is_weightless = ~np.isfinite(evidence.log_density)  # no particle has a weight
@@ -202,7 +206,7 @@ class Tracker:
             log_evidence=np.where(is_measured, roster.log_evidence[home], 0.0),
             existence=exists[reported],
             unseen_s=_seconds(self._time_ns - roster.measured_ns[home]),
-            follows_map=np.zeros(home.size) if self._places is None else self._places.follows_map(frame.shown),
+            follows_map=np.zeros(home.size) if self._places is None else self._places.places(frame.shown).follows_map,
         )
         return with_unseen_errors(estimates, self.sensor)
 

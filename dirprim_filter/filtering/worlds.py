@@ -40,23 +40,26 @@ class Worlds:
         """How many groups have come so far."""
         return len(self._trackers)
 
-    def predict(self, detections: Detections, *, time_ns: int | None = None, groups: Iterable[int] = ()) -> None:
+    def predict(
+        self, detections: Detections, *, time_ns: int | None = None, groups: Iterable[int] = (), is_scan: bool = True
+    ) -> None:  # fmt: skip
         """Move the beliefs of the groups that have a frame; each as `Tracker.predict`.
 
         Args:
             detections: one instant, of any groups.
             time_ns: the instant, for groups in which nothing was seen.
             groups: these; they have a frame even so.
+            is_scan: the sensor looked; else all groups have a frame.
 
         Raises:
             ValueError: as `Tracker.predict`.
         """
-        self._now = sorted({*np.unique(detections.group).tolist(), *groups})
+        self._now = sorted({*np.unique(detections.group).tolist(), *(groups if is_scan else self._trackers)})
         self._frames = {}
         for group in self._now:
             if group not in self._trackers:
                 self._trackers[group] = self._make(group)
-            self._trackers[group].predict(detections[detections.group == group], time_ns=time_ns)
+            self._trackers[group].predict(detections[detections.group == group], time_ns=time_ns, is_scan=is_scan)
 
     def weigh(self) -> None:
         """Weigh the moved beliefs by the frame's measurements."""

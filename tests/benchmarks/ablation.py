@@ -79,7 +79,7 @@ def without_births(bayes: Any) -> None:
 
 def without_ends(bayes: Any) -> None:
     """Vehicles leave anywhere alike."""
-    bayes._ends[:] = 0.0
+    bayes._of_manoeuvre[:, 1] = 0.0
 
 
 UNNAMED = ("dense intersection", "dense highway", "autoferry")

@@ -9,36 +9,8 @@ from scipy.linalg import expm
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates
-from dirprim_filter.filtering import ConstantVelocityKalman, Tracker, existence, scans
+from dirprim_filter.filtering import ConstantVelocityKalman, Tracker, existence
 from dirprim_filter.filtering.scans import Intervals
-
-
-def test_time_moves_existence_as_a_simulated_chain_does():
-    config = TrackingConfig(occlusion_rate=0.3, reappearance_rate=0.6, departure_rate=0.2)
-    n, dt_s, steps = 200_000, 0.01, 150
-    rng = np.random.default_rng(0)
-    state = np.zeros(n, np.int64)
-    for _ in range(steps):
-        u = rng.random(n)
-        leaves = u < config.departure_rate * dt_s
-        moves = (u >= config.departure_rate * dt_s) & (u < (config.departure_rate + np.where(state, 0.6, 0.3)) * dt_s)
-        state = np.where(state == 2, 2, np.where(leaves, 2, np.where(moves, 1 - state, state)))
-    simulated = np.bincount(state, minlength=3) / n
-    expected = existence.later(np.array([[1.0, 0.0, 0.0]]), np.array([steps * dt_s]), config)[0]
-    tolerance = 4 * np.sqrt(0.25 / n) + 2 * dt_s * 0.3  # of the draw, and of the chain's coarse steps
-    np.testing.assert_allclose(simulated, expected, atol=tolerance)
-    other = existence.later(np.array([[1.0, 0.0, 0.0]]), np.array([1.3 * steps * dt_s]), config)[0]
-    assert np.abs(simulated - other).max() > tolerance
-
-
-def test_existence_does_not_depend_on_how_finely_time_is_cut():
-    config = TrackingConfig()
-    start = np.array([[0.6, 0.3, 0.1], [0.0, 1.0, 0.0]])
-    once, often = existence.later(start, np.full(2, 2.0), config), start
-    for _ in range(40):
-        often = existence.later(often, np.full(2, 0.05), config)
-    np.testing.assert_allclose(once, often, rtol=1e-10)
-    np.testing.assert_allclose(once.sum(axis=1), 1.0)
 
 
 def existence_by_enumeration(steps, config):
@@ -113,10 +85,7 @@ def followed(ring_map, frames, *, filter_of="particles", config=None, tracking=N
             track_id=np.array(names, np.str_), time_ns=np.full(len(names), time_ns),
             position=np.reshape(list(places.values()), (-1, 2)),
         )  # fmt: skip
-        tracker.predict(seen, time_ns=time_ns)
-        tracker.weigh()
-        found.append(tracker.estimate())
-        tracker.resample()
+        found.append(tracker.step(seen, time_ns=time_ns))
     return found
 
 
@@ -241,10 +210,7 @@ def test_nine_tenths_of_the_rows_have_an_estimate_however_slow_the_sensor_is(int
     n_rows = n_estimated = 0
     for frame in east(60, interval_s, **how):
         n_rows += len(frame)
-        tracker.predict(frame)
-        tracker.weigh()
-        n_estimated += int((tracker.estimate().unseen_s == 0).sum())
-        tracker.resample()
+        n_estimated += int((tracker.step(frame).unseen_s == 0).sum())
     assert n_rows == 120
     assert n_estimated > 0.9 * n_rows
 
@@ -261,10 +227,8 @@ def test_the_interval_of_a_vehicle_is_the_median_of_its_own_whatever_the_others_
     assert intervals.of(["slow"])[0, 0] * 1e-9 == usual
 
 
-def test_frames_of_others_are_no_misses_where_each_vehicle_reports_at_its_own_times(ring_map, monkeypatch):
+def test_frames_of_others_are_no_misses_where_each_vehicle_reports_at_its_own_times(ring_map):
     n, late = 5, 60
     frames = [(0.02 * i, {f"v{i % n}": on_the_ring(0.02 * i + 3.1 * (i % n))}) for i in range(75)]
     found = followed(ring_map, frames, filter_of="kalman")[late:]
     assert all(set(estimates.track_id.tolist()) == {f"v{v}" for v in range(n)} for estimates in found)
-    monkeypatch.setattr(scans, "DUE_FROM", 0.0)  # the control: all frames count
-    assert any(len(estimates) < n for estimates in followed(ring_map, frames, filter_of="kalman")[late:])

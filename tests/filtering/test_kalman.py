@@ -26,14 +26,7 @@ def run(frames, **knobs):
     config = FilterConfig(noise_m=0.7, outlier_probability=1e-13, **knobs)
     kalman = ConstantVelocityKalman(acceleration_density=2.0, config=config)
     tracker = Tracker(kalman, config=config, tracking=TRUSTING, rng=np.random.default_rng(0))
-    found = []
-    for frame in frames:
-        tracker.predict(frame)
-        tracker.weigh()
-        found.append(tracker.estimate())
-        assert len(tracker.particles()) == 0
-        tracker.resample()
-    return Estimates.concatenate(found)
+    return Estimates.concatenate([tracker.step(frame) for frame in frames])
 
 
 def test_means_covariances_and_evidence_are_those_of_the_plain_loop():

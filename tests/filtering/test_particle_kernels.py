@@ -9,12 +9,10 @@ from scipy import stats
 
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.distributions.angles import wrap
-from dirprim_filter.filtering import _interaction, _kernels, _measuring, _resampling, particle_filter
+from dirprim_filter.filtering import _kernels, _measuring, _resampling, particle_filter
 from dirprim_filter.filtering.belief import ParticleBelief, birth_key
-from dirprim_filter.primitives._leader import ALONE
 from dirprim_filter.primitives._manoeuvres import STANDING_BELOW
 from dirprim_filter.primitives.motion_table import motion_table
-from situations import one_cell_map
 
 FALSE_ALARM = 1e-4  # of each statistical test below; seeds are fixed
 VEHICLE = np.array([2, 0], np.int64)
@@ -70,30 +68,6 @@ def test_moments_are_numpys_weighted_mean_and_covariance(cloud):
         np.testing.assert_allclose(row, expected, rtol=1e-10)
 
 
-def weighed(cloud, vehicle, place, *, noise_m):
-    """Weigh by a position that cannot be an outlier."""
-    config = FilterConfig(noise_m=noise_m, outlier_probability=1e-290)
-    noise = particle_filter._noise(config)
-    column = np.array([[*place, np.nan, np.nan, 0.0, noise_m**2, noise_m**2]])
-    _measuring.weigh(cloud, nothing_carried(), vehicle, column, np.empty((1, 3)), WHITE, noise)
-
-
-def test_a_measurement_of_huge_noise_after_next_to_no_time_changes_no_belief(cloud):
-    before = copied(cloud)
-    table = motion_table(one_cell_map())
-    vehicle = np.array([1], np.int64)
-    _kernels.initialise_motion(table, cloud, vehicle)
-    _interaction.advance(table, ALONE, cloud, _interaction.NOBODY, vehicle, np.array([1e-9]))
-    weighed(cloud, vehicle, [50.0, -20.0], noise_m=1e7)
-    np.testing.assert_allclose(cloud.weight[1], before.weight[1], rtol=1e-9)
-    np.testing.assert_allclose(cloud.position[1], before.position[1], atol=1e-4)
-    np.testing.assert_allclose(cloud.speed[1], before.speed[1], atol=1e-2)
-    weighed(cloud, vehicle, [0.0, 0.0], noise_m=1.0)
-    assert np.abs(np.log(cloud.weight[1] / before.weight[1])).max() > 1.0  # a telling one does
-    for other in (0, 2):  # not asked for
-        np.testing.assert_array_equal(cloud.weight[other], before.weight[other])
-
-
 def ancestors(weight, u):
     survivors = np.empty(len(weight), np.int64)
     _resampling.systematic(np.asarray(weight, dtype=float), float(u), survivors)
@@ -114,7 +88,7 @@ def test_every_particle_survives_floor_or_ceil_of_n_w_times(weight, u):
     assert (count[np.array(weight) == 0] == 0).all()
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(3))
 def test_systematic_resampling_is_filterpys_for_the_same_number(seed):
     weight = np.random.default_rng(seed).dirichlet(np.full(200, 0.2))
     np.random.seed(seed)  # noqa: NPY002 filterpy draws from numpy's global numbers
@@ -163,18 +137,6 @@ def test_resampling_keeps_mean_and_covariance_and_forgets_the_weights(cloud):
     assert np.abs(off).max() < 6.0 * np.sqrt(2.0 / effective)
     for mine, older in zip(cloud, before, strict=True):
         np.testing.assert_array_equal(mine[1], older[1])  # not asked for
-
-
-@pytest.mark.parametrize("turned", [0.0, np.pi / 4, 2.0])
-def test_a_narrow_belief_stays_as_narrow_whichever_way_it_lies(cloud, turned):
-    """5 m along and .3 m across: the kernel of an isotropic or axis-wise draw would make it 1 m wide at 45 degrees."""
-    along = np.random.default_rng(1).normal(0.0, [5.0, 0.3], (500, 2)) @ [1.0, 1j]
-    cloud.position[2] = np.column_stack([(z := along * np.exp(1j * turned)).real, z.imag])
-    cloud.direction[2] = turned
-    resampled(cloud, np.array([2]))
-    back = cloud.position[2] @ np.array([1.0, 1j]) * np.exp(-1j * turned)
-    assert back.real.std() == pytest.approx(5.0, rel=0.25)
-    assert back.imag.std() == pytest.approx(0.3, rel=0.25)
 
 
 def test_a_belief_turned_and_shifted_is_resampled_to_the_same_turned_and_shifted(cloud):

@@ -14,7 +14,7 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import EstimateList
 from dirprim_filter.filtering import ConstantTurnUKF, ConstantVelocityKalman, Worlds
 from dirprim_filter.filtering.kalman import FIRST_SPEED_STD
-from dirprim_filter.filtering.smoothing import Smoother, _kernels, chain
+from dirprim_filter.filtering.smoothing import Smoother, _kernels
 from dirprim_filter.filtering.smoothing.particle_paths import ParticlePaths
 from dirprim_filter.filtering.smoothing.recorder import Recorder
 from dirprim_filter.primitives.motion import PUSH_RATE
@@ -253,33 +253,19 @@ def test_where_a_belief_began_anew_nothing_is_carried_across():
     assert (np.diff(both.time_ns) > 0).all()
 
 
-def test_a_belief_that_was_lost_in_a_gap_is_smoothed_up_to_where_its_vehicle_was_found(monkeypatch):
+def test_a_belief_that_was_lost_in_a_gap_is_smoothed_up_to_where_its_vehicle_was_found():
     def at(time_s, x):
         return Detections(track_id=["a"], time_ns=[round(time_s * 1e9)], position=[[x, 0.0]])
 
-    def halfway(end, seeds=range(1)):
+    def halfway(end, seed):
         """Drives at 10 m/s, and is found at `end` after three seconds out of sight: at 50 m it would have been."""
         seen = Detections.concatenate([at(0.1 * i, i) for i in range(20)] + [at(5.0 + 0.1 * i, end) for i in range(5)])
-        times, x, spread = [i * 100_000_000 for i in range(55)], [], []
-        for seed in seeds:
-            model = one_cell_map(concentration=1e3, shape=100.0)
-            later = smoothed(seen, model=model, times=times, seed=seed)[1]
-            row = np.flatnonzero(later.time_ns == 3_500_000_000)[0]
-            x.append(float(later.position[row, 0]))
-            spread.append(float(np.sqrt(later.covariance[row, 0, 0])))
-        return np.array(x), np.array(spread)
+        model, times = one_cell_map(concentration=1e3, shape=100.0), [i * 100_000_000 for i in range(55)]
+        later = smoothed(seen, model=model, times=times, seed=seed)[1]
+        return float(later.position[later.time_ns == 3_500_000_000, 0][0])
 
-    x, spread = halfway(75.0, range(6))
-    assert x.mean() > 44.0
-    assert halfway(200.0)[0] < 36.0  # that is another
-    monkeypatch.setattr(chain, "USUAL", 1e9)
-    x, usual = halfway(75.0, range(6))
-    assert x.mean() > 44.0
-    assert (spread > usual).all()  # who was that wrong was too sure
-    monkeypatch.setattr(chain, "SAME_VEHICLE", 0.0)
-    assert halfway(75.0)[0] > 44.0  # it may have come there
-    monkeypatch.setattr(chain, "HARDEST", 0.0)
-    assert halfway(75.0)[0] < 36.0
+    assert np.mean([halfway(75.0, seed) for seed in range(6)]) > 44.0
+    assert halfway(200.0, 0) < 36.0  # that is another
 
 
 def linear_pair(rng, n):
@@ -354,18 +340,6 @@ def test_at_a_fork_the_way_back_is_on_the_arm_that_was_taken():
     assert np.linalg.norm(of_near[:2] - truth) < 0.1
     assert np.linalg.norm(of_all[:2] - truth) > 0.1  # one Gaussian for both arms
     assert 1.0 / (weight**2).sum() >= 100.0
-
-
-def test_tempered_weights_are_those_of_the_measurement_where_these_leave_enough():
-    before = np.full(1000, 1e-3)
-    after = np.random.default_rng(0).gamma(2.0, size=1000)
-    after /= after.sum()
-    weight = np.empty(1000)
-    _kernels.tempered(before, after, 100.0, weight)
-    np.testing.assert_array_equal(weight, after)
-    _kernels.tempered(before, after, 950.0, weight)
-    assert 950.0 <= 1.0 / (weight**2).sum() < 960.0
-    assert weight.sum() == pytest.approx(1.0)
 
 
 def test_a_filter_that_has_no_smoother_is_refused_and_so_is_a_negative_lag():

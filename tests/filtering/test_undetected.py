@@ -143,9 +143,7 @@ def test_a_first_frame_full_of_vehicles_on_the_road_is_believed_and_one_detectio
     places = np.concatenate([20.0 * np.column_stack([np.cos(angle), np.sin(angle)]), off_road])
     tracker = Tracker(ring_map, config=KNOBS, rng=np.random.default_rng(1))
     seen = Detections(track_id=[""] * len(places), time_ns=[0] * len(places), position=places)
-    tracker.predict(seen)
-    tracker.weigh()
-    found = tracker.estimate()
+    found = tracker.step(seen)
     assert len(found) == (angle.size if is_dense else 0)
     assert (np.linalg.norm(found.position, axis=1) < 30.0).all()
 
@@ -160,8 +158,8 @@ def test_who_is_missed_where_journeys_end_is_gone_sooner_than_elsewhere(ring_map
         def __getattr__(self, name):
             return getattr(self._inner, name)
 
-        def rate_of_ends(self, slot):
-            return np.full(slot.size, self.rate)
+        def places(self, slot):
+            return self._inner.places(slot)._replace(ends=np.full(slot.size, self.rate))
 
     left = []
     for rate in ends:
@@ -171,10 +169,7 @@ def test_who_is_missed_where_journeys_end_is_gone_sooner_than_elsewhere(ring_map
         for i in range(30):
             place = 20.0 * np.array([[np.cos(0.04 * i), np.sin(0.04 * i)]])[: i < 20]
             seen = Detections(track_id=[""] * len(place), time_ns=[i * 10**8] * len(place), position=place)
-            tracker.predict(seen, time_ns=i * 10**8)
-            tracker.weigh()
-            names.append(len(tracker.estimate()))
-            tracker.resample()
+            names.append(len(tracker.step(seen, time_ns=i * 10**8)))
         assert all(names[5:20])
         left.append(sum(names[20:]))
     assert left[1] < left[0]

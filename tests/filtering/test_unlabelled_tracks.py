@@ -25,10 +25,7 @@ def followed(tracker, frames):
         seen = Detections(
             track_id=[""] * len(places), time_ns=[time_ns] * len(places), position=np.reshape(places, (-1, 2))
         )
-        tracker.predict(seen, time_ns=time_ns)
-        tracker.weigh()
-        found.append(tracker.estimate())
-        tracker.resample()
+        found.append(tracker.step(seen, time_ns=time_ns))
     return found
 
 
@@ -129,35 +126,12 @@ def test_unlabelled_tracks_are_the_same_each_time_and_keep_out_of_the_way_of_lab
             position=np.vstack([on_the_ring(1.0 + 0.4 * time_s), places]),
         )  # fmt: skip
         for tracker, frame in ((named, mixed), (alone, mixed[np.array([0])])):
-            tracker.predict(frame)
-            tracker.weigh()
-            believed = tracker.estimate()
-            tracker.resample()
+            believed = tracker.step(frame)
             if tracker is named:
                 first = of_label(believed)
         assert of_label(believed) == first
     assert len(first) > 0
     assert np.unique(named.estimate().track_id).size == 3
-
-
-def test_a_jump_of_a_kilometre_begins_another_track(ring_map):
-    frames = [(0.1 * i, [on_the_ring(0.04 * i) + (1000.0 if i >= 25 else 0.0)]) for i in range(60)]
-    found = followed(made(ring_map, "particles"), frames)
-    before, after = found[24], found[-1]
-    assert len(before) == 1
-    off = np.linalg.norm(after.position - frames[-1][1][0], axis=1)
-    assert off.min() < 1.5
-    assert after.track_id[off.argmin()] != before.track_id[0]
-
-
-def test_after_an_hour_everything_is_new(ring_map):
-    frames = two_vehicles(20, rng=np.random.default_rng(6))
-    tracker = made(ring_map, "particles")
-    before = followed(tracker, frames)[-1]
-    after = followed(tracker, [(3600.0 + t, places) for t, places in frames])
-    assert len(after[0]) == 0
-    assert len(after[-1]) == 2
-    assert not set(after[-1].track_id) & set(before.track_id)
 
 
 def kept_apart(found, ways):
@@ -220,15 +194,3 @@ def test_a_tentative_track_waits_for_a_vehicle_missed_once_and_no_longer(ring_ma
     assert len(found[20]) == 1
     assert len(tracker._roster) == 2
     assert is_kept == (tracker._roster._n_tentative == 2)
-
-
-def test_unlabelled_beliefs_that_begin_anew_in_one_frame_draw_numbers_of_their_own(ring_map):
-    tracker = made(ring_map, "particles")
-    followed(tracker, two_vehicles(40, rng=np.random.default_rng(0)))
-    slot = tracker._roster.unlabelled
-    tracker._recover(slot[:2], np.array([0, 1]))
-    first, second = (tracker._filter.particles(slot[:2]).of(row) for row in (0, 1))
-    place = tracker._frame.detections.position
-    np.testing.assert_array_less(0.01, np.abs((first.position - place[0]) - (second.position - place[1])).max(axis=0))
-    tracker._begin(slot[:1], np.array([0]))  # the control: the same vehicle at the same time draws the same
-    np.testing.assert_array_equal(tracker._filter.particles(slot[:1]).of(0).position, first.position)

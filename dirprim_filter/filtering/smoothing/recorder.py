@@ -123,7 +123,8 @@ class Recorder:
         moved = now.copy()
         moved[evidence.is_moved] = self._paths.states(slot[evidence.is_moved])
         lasts, expected = self._beliefs(slot, moved, after, times), self._beliefs(slot, now, weight, times)
-        links = self._linked(slot, weight, now, added=_wider(lasts, expected))
+        added = _wider(lasts, expected) * evidence.is_moved[:, None, None]  # not for other weights across a gap
+        links = self._linked(slot, weight, now, added=added)
         for s, own, last in zip(slot.tolist(), links, lasts, strict=True):
             self._chain[s].extend(own, last)
             self._past[s] = []
