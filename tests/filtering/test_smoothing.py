@@ -14,6 +14,7 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import EstimateList
 from dirprim_filter.filtering import ConstantTurnUKF, ConstantVelocityKalman, Worlds
 from dirprim_filter.filtering.kalman import FIRST_SPEED_STD
+from dirprim_filter.filtering.protocols import Evidence
 from dirprim_filter.filtering.smoothing import Smoother, _kernels
 from dirprim_filter.filtering.smoothing.particle_paths import ParticlePaths
 from dirprim_filter.filtering.smoothing.recorder import Recorder
@@ -23,6 +24,7 @@ from oracles import ring_forward_backward
 from situations import one_cell_map, ring_traffic
 
 NOISE_M, DENSITY = 0.7, 2.0
+ONE = np.zeros(1, np.int64)
 CONFIG = FilterConfig(noise_m=NOISE_M, outlier_probability=1e-13, n_particles=200)
 
 
@@ -280,22 +282,36 @@ def linear_pair(rng, n):
     return then, now, gain, p - gain @ later @ gain.T
 
 
+class Still(ParticlePaths):
+    """Particles that are somewhere, with weights."""
+
+    def __init__(self, weight, now):
+        super().__init__(SimpleNamespace(split=lambda kernel, first, each, last, **_: kernel(*first, *each, *last)))
+        self.weight, self.now = weight, now
+
+    def states(self, slot):
+        return columns(self.now)[None]
+
+    def weights(self, slot):
+        return self.weight[None]
+
+
+def columns(state):
+    return np.ascontiguousarray(np.vstack([state.T, np.ones(len(state)), np.zeros(len(state))]))
+
+
+def recorded(paths, then, *, time_ns=0):
+    """A recorder of one vehicle that was in some states at time 0."""
+    recorder = Recorder()
+    recorder._paths = paths
+    recorder.begun(ONE, 0)
+    recorder._past[0], recorder._time_ns[0] = [(0, columns(then)[None], 0)], time_ns
+    return recorder
+
+
 def linked(weight, then, now, added=None):
-    def columns(state):
-        return np.ascontiguousarray(np.vstack([state.T, np.ones(len(state)), np.zeros(len(state))]))
-
-    class Still(ParticlePaths):
-        def states(self, slot):
-            return columns(now)[None]
-
-        def weights(self, slot):
-            return weight[None]
-
-    recorder, slot = Recorder(), np.zeros(1, np.int64)
-    recorder._paths = Still(SimpleNamespace(split=lambda kernel, first, each, last, **_: kernel(*first, *each, *last)))
-    recorder.begun(slot, 0)
-    recorder._past[0] = [(0, columns(then)[None], 0)]
-    link = recorder._linked(slot, weight[None], columns(now)[None], added=None if added is None else added[None])[0][0]
+    recorder = recorded(Still(weight, now), then)
+    link = recorder._linked(ONE, weight[None], columns(now)[None], added=None if added is None else added[None])[0][0]
     return link["mean"], link["mean"] + link["step"], link["gain"], link["spread"]
 
 
@@ -307,6 +323,22 @@ def test_links_of_linear_gaussian_particles_are_exact_also_among_those_that_came
         _, _, found, left = linked(weight, then, now)
         np.testing.assert_allclose(found, gain, atol=few)
         np.testing.assert_allclose(left, spread, atol=few)
+
+
+def test_across_a_gap_a_lone_particle_that_came_near_is_no_noise_between_states():
+    """The belief that it makes wide has other weights than the links have: no particle was moved."""
+    n = 100_000
+    then, now, gain, _ = linear_pair(np.random.default_rng(0), n)
+    paths = Still(np.full(n, 1.0 / n), now)
+
+    def weigh(slot, seen):
+        paths.weight = np.where(np.arange(n) == now[:, 0].argmax(), 0.5, 0.5 / n)
+        return Evidence(np.zeros(1), np.ones(1, np.bool_), np.zeros(1, np.bool_))
+
+    recorder = recorded(paths, then, time_ns=3_000_000_000)
+    recorder._filter = SimpleNamespace(weigh=weigh)
+    recorder.weigh(ONE, Detections.none())
+    np.testing.assert_allclose(recorder.chains[0]._links["gain"][0], gain, atol=0.05)
 
 
 def test_noise_between_a_state_and_the_next_belief_is_as_if_the_state_varied_by_it():
