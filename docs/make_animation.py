@@ -19,7 +19,7 @@ from matplotlib.patches import Rectangle
 from PIL import Image
 
 from dirprim_filter import Estimates, Tracker, learn_primitives, read_tracks
-from dirprim_filter.arrays import AnyArray
+from dirprim_filter.arrays import AnyArray, IntArray
 from dirprim_filter.cli.blind_demo import FAR_M, NEAR_M, departure_rate, followers, with_blind_ring
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
@@ -27,13 +27,14 @@ from dirprim_filter.evaluation.rivals import fitted
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.recording.reader import stream_detections
 from dirprim_filter.tracks import Tracks
-from dirprim_filter.viewer.figures.blind import changes_of, colors_of
 
 RECORDINGS = Path("recordings")
 FROM_S, TO_S, STEP_S, SHOWN_MS = 38.0, 57.0, 0.2, 100
 """What is shown, of the log's seconds; each picture for so long."""
 REACH_M, TRAIL_S, FLASH_S = 62.0, 2.5, 1.6
 N_COLORS, N_FITTED = 128, 10
+PALETTE = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"]
+"""Of Okabe and Ito (2008)."""
 
 
 def tracked(model: object, tracking: TrackingConfig) -> Estimates:
@@ -50,6 +51,29 @@ class Side(NamedTuple):
     found: Estimates
     follower: AnyArray
     color: Mapping[str, str]
+
+
+def changes_of(truth: Tracks, follower: AnyArray) -> IntArray:
+    """(c,) rows of the truth at which a vehicle is followed by another track than when it was last followed."""
+    rows = np.flatnonzero(follower != "")
+    order = rows[np.lexsort((truth.time_ns[rows], truth.vehicle[rows]))]
+    same = truth.vehicle[order[1:]] == truth.vehicle[order[:-1]]
+    return np.asarray(order[1:][same & (follower[order[1:]] != follower[order[:-1]])])
+
+
+def colors_of(truth: Tracks, follower: AnyArray) -> dict[str, str]:
+    """Of each track that follows a vehicle a colour: another one than those of others that follow the same."""
+    color: dict[str, str] = {}
+    rivals: dict[str, set[str]] = {}
+    for vehicle in range(truth.n_tracks):
+        own = set(follower[truth.vehicle == vehicle].tolist()) - {""}
+        for name in own:
+            rivals.setdefault(name, set()).update(own - {name})
+    for number, name in enumerate(dict.fromkeys(follower[follower != ""].tolist())):
+        taken = {color.get(other) for other in rivals[name]}
+        turned = PALETTE[number % len(PALETTE) :] + PALETTE[: number % len(PALETTE)]
+        color[name] = next((shade for shade in turned if shade not in taken), turned[0])
+    return color
 
 
 def draw(axes: Axes, side: Side, truth: Tracks, learned: PrimitiveMap, at_s: float) -> None:

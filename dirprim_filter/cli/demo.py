@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from dirprim_filter.config import FilterConfig
-    from dirprim_filter.estimates import EstimateList, Estimates, EstimateSink, TrackedFrame
+    from dirprim_filter.estimates import Estimates, EstimateSink, TrackedFrame
     from dirprim_filter.filtering import BayesFilter
     from dirprim_filter.forecasting import Forecaster
     from dirprim_filter.primitives import PrimitiveMap
@@ -149,7 +149,7 @@ class Run:
         }
         kept = {name: EstimateList() for name in models}
         shown_at, focus = telling_instant(self.truth, is_blind=self.is_blind)
-        instants = {name: FrameAt(shown_at) for name in models}
+        instant = FrameAt(shown_at)
         with (
             EstimateWriter(outputs["tracks.mcap"], metadata=said, particle_stride=10, force=force) as written,
             open_stream("dirprim demo", save=outputs["tracks.rrd"], force=force, n_particles=100) as shown,
@@ -158,15 +158,13 @@ class Run:
             shown.log_map(self.learned)
             shown.log_truth(self.truth)
             forecaster = Forecaster(self.learned, [written, shown], config=config, rng=self._rng(1))
-            sinks: list[EstimateSink] = [written, shown, forecaster]
+            sinks: list[EstimateSink] = [written, shown, forecaster, instant]
             for name, model in models.items():
-                self._replay(model, config, [*(sinks if name == WITH_MAP else []), kept[name], instants[name]])
+                self._replay(model, config, [*(sinks if name == WITH_MAP else []), kept[name]])
             table = {name: _scores(of.all(), self.truth, is_blind=self.is_blind) for name, of in kept.items()}
             shown.log_report("\n".join([*_lines(table, markdown=True), "", run_report(said, {}, title="Made with")]))
-        if self.is_blind:
-            self._draw_blind(kept, outputs["demo.png"], force=force)
-        elif (frame := instants[WITH_MAP].frame) is not None:
-            self._draw(kept[WITH_MAP].all(), frame, focus, forecaster, outputs["demo.png"], force=force)
+        if instant.frame is not None:
+            self._draw(kept[WITH_MAP].all(), instant.frame, focus, forecaster, outputs["demo.png"], force=force)
         return table
 
     def _replay(self, model: PrimitiveMap | BayesFilter, config: FilterConfig, sinks: list[EstimateSink]) -> None:
@@ -205,13 +203,6 @@ class Run:
             forecasts={name: forecaster.paths(frame)[frame.names.index(name)]},
         )  # fmt: skip
         save_figure(figure, path, force=force)
-
-    def _draw_blind(self, kept: Mapping[str, EstimateList], path: Path, *, force: bool) -> None:
-        from dirprim_filter.cli.blind_demo import FAR_M, NEAR_M, followers
-        from dirprim_filter.viewer.figures import blind_figure, save_figure
-
-        ways = {name: followers(kept[name].all(), self.truth) for name in (WITH_MAP, CONSTANT_VELOCITY)}
-        save_figure(blind_figure(self.truth, ways, ring=(NEAR_M, FAR_M)), path, force=force)
 
 
 def _constant_velocity(tracks: Tracks, config: FilterConfig) -> BayesFilter:

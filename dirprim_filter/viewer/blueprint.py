@@ -21,7 +21,7 @@ LAYERS = (
 TRAILS = ("/tracks/trails", "/smoothed/trails", "/truth/trails")
 EYE_HEIGHT = 1.02
 """Height of the eye as a share of the depth of ground to be seen; the view's opening angle is fixed."""
-VIEW_ASPECT = 1.35
+VIEW_ASPECT = 1.15
 """The map view's width over its height, when the window is of common shape."""
 POLAR_EXTENT = (-1.45, 1.45)
 
@@ -42,7 +42,7 @@ def blueprint(box: FloatArray, *, live: bool, tracked: bool) -> rrb.Blueprint:
         )  # fmt: skip
         read = rrb.Tabs(*texts, rrb.TextLogView(origin="/events", name="Events"))
         top = rrb.Horizontal(panel, read, column_shares=[1, 1.25])
-        right = rrb.Vertical(top, *map(_plot, PLOTS), row_shares=[2.4, 1.5, 1.5, 1.2, 1.2])
+        right = rrb.Vertical(top, *map(_plot, PLOTS), row_shares=[2.4, 1.5, 1.2, 1.5])
         whole = rrb.Horizontal(_above(box), right, column_shares=[6, 4])
     else:
         whole = rrb.Horizontal(_above(box), rrb.Tabs(*texts), column_shares=[7, 2])

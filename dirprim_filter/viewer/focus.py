@@ -28,8 +28,6 @@ class Look(NamedTuple):
     Attributes:
         track_id: of the vehicle.
         position: (2,) metres.
-        speed: m/s, estimated, and its standard deviation.
-        direction: radians, estimated.
         cue: mean direction, radians, and concentration of its turn signal, else of its course from where it was a while
             ago; 0 where it has not moved.
         belief: (n_bins,) share of its particles by direction; zeros where there are none.
@@ -37,8 +35,6 @@ class Look(NamedTuple):
 
     track_id: str
     position: FloatArray
-    speed: tuple[float, float]
-    direction: float
     cue: tuple[float, float]
     belief: FloatArray
 
@@ -71,8 +67,7 @@ class Focus:
         mine = frame.particles.of(row)
         bins = np.floor(mine.direction % TWO_PI / TWO_PI * (360 // BIN_DEG)).astype(np.int64)
         return Look(
-            name, estimates.position[row], (float(estimates.speed[row]), float(estimates.speed_std[row])),
-            float(estimates.direction[row]), _signal(frame, row) or self._course(),
+            name, estimates.position[row], _signal(frame, row) or self._course(),
             np.bincount(bins, mine.weight, 360 // BIN_DEG).astype(np.float64),
         )  # fmt: skip
 

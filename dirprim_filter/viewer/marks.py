@@ -69,12 +69,12 @@ STYLES: Mapping[str, rr.AsComponents] = {
     "/focus/ring": rr.LineStrips3D.from_fields(colors=WHITE, radii=_points(1.0)),
     "/tracks/particles": rr.Points3D.from_fields(radii=_points(1.0)),
     "/tracks/estimates": rr.Points3D.from_fields(radii=_points(3.0)),
-    "/tracks/trails": rr.Points3D.from_fields(radii=_points(1.0)),
+    "/tracks/trails": rr.Points3D.from_fields(radii=_points(1.5)),
     "/tracks/motion": rr.Arrows3D.from_fields(radii=_points(1.5)),
     "/tracks/covariance": rr.Ellipsoids3D.from_fields(line_radii=_points(0.75)),
     "/tracks/unseen": rr.Ellipsoids3D.from_fields(line_radii=_points(0.5), fill_mode="majorwireframe"),
     "/tracks/ids": rr.Points3D.from_fields(radii=_points(0.0)),
-    "/smoothed/trails": rr.Points3D.from_fields(radii=_points(2.5)),
+    "/smoothed/trails": rr.Points3D.from_fields(radii=_points(3.0)),
     "/smoothed/covariance": rr.Ellipsoids3D.from_fields(line_radii=_points(0.5)),
 }
 """By entity."""

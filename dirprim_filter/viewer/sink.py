@@ -26,7 +26,7 @@ from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
 from dirprim_filter.viewer import marks
 from dirprim_filter.viewer.blueprint import blueprint
-from dirprim_filter.viewer.curves import curve_styles, frame_metrics, speed_rows
+from dirprim_filter.viewer.curves import curve_styles, frame_metrics
 from dirprim_filter.viewer.direction_panel import polar_columns, polar_styles
 from dirprim_filter.viewer.events import Events
 from dirprim_filter.viewer.focus import Focus, Look
@@ -206,7 +206,6 @@ class RerunSink:
         times, depth = [one.frame.time_ns for one in shown], self._depth()
         self._send(marks.frames([one.frame for one in shown], depth=depth), times)
         curves = {path: np.array([one.metrics[path] for one in shown]) for path in shown[0].metrics}
-        curves["/focus/speed"] = speed_rows([one.look for one in shown], self._primitives)
         for path, rows in curves.items():
             columns = rr.Scalars.columns(scalars=rows.ravel()).partition([rows.shape[1]] * len(rows))
             self._send([(path, columns)], times)

@@ -24,8 +24,8 @@ ellipses: the smoothed estimates.
 **Particles**: of the ringed vehicle, with `--particles-out` of all. By direction: amber east, green north,
 blue west, magenta south.
 
-**White ring**: the vehicle that was least expected, or the one asked for. Its speed and its direction are plotted: the
-prior of its place, the cue (its turn signal, else its course of the last second), and the posterior (Eq. 4).
+**White ring**: the vehicle that was least expected, or the one asked for. Its direction is plotted: the prior of its
+place, the cue (its turn signal, else its course of the last second), the posterior (Eq. 4), and its particles.
 
 Layers are switched on and off in the panel on the left.
 """

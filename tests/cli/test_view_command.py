@@ -48,7 +48,7 @@ def test_a_tracked_run_has_every_layer_curve_and_text(folder):
         "/map/cells", "/map/roses", "/detections", "/truth", "/truth/trails",
         "/tracks/estimates", "/tracks/ids", "/tracks/motion", "/tracks/covariance", "/tracks/unseen",
         "/tracks/trails", "/tracks/particles", "/forecasts/paths", "/forecasts/region_50", "/forecasts/region_90",
-        "/focus/ring", "/focus/speed", "/polar/prior", "/polar/cue", "/polar/posterior", "/polar/belief",
+        "/focus/ring", "/polar/prior", "/polar/cue", "/polar/posterior", "/polar/belief",
         "/metrics/ess", "/metrics/consistency", "/metrics/existence", "/events", "/report", "/legend",
     }  # fmt: skip
     assert wanted <= entities(folder / "prior.rrd")

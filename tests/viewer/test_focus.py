@@ -1,4 +1,4 @@
-"""Whom to look at, and what is shown of it: the prior's speeds, and Eq. 4 around the circle."""
+"""Whom to look at, and what is shown of it: Eq. 4 around the circle."""
 
 from dataclasses import replace
 
@@ -8,7 +8,6 @@ import pytest
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import TrackedFrame
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.viewer.curves import speed_rows
 from dirprim_filter.viewer.direction_panel import polar_curves
 from dirprim_filter.viewer.focus import KEPT_S, Focus, Look
 
@@ -38,30 +37,7 @@ def test_the_vehicle_that_is_least_expected_is_looked_at_for_a_while(scene_frame
 
 
 def look_at(position: tuple[float, float], *, cue: tuple[float, float] = (0.0, 0.0)) -> Look:
-    return Look("a", np.array(position), (8.0, 1.0), 0.3, cue, np.full(72, 1 / 72))
-
-
-def test_the_speeds_prior_is_that_of_the_modes_that_fit_the_direction(scene_map: PrimitiveMap) -> None:
-    look = look_at((15.0, 15.0))
-    ((estimate, low, high, mean, less, plus),) = speed_rows([look], scene_map)
-    assert (estimate, low, high) == (8.0, 7.0, 9.0)
-    rng = np.random.default_rng(1)
-    prior = scene_map.primitive_at(look.position)
-    fit = np.exp(prior.direction.mode_log_density(np.array(look.direction)))
-    mode = rng.choice(fit.size, 200_000, p=fit / fit.sum())
-    speed = rng.gamma(prior.speed.shape[mode], 1.0 / prior.speed.rate[mode])
-    assert (mean, 0.5 * (plus - less)) == pytest.approx((speed.mean(), speed.std()), abs=0.05)
-    other = look._replace(direction=2.0)  # the negative control: the other mode is half as fast
-    assert speed_rows([other], scene_map)[0, 3] < 0.8 * mean
-
-
-def test_a_curve_of_speed_breaks_where_the_vehicle_changes(scene_map: PrimitiveMap) -> None:
-    looks = [look_at((5.0, 5.0)), None, look_at((5.0, 5.0))._replace(track_id="b"), look_at((5.0, 5.0))]
-    looks[3] = looks[2]
-    rows = speed_rows(looks, scene_map)
-    assert np.isnan(rows).all(axis=1).tolist() == [False, True, True, False]
-    assert np.isnan(speed_rows([None, None], scene_map)).all()
-    assert np.isnan(speed_rows([look_at((5.0, 5.0))], None)[0, 3:]).all()
+    return Look("a", np.array(position), cue, np.full(72, 1 / 72))
 
 
 def density_of(line: np.ndarray, theta: np.ndarray) -> np.ndarray:

@@ -5,7 +5,6 @@ Drawn through matplotlib's objects and never through pyplot: nothing global chan
 
 from matplotlib.figure import Figure as Figure
 
-from dirprim_filter.viewer.figures.blind import blind_figure as blind_figure
 from dirprim_filter.viewer.figures.map import map_figure as map_figure
 from dirprim_filter.viewer.figures.page import save_figure as save_figure
 from dirprim_filter.viewer.figures.place import place_figure as place_figure

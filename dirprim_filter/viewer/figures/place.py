@@ -15,27 +15,23 @@ from matplotlib.projections.polar import PolarAxes
 from matplotlib.ticker import MaxNLocator
 
 from dirprim_filter.arrays import FloatArray
-from dirprim_filter.config import LearningConfig
 from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.distributions.angles import TWO_PI
 from dirprim_filter.distributions.product import multiply_mixtures
 from dirprim_filter.drawing import shapes
 from dirprim_filter.drawing.colors import direction_color
+from dirprim_filter.drawing.shapes import STANDING_SPEED
 from dirprim_filter.evaluation.turn_signal import clearest_choice
 from dirprim_filter.primitives.cues import Cue
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
-from dirprim_filter.viewer.figures.page import FAINT, NORMAL, SMALL, dress, dress_map, new_figure
-from dirprim_filter.viewer.layers import FOCUS_COLOR, INK, draw_map, draw_tracks
+from dirprim_filter.viewer.figures.page import FAINT, NORMAL, SMALL, dress, new_figure
+from dirprim_filter.viewer.layers import FOCUS_COLOR, INK
 from tessellation import OUTSIDE
 from tessellation.anchors import anchors
 
-STANDING_SPEED = LearningConfig().standing_speed
-"""m/s; below it a direction means nothing."""
 LEAST_WEIGHT = 0.01
 """Modes of less weight are not drawn by themselves."""
-AROUND = 4.0
-"""The surroundings of a place reach so many cells to each side."""
 BIN_DEG, BINS_OF_SPEED = 5, 30
 ANGLES = np.linspace(0.0, TWO_PI, 7201)
 OPACITY, ROWS_COLOR, CUE_COLOR = 0.45, "0.85", "#E69F00"
@@ -107,7 +103,7 @@ def place_figure(
     primitives: PrimitiveMap, *, position: npt.ArrayLike | None = None, tracks: Tracks | None = None,
     cue: Cue | None = None, heading: float | None = None,
 ) -> Figure:  # fmt: skip
-    """Directions and speeds at a place, by mode, and where it is.
+    """Directions and speeds at a place, by mode.
 
     Args:
         primitives: the map.
@@ -124,10 +120,8 @@ def place_figure(
     curves: list[tuple[str, VonMisesMixture, dict[str, Any]]] = [
         ("p(direction) and p(speed) at the place", place.direction, {"color": INK, "linewidth": 1.2})
     ]
-    turn = None
     if cue is not None:
         signal = cue.belief(place.heading)
-        turn = float(signal.mean_direction[0])
         dashed = {"color": CUE_COLOR, "linewidth": 1.6, "linestyle": (0, (5, 2))}
         posterior = multiply_mixtures(place.direction, signal).mixture
         curves.append(("cue: the turn signal", signal, dashed))
@@ -136,13 +130,11 @@ def place_figure(
     key += [Patch(facecolor=_color(place, mode), alpha=OPACITY, label=_label(place, mode)) for mode in place.shown]
     if rows is not None:
         key.append(Patch(color=ROWS_COLOR, label=f"the cell's {len(rows):,} rows"))
-    figure = new_figure(11.6, 4.0)
+    figure = new_figure(10.0, 4.4)
     figure.legend(handles=key, loc="outside lower center", ncols=3, frameon=False, fontsize=NORMAL)
-    directions = cast(PolarAxes, figure.add_subplot(1, 3, 1, projection="polar"))
-    speeds, surroundings = figure.add_subplot(1, 3, 2), figure.add_subplot(1, 3, 3)
-    _draw_directions(directions, place, curves, rows)
-    _draw_speeds(speeds, place, rows)
-    _draw_surroundings(surroundings, primitives, place, tracks, turn)
+    grid = figure.add_gridspec(1, 2, width_ratios=[2, 3])
+    _draw_directions(cast(PolarAxes, figure.add_subplot(grid[0], projection="polar")), place, curves, rows)
+    _draw_speeds(figure.add_subplot(grid[1]), place, rows)
     return figure
 
 
@@ -210,24 +202,3 @@ def _draw_speeds(axes: Axes, place: Place, rows: Tracks | None) -> None:
     axes.set_xlabel(f"speed [m/s]; standing, not drawn: {float(weight[~moving].sum()):.1%}")
     x, y = place.position
     dress(axes, f"(b)  Speeds at ({x:.1f}, {y:.1f}) m", is_open=True)
-
-
-def _draw_surroundings(
-    axes: Axes, primitives: PrimitiveMap, place: Place, tracks: Tracks | None, turn: float | None
-) -> None:
-    """The place and what is around it; where a vehicle signals, its way to the place and where the signal points."""
-    cells = primitives.tessellation
-    draw_map(axes, primitives, opacity=0.5)
-    if tracks is not None:
-        draw_tracks(axes, tracks)
-    axes.plot(*shapes.cell_outlines(cells)[place.cell].T, color=FOCUS_COLOR, linewidth=1.4, zorder=8)
-    axes.plot(*place.position, "+", color=FOCUS_COLOR, markersize=6, markeredgewidth=1.2, zorder=9)
-    half = AROUND * np.sqrt(cells.area[place.cell])
-    dress_map(axes, place.position + half * np.array([[-1.0], [1.0]]), "(c)  The place")
-    if turn is None:
-        return
-    ahead, aside = (0.6 * half * np.array([np.cos(of), np.sin(of)]) for of in (place.heading, turn))
-    here = place.position
-    for start, end, color in ((here - ahead, here, INK), (here, here + aside, CUE_COLOR)):
-        arrow = {"arrowstyle": "-|>", "color": color, "linewidth": 1.8, "shrinkA": 0, "shrinkB": 3}
-        axes.annotate("", tuple(end), tuple(start), arrowprops=arrow, zorder=10)
