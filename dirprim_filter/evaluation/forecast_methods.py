@@ -105,13 +105,17 @@ def by_trajectory_memory(
 def by_constant_velocity(
     train: Tracks, horizons_s: tuple[float, ...], _rng: np.random.Generator
 ) -> dict[str, Forecaster]:
-    """On as now, with Gaussian errors along the way and across it as large as the training vehicles' at each horizon.
+    """On as now, with errors as large as the training vehicles'."""
+    return {"constant velocity": Forecaster(straight_on_as(Cases.of(train, horizons_s=horizons_s), horizons_s))}
+
+
+def straight_on_as(known: Cases, horizons_s: tuple[float, ...]) -> SampleFutures:
+    """On as now, with Gaussian errors along the way and across it as large as those of known cases at each horizon.
 
     Fitted to each horizon by itself, not to the changes from one row to the next: those are smooth, and white
     acceleration fitted to them falls short at once.
     """
-    cases = Cases.of(train, horizons_s=horizons_s)
-    error = _turned(cases.later - _straight_on(cases, horizons_s), -cases.direction)
+    error = _turned(known.later - _straight_on(known, horizons_s), -known.direction)
     seen = np.maximum(np.isfinite(error).sum(axis=0), 1)
     std = np.sqrt(np.nansum(error**2, axis=0) / seen)  # (n_horizons, 2)
 
@@ -119,7 +123,7 @@ def by_constant_velocity(
         drawn = std * rng.standard_normal((cases.speed.size, n_samples, *std.shape))
         return np.asarray(_straight_on(cases, horizons_s)[:, None] + _turned(drawn, cases.direction))
 
-    return {"constant velocity": Forecaster(sample)}
+    return sample
 
 
 def _straight_on(cases: Cases, horizons_s: Sequence[float]) -> FloatArray:

@@ -116,6 +116,8 @@ PARTS = ("tracking", "learning")
 
 def run(scene: str, part: str, seed: int) -> dict[str, Outcome]:
     """A scene with all on, and without each mechanism of a part that can matter there."""
+    if part == "learning" and scene not in LEARNED:
+        return {}
     situation = SCENES[scene](seed)
     if part == "tracking":
         found = {ON: situation.tracked(situation.learned(), Mechanism())}
@@ -123,8 +125,6 @@ def run(scene: str, part: str, seed: int) -> dict[str, Outcome]:
             if not off.changes_map and (not off.scenes or scene in off.scenes):
                 found[name] = situation.tracked(situation.learned(), off)
         return found
-    if scene not in LEARNED:
-        return {}
     found = {ON: situation.tracked(situation.learned(), Mechanism()) | situation.forecast(situation.learned())}
     found["leaders"] = situation.forecast(situation.learned(), alone=True)
     for name, off in MECHANISMS.items():

@@ -6,7 +6,7 @@ what it keeps, as a user gets it; and beside it from trips filled each second by
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -19,8 +19,9 @@ from dirprim_filter import PrimitiveMap, Tracks, learn_primitives
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.evaluation.baselines.trajectory_memory import States, TrajectoryMemory
 from dirprim_filter.evaluation.forecast_cases import Cases
+from dirprim_filter.evaluation.forecast_methods import SampleFutures, futures_of, straight_on_as
 from dirprim_filter.evaluation.forecasting import score_cases
-from dirprim_filter.filtering.rollouts import forecast_states
+from dirprim_filter.instants import Instants
 
 DATA = Path(__file__).parents[2] / "../shared/data/chicago_bus/chicago_bus.csv"
 N_FOLDS = 2
@@ -33,7 +34,6 @@ STARTS, LONGEST_STEP_S = 8, 4.0
 """Forecasts of a trip, and the longest step before a start, which gives its course and speed: nothing ahead is used."""
 MIN_SPEED = 0.5
 N_SAMPLES = 100
-Sample = Callable[["Starts"], FloatArray]
 
 
 class Fixes(NamedTuple):
@@ -77,35 +77,31 @@ def fixes() -> Fixes:
     return Fixes(rows["track_id"].astype(np.int64), rows["time_s"], np.column_stack([rows["x_m"], rows["y_m"]]))
 
 
-class Starts(NamedTuple):
-    """Instants from which forecasts are made, by what is known then."""
-
-    trip: IntArray
-    states: States
-    later: FloatArray  # (n, horizons, 2); NaN where it is not known
-
-    @classmethod
-    def of(cls, given: Fixes) -> Starts:
-        """Up to `STARTS` of each trip, spread over it."""
-        chosen, later = [], []
-        for rows in np.split(np.arange(given.trip.size), np.flatnonzero(np.diff(given.trip)) + 1):
-            time_s = given.time_s[rows]
-            able = np.flatnonzero(
-                (np.diff(time_s, prepend=-np.inf) <= LONGEST_STEP_S) & (time_s + HORIZONS_S[0] <= time_s[-1])
-            )
-            if able.size == 0:
-                continue
-            at = able[np.unique(np.linspace(0, able.size - 1, min(able.size, STARTS)).round().astype(np.int64))]
-            wanted = time_s[at][:, None] + np.array(HORIZONS_S)
-            place = [np.interp(wanted, time_s, given.position[rows, axis], right=np.nan) for axis in (0, 1)]
-            after = np.clip(np.searchsorted(time_s, wanted), 1, time_s.size - 1)
-            near = time_s[after] - time_s[after - 1] <= FILLED_S / 2.0
-            chosen.append(rows[at])
-            later.append(np.where(near[..., None], np.stack(place, axis=-1), np.nan))
-        row = np.concatenate(chosen)
-        step = (given.position[row] - given.position[row - 1]) / (given.time_s[row] - given.time_s[row - 1])[:, None]
-        states = States(given.position[row], np.arctan2(step[:, 1], step[:, 0]), np.hypot(*step.T))
-        return cls(given.trip[row], states, np.concatenate(later))
+def starts_of(given: Fixes) -> Cases:
+    """Up to `STARTS` instants of each trip, spread over it, by what is known then."""
+    chosen, later = [], []
+    for rows in np.split(np.arange(given.trip.size), np.flatnonzero(np.diff(given.trip)) + 1):
+        time_s = given.time_s[rows]
+        able = np.flatnonzero(
+            (np.diff(time_s, prepend=-np.inf) <= LONGEST_STEP_S) & (time_s + HORIZONS_S[0] <= time_s[-1])
+        )
+        if able.size == 0:
+            continue
+        at = able[np.unique(np.linspace(0, able.size - 1, min(able.size, STARTS)).round().astype(np.int64))]
+        wanted = time_s[at][:, None] + np.array(HORIZONS_S)
+        place = [np.interp(wanted, time_s, given.position[rows, axis], right=np.nan) for axis in (0, 1)]
+        after = np.clip(np.searchsorted(time_s, wanted), 1, time_s.size - 1)
+        near = time_s[after] - time_s[after - 1] <= FILLED_S / 2.0
+        chosen.append(rows[at])
+        later.append(np.where(near[..., None], np.stack(place, axis=-1), np.nan))
+    row = np.concatenate(chosen)
+    step = (given.position[row] - given.position[row - 1]) / (given.time_s[row] - given.time_s[row - 1])[:, None]
+    alone, nobody = np.zeros(row.size, np.int64), np.empty(0, np.int64)
+    return Cases(
+        vehicle=given.trip[row], name=given.trip[row].astype(np.str_), group=alone, position=given.position[row],
+        direction=np.arctan2(step[:, 1], step[:, 0]), speed=np.hypot(*step.T), later=np.concatenate(later),
+        around=Instants(np.empty((0, 4)), nobody, np.zeros(1, np.int64)), at=alone,
+    )  # fmt: skip
 
 
 class Fold(NamedTuple):
@@ -176,10 +172,11 @@ def forecasts() -> tuple[IntArray, dict[str, FloatArray]]:
     """The trip of each start, and (n, horizons) energy scores by each method, metres; NaN where no truth is known."""
     trips, found = [], {}
     for fold in folds():
-        starts = Starts.of(fold.test)
-        trips.append(starts.trip)
-        for name, sample in samplers(fold):
-            found.setdefault(name, []).append(score_cases(sample(starts), starts.later)[..., 0])
+        starts = starts_of(fold.test)
+        trips.append(starts.vehicle)
+        for name, (sample, rng) in samplers(fold).items():
+            energy = score_cases(sample(starts, N_SAMPLES, rng), starts.later)[..., 0]
+            found.setdefault(name, []).append(energy)
     return np.concatenate(trips), {name: np.concatenate(parts) for name, parts in found.items()}
 
 
@@ -192,49 +189,20 @@ def memory_settings() -> tuple[float, float]:
     return found.nearness, found.strength
 
 
-def samplers(fold: Fold) -> Iterator[tuple[str, Sample]]:
-    """What forecasts: (n, samples, horizons, 2) metres."""
-    yield "constant velocity", by_constant_velocity(fold)
+def samplers(fold: Fold) -> dict[str, tuple[SampleFutures, np.random.Generator]]:
+    """What forecasts, each with random numbers of its own."""
     nearness, strength = memory_settings()
     memory = replace(TrajectoryMemory.of(fold.train.filled().tracks()), nearness=nearness, strength=strength)
-    times = np.array(HORIZONS_S)
-    rng = np.random.default_rng([fold.seed, 1])
-    yield "trajectory memory", lambda starts: memory.sample(starts.states, time_s=times, n_samples=N_SAMPLES, rng=rng)
-    for name, learned in maps(fold.seed).items():
-        yield name, by_map(learned, fold.seed)
 
+    def remembered(cases: Cases, n_samples: int, rng: np.random.Generator) -> FloatArray:
+        now = States(cases.position, cases.direction, cases.speed)
+        return memory.sample(now, time_s=np.array(HORIZONS_S), n_samples=n_samples, rng=rng)
 
-def by_map(learned: PrimitiveMap, seed: int) -> Sample:
-    """Rollouts."""
-
-    def sample(starts: Starts) -> FloatArray:
-        position, direction, speed = starts.states
-        return np.asarray(
-            forecast_states(
-                learned, position=position, direction=direction, speed=speed, time_s=HORIZONS_S, n_samples=N_SAMPLES,
-                rng=np.random.default_rng([seed, 2]),
-            )
-        )  # fmt: skip
-
-    return sample
-
-
-def by_constant_velocity(fold: Fold) -> Sample:
-    """On as now, with Gaussian errors along the way and across it as large as the training trips' at each horizon."""
-
-    def straight_on(starts: Starts) -> tuple[FloatArray, FloatArray]:
-        along = np.column_stack([np.cos(starts.states.direction), np.sin(starts.states.direction)])
-        axes = np.stack([along, np.column_stack([-along[:, 1], along[:, 0]])], axis=1)
-        velocity = starts.states.speed[:, None] * along
-        return starts.states.position[:, None] + velocity[:, None] * np.array(HORIZONS_S)[:, None], axes
-
-    train = Starts.of(fold.train)
-    mean, axes = straight_on(train)
-    spread = np.sqrt(np.nanmean(np.einsum("nhd,nad->nha", train.later - mean, axes) ** 2, axis=0))
-
-    def sample(starts: Starts) -> FloatArray:
-        mean, axes = straight_on(starts)
-        drawn = spread * np.random.default_rng(fold.seed).standard_normal((len(mean), N_SAMPLES, *spread.shape))
-        return np.asarray(mean[:, None] + np.einsum("nsha,nad->nshd", drawn, axes))
-
-    return sample
+    straight_on = straight_on_as(starts_of(fold.train), HORIZONS_S)
+    return {
+        "constant velocity": (straight_on, np.random.default_rng(fold.seed)),
+        "trajectory memory": (remembered, np.random.default_rng([fold.seed, 1])),
+    } | {
+        name: (futures_of(learned, HORIZONS_S), np.random.default_rng([fold.seed, 2]))
+        for name, learned in maps(fold.seed).items()
+    }
