@@ -13,7 +13,7 @@ import json
 import re
 from collections.abc import Mapping
 from datetime import UTC, datetime
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from dirprim_filter.arrays import AnyArray, IntArray
 from dirprim_filter.recording.decoding._kernels import MAX_ELEMENTS
 from dirprim_filter.recording.decoding.column_plan import CLOCKS, Plan
 from dirprim_filter.recording.decoding.field_columns import MAX_NAME_LENGTH, NANOSECONDS, NO_TIME, Column, FieldColumns
-from dirprim_filter.recording.decoding.fields import EACH, Field, Kind, Wanted, wanted
+from dirprim_filter.recording.decoding.fields import EACH, Field, Kind, steps_of
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _FRACTION_DIGITS = 9
@@ -35,111 +35,80 @@ class _UnlikeError(ValueError):
     """A value is not of the kind that is wanted there."""
 
 
+Steps = list[tuple[str, int | None]]
+
+
 class JsonPlan(Plan):
     """Reads the wanted fields of JSON messages; those that a message lacks are missing."""
 
     def __init__(self, fields: Mapping[str, Field]) -> None:
         self._fields = fields
-        self._wanted = wanted(fields)
+        paths = (one.path for one in fields.values())
+        tables = sorted(
+            {path[: i + 2] for path in paths for i in range(len(path)) if path.startswith("[]", i)}, key=len
+        )
+        self._tables: dict[str, tuple[str, Steps]] = {}
+        for table in tables:  # an element has a row above it even where nothing is wanted of that
+            above = table[: table.rfind("[]", 0, -2) + 2] if "[]" in table[:-2] else ""
+            self._tables[table] = above, steps_of(table[len(above) :])
+        self._steps = {
+            label: steps_of(rest) if (rest := one.path[len(one.table) :]) else [] for label, one in fields.items()
+        }
 
     def read(self, data: AnyArray, start: IntArray, stop: IntArray) -> FieldColumns:
         """The columns of messages."""
-        walk = _Walk(self._fields)
+        rows: dict[str, tuple[list[int], list[int]]] = {table: ([], []) for table in ("", *self._tables)}
+        columns: dict[str, list[Any]] = {label: [] for label in self._fields}
         failures: dict[int, str] = {}
         for message, (first, end) in enumerate(zip(start.tolist(), stop.tolist(), strict=True)):
-            kept = walk.sizes()
             try:
-                walk.enter(self._wanted, json.loads(data[first:end].tobytes()), "", message, message)
+                found, values = self._taken(json.loads(data[first:end].tobytes()))
             except (ValueError, OverflowError, RecursionError) as error:
                 failures[message] = f"no JSON of its schema: {error}"
-                walk.cut(kept)
-            walk.ensure_message(message)
+                found, values = self._taken(None)
+            base = {table: len(numbers) for table, (numbers, _) in rows.items()}
+            for table, items in found.items():
+                above = base[self._tables[table][0]] if table else message
+                rows[table][0].extend([message] * len(items))
+                rows[table][1].extend(above + i for i, _ in items)
+            for label, of_rows in values.items():
+                columns[label] += of_rows
         return FieldColumns(
             fields=self._fields,
             n_messages=len(start),
-            rows={path: (np.array(m, np.int64), np.array(p, np.int64)) for path, (m, p) in walk.rows.items()},
-            columns={label: _column(self._fields[label].kind, values) for label, values in walk.values.items()},
+            rows={path: (np.array(m, np.int64), np.array(p, np.int64)) for path, (m, p) in rows.items()},
+            columns={label: _column(self._fields[label].kind, values) for label, values in columns.items()},
             data=np.empty(0, np.uint8),
             failures=failures,
         )
 
+    def _taken(self, message: Any) -> tuple[dict[str, list[tuple[int, Any]]], dict[str, list[Any]]]:
+        """By table the rows of a message, each the number of that above and what it holds; by label the values."""
+        rows = {"": [(0, message)]}
+        for table, (above, steps) in self._tables.items():
+            rows[table] = [(i, item) for i, (_, of) in enumerate(rows[above]) for item in _below(of, steps) or ()]
+            if len(rows[table]) > MAX_ELEMENTS:
+                raise _UnlikeError(f"expected at most {MAX_ELEMENTS} elements of {table}, got {len(rows[table])}")
+        return rows, {
+            label: [_converted(one.kind, _below(of, self._steps[label])) for _, of in rows[one.table]]
+            for label, one in self._fields.items()
+        }
 
-class _At(NamedTuple):
-    """The row that is written."""
 
-    table: str
-    message: int
-    row: int
-
-
-class _Walk:
-    """Rows and values as they are found."""
-
-    def __init__(self, fields: Mapping[str, Field]) -> None:
-        self.rows: dict[str, tuple[list[int], list[int]]] = {"": ([], [])}
-        self.rows |= {field.table: ([], []) for field in fields.values()}
-        for table in list(self.rows):
-            above = table
-            while "[]" in above:  # an element has a row above it even where nothing is wanted of that
-                above = above[: above[:-2].rfind("[]") + 2] if "[]" in above[:-2] else ""
-                self.rows.setdefault(above, ([], []))
-        self.values: dict[str, list[Any]] = {label: [] for label in fields}
-        self._tables = {table: [label for label, f in fields.items() if f.table == table] for table in self.rows}
-
-    def sizes(self) -> dict[str, int]:
-        """How many rows there are, by table."""
-        return {table: len(rows[0]) for table, rows in self.rows.items()}
-
-    def cut(self, sizes: Mapping[str, int]) -> None:
-        """Go back to so many rows."""
-        for table, size in sizes.items():
-            for column in (*self.rows[table], *(self.values[label] for label in self._tables[table])):
-                del column[size:]
-
-    def ensure_message(self, message: int) -> None:
-        """A row in the table of messages, also for one that could not be read."""
-        if len(self.rows[""][0]) == message:
-            self._append("", message, message)
-
-    def _append(self, table: str, message: int, parent: int) -> int:
-        messages, parents = self.rows[table]
-        messages.append(message)
-        parents.append(parent)
-        for label in self._tables[table]:
-            self.values[label].append(None)
-        return len(messages) - 1
-
-    def enter(self, want: Wanted, value: Any, table: str, message: int, parent: int) -> None:
-        """A new row, and what is wanted of an element."""
-        self._take(want, value, _At(table, message, self._append(table, message, parent)), table)
-
-    def _take(self, want: Wanted, value: Any, at: _At, path: str) -> None:
-        for label, kind in want.labels:
-            self.values[label][at.row] = _converted(kind, value)
-        if value is None or not want.below:
-            return
+def _below(value: Any, steps: Steps) -> Any:
+    """What stands some steps below a value; None where it is missing."""
+    for name, selector in steps:
+        if value is None:
+            return None
         if not isinstance(value, dict):
-            raise _UnlikeError(f"expected an object at {path or 'the top'}, got {type(value).__name__}")
-        for name, selected in want.below.items():
-            below = value.get(name)
-            for selector, one in selected.items():
-                if below is None:
-                    continue
-                if selector is None:
-                    self._take(one, below, at, f"{path}.{name}")
-                elif isinstance(below, list):
-                    self._elements(one, below, selector, at, f"{path}.{name}")
-                else:
-                    raise _UnlikeError(f"expected a list at {path}.{name}, got {type(below).__name__}")
-
-    def _elements(self, want: Wanted, items: list[Any], selector: int, at: _At, path: str) -> None:
-        if selector == EACH:
-            if len(items) > MAX_ELEMENTS:
-                raise _UnlikeError(f"expected at most {MAX_ELEMENTS} elements of {path}, got {len(items)}")
-            for item in items:
-                self.enter(want, item, f"{path}[]", at.message, at.row)
-        elif selector < len(items):
-            self._take(want, items[selector], at, f"{path}[{selector}]")
+            raise _UnlikeError(f"expected an object with {name!r}, got {type(value).__name__}")
+        value = value.get(name)
+        if selector is not None and value is not None:
+            if not isinstance(value, list):
+                raise _UnlikeError(f"expected a list at {name!r}, got {type(value).__name__}")
+            if selector != EACH:
+                value = value[selector] if selector < len(value) else None
+    return value
 
 
 def _converted(kind: Kind, value: Any) -> Any:
