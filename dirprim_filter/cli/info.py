@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from dirprim_filter.faults import Faults
-    from dirprim_filter.recording.summary import LogSummary, SizeSummary
+    from dirprim_filter.recording.summary import LogSummary
 
 logger = logging.getLogger(__name__)
 
@@ -102,7 +102,6 @@ def _lines(summary: LogSummary, faults: Faults) -> list[str]:
         f"groups in {topic}: {len(counts)}, from {min(counts)} to {max(counts)}; --set group=NUMBER takes one of them"
         for topic, counts in summary.groups.items()
     ]
-    lines += [f"sizes in {topic}: {_size(size)}" for topic, size in summary.sizes.items()]
     if summary.attachments:
         lines.append(f"attachments: {', '.join(summary.attachments)}")
     odd = {source: stamps for source, stamps in (summary.stamps or {}).items() if stamps.is_odd or stamps.duplicate}
@@ -116,12 +115,6 @@ def _counts(counts: Mapping[str, int]) -> str:
     most = sorted(counts.items(), key=lambda item: -item[1])
     shown = [f"{label or 'none'} {n}" for label, n in most[:LABELS_SHOWN]]
     return ", ".join(shown) + (f" and {len(most) - LABELS_SHOWN} more" if len(most) > LABELS_SHOWN else "")
-
-
-def _size(size: SizeSummary) -> str:
-    metres = (size.length_m, size.width_m, size.height_m)
-    shown = " x ".join("?" if one is None else f"{one:.2f}" for one in metres)
-    return f"median {shown} m (length x width x height) of {size.rows} rows"
 
 
 def _span(summary: LogSummary) -> str:

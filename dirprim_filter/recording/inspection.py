@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import logging
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from google.protobuf.message import DecodeError
 
-from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.recording.container.log import LogSource, Scan, opened
 from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.container.records import Channel
@@ -22,12 +21,9 @@ from dirprim_filter.recording.objects.options import EVERYTHING, ReadOptions
 from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
 from dirprim_filter.recording.schemas.decoders import Decoders, by_schema, pieces
 from dirprim_filter.recording.schemas.dirprim import decode_estimates
-from dirprim_filter.recording.summary import LogSummary, SizeSummary, TopicSummary
+from dirprim_filter.recording.summary import LogSummary, TopicSummary
 
 logger = logging.getLogger(__name__)
-
-MAX_CENTIMETRES = 10_000
-"""Longer bodies count as so long."""
 
 
 @dataclass(slots=True)
@@ -59,8 +55,7 @@ def inspect(source: LogSource, options: ReadOptions = EVERYTHING) -> LogSummary:
             if len(columns):
                 reading.take(columns)
         damage = tuple(log.damage)
-        attachments = tuple(attachment.name for attachment, _ in log.attachments())
-        metadata = tuple(name for name, _ in log.metadata)
+        attachments = tuple(attachment.name for file in one.files for attachment in file.outline.attachments)
     if options.strict and damage:
         raise DamagedRecordingError(one.path, damage)
     if options.mapping and not any(tally.track_ids for tally in reading.tallies.values()):
@@ -91,33 +86,9 @@ def inspect(source: LogSource, options: ReadOptions = EVERYTHING) -> LogSummary:
             for topic, counts in sorted(reading.labels.items())
             if set(counts) != {""}
         },
-        sizes={topic: sizes.summary() for topic, sizes in sorted(reading.sizes.items())},
         attachments=attachments,
-        metadata=metadata,
+        metadata=tuple(name for name, _ in log.metadata),
     )
-
-
-@dataclass(slots=True)
-class _Sizes:
-    """Sizes of objects, counted by the centimetre: of however many rows, their medians."""
-
-    rows: int = 0
-    counts: IntArray = field(default_factory=lambda: np.zeros((3, MAX_CENTIMETRES + 1), np.int64))
-
-    def add(self, size: FloatArray) -> None:
-        """(n, 3) metres."""
-        known = ~np.isnan(size)
-        self.rows += int(known.any(axis=1).sum())
-        for axis in range(3):
-            metres = size[known[:, axis], axis]
-            rounded = np.rint(np.minimum(metres * 100, MAX_CENTIMETRES)).astype(np.int64)
-            self.counts[axis] += np.bincount(rounded, minlength=MAX_CENTIMETRES + 1)
-
-    def summary(self) -> SizeSummary:
-        """The medians."""
-        below = self.counts.cumsum(axis=1)
-        medians = [float(np.searchsorted(of, (of[-1] + 1) // 2)) / 100 if of[-1] else None for of in below]
-        return SizeSummary(rows=self.rows, length_m=medians[0], width_m=medians[1], height_m=medians[2])
 
 
 class _Inspection:
@@ -127,7 +98,6 @@ class _Inspection:
         self.clocks: Mapping[str, Clock] = {"log": Clock(), "publish": Clock(), "header": Clock()}
         self.labels: dict[str, Counter[str]] = {}
         self.groups: dict[str, Counter[int]] = {}
-        self.sizes: defaultdict[str, _Sizes] = defaultdict(_Sizes)
         self.undecodable = 0
         self.start_ns: int | None = None
         self.end_ns: int | None = None
@@ -176,8 +146,6 @@ class _Inspection:
                 ids.update(here.track_id[is_placed[own]].tolist())
             self.labels.setdefault(of.topic, Counter()).update(here.label.tolist())
             self.groups.setdefault(of.topic, Counter()).update(here.group.tolist())
-            if np.isfinite(here.size).any():
-                self.sizes[of.topic].add(here.size)
         self.undecodable += len(failures)
 
     def _take_estimates(self, messages: MessageColumns) -> None:

@@ -42,23 +42,6 @@ class TopicSummary:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SizeSummary:
-    """How large the objects of a topic are.
-
-    Attributes:
-        rows: how many report their size.
-        length_m: median over those that report it, to a centimetre; None where none does.
-        width_m: the same across.
-        height_m: the same upwards.
-    """
-
-    rows: int
-    length_m: float | None
-    width_m: float | None
-    height_m: float | None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class LogSummary:
     """What stands in a log.
 
@@ -73,7 +56,6 @@ class LogSummary:
             header of messages that contain objects; None where it is not checked.
         labels: by topic, how many rows each label of its objects has; of topics that have labels.
         groups: by topic, how many rows each group of its objects has; of topics that have more than one.
-        sizes: by topic, the sizes of its objects, of topics that report sizes.
         attachments: names of the files attached.
         metadata: names of the metadata records.
     """
@@ -87,7 +69,6 @@ class LogSummary:
     stamps: Mapping[str, ClockFaults] | None
     labels: Mapping[str, Mapping[str, int]]
     groups: Mapping[str, Mapping[int, int]]
-    sizes: Mapping[str, SizeSummary]
     attachments: tuple[str, ...]
     metadata: tuple[str, ...]
 
@@ -139,7 +120,7 @@ def _of(sections: list[tuple[Summary, Statistics]], wanted: Callable[[str], bool
     n_messages = messages.total()
     spans = [(of.message_start_time, of.message_end_time) for _, of in sections if of.message_count]
     return LogSummary(
-        topics=topics, messages=n_messages, damage=(), is_checked=False, stamps=None, labels={}, groups={}, sizes={},
+        topics=topics, messages=n_messages, damage=(), is_checked=False, stamps=None, labels={}, groups={},
         start_ns=min(start for start, _ in spans) if n_messages and wanted is None else None,
         end_ns=max(end for _, end in spans) if n_messages and wanted is None else None,
         attachments=tuple(one.name for section, _ in sections for one in section.attachments),

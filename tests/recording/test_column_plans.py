@@ -11,7 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from dirprim_filter.recording.decoding import protobuf_plan as protobuf_plans
 from dirprim_filter.recording.decoding.cdr_plan import cdr_plan
 from dirprim_filter.recording.decoding.field_columns import NO_TIME
 from dirprim_filter.recording.decoding.fields import Field, SchemaError, steps_of
@@ -272,21 +271,6 @@ def test_protobuf_of_any_kind_reads_as_the_stock_parser_reads_it(kind, data):
             np.testing.assert_array_equal(of_item[parents], read.message_of(".items[].items[]"))
 
 
-class OfAnyVersion:
-    """A descriptor without what comes into protobuf, or goes out of it, after the lowest version that is allowed."""
-
-    def __init__(self, descriptor):
-        self._own = descriptor
-
-    def __getattr__(self, name):
-        if name in ("is_repeated", "is_required", "label"):
-            raise AttributeError(name)
-        value = getattr(self._own, name)
-        if name == "fields_by_name":
-            return {field: OfAnyVersion(one) for field, one in value.items()}
-        return OfAnyVersion(value) if name == "message_type" and value is not None else value
-
-
 @pytest.mark.parametrize(
     ("lengths", "most_walks"),
     [([100] * 200, 10), ([1] * 500 + [20_000], 75), ([20_000] + [0] * 500, 75), ([0] * 100 + [3, 5000], 75)],
@@ -305,18 +289,6 @@ def test_columns_of_many_numbers_are_whole_in_few_walks(lengths, most_walks, mon
     assert plan._capacity.max() <= 16 * max(sum(lengths), len(lengths))
 
 
-def test_a_plan_asks_of_descriptors_only_what_every_version_has(monkeypatch):
-    descriptor = OfAnyVersion(protobuf_plans.message_descriptor("p.M", DEFINITION))
-    monkeypatch.setattr(protobuf_plans, "message_descriptor", lambda *_: descriptor)
-    written = CLASS(many_int32=[1, 2], items=[CLASS(double=3.0)])
-    fields = {"a": Field(path=".many_int32[]"), "b": Field(path=".items[].double"), "c": Field(path=".double")}
-    read = protobuf_plan("p.M", DEFINITION, fields).run([written.SerializeToString()])
-    assert [read.numbers(label).tolist() for label in fields] == [[1, 2], [3], [0]]
-    for path in (".double[]", ".many_double"):
-        with pytest.raises(SchemaError, match=r"repeated|single"):
-            protobuf_plan("p.M", DEFINITION, {"x": Field(path=path)})
-
-
 def test_a_protobuf_schema_that_cannot_be_read_says_why():
     for definition, path, reported in (
         (b"\xff\xff", ".double", "FileDescriptorSet"),
@@ -324,6 +296,7 @@ def test_a_protobuf_schema_that_cannot_be_read_says_why():
         (DEFINITION, ".nothing", "lacks"),
         (DEFINITION, ".items.double", "repeated"),
         (DEFINITION, ".one[].double", "single"),
+        (DEFINITION, ".many_double", "repeated"),
         (DEFINITION, ".one", "expected a time at .one"),
         (DEFINITION, ".string", "got text"),
     ):

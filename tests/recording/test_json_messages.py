@@ -9,16 +9,13 @@ from google.protobuf.timestamp_pb2 import Timestamp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap_files import columns_of
-from test_foxglove_schemas import PLACE, TIMES, N, json_log
 
 from dirprim_filter.recording.container.records import Channel, Schema
 from dirprim_filter.recording.decoding.field_columns import MAX_NAME_LENGTH, NO_TIME
 from dirprim_filter.recording.decoding.fields import EACH, Field, wanted
 from dirprim_filter.recording.decoding.json_plan import JsonPlan
-from dirprim_filter.recording.reader import read_track_logs
 from dirprim_filter.recording.schemas.decoders import Decoders
 from dirprim_filter.recording.schemas.families import FAMILIES
-from dirprim_filter.recording.schemas.family import FieldMapping
 
 S = 10**9
 HUGE = int("9" * 400)
@@ -92,20 +89,6 @@ def test_numbers_and_names_of_any_length():
     assert failed == [8, 9, 10, 11, 12]
     names, failed = read("name", "a", 7, "x" * 5000, "\ud800", 1.5)
     assert ([len(name) for name in names], failed) == ([1, 1, MAX_NAME_LENGTH + 1, 0, 0], [3, 4])
-
-
-@pytest.mark.parametrize("key", ["id", "x", "vx", "t"])
-def test_one_odd_value_leaves_the_other_messages_as_they_are(tmp_path, key):
-    def message(k):
-        return {"id": "car", "x": PLACE[k, 0], "y": PLACE[k, 1], "vx": 1.0, "vy": 0.0, "t": k}
-
-    mapping = FieldMapping.parse("id=.id,x=.x,y=.y,vx=.vx,vy=.vy,time_s=.t")
-    for value in NASTY:
-        odd = (TIMES[-1] + S, {**message(3), "id": "other", key: value})
-        messages = [(time_ns, message(k)) for k, time_ns in enumerate(TIMES)]
-        path = json_log(tmp_path / "log.mcap", "acme.Car", [*messages[:9], odd, *messages[9:]])
-        tracks = read_track_logs(path, mapping=mapping).tracks
-        np.testing.assert_array_equal(tracks[tracks.track_id == "car"].position[:N], PLACE, err_msg=repr(value))
 
 
 @pytest.mark.parametrize("schema", sorted(FAMILIES))

@@ -1,7 +1,5 @@
 """How large objects are: read as independent writers wrote it, kept through our own logs, and reported by `info`."""
 
-import json
-
 import numpy as np
 import pytest
 from google.protobuf import json_format
@@ -19,7 +17,7 @@ from dirprim_filter.columns import is_held
 from dirprim_filter.detections import Detections
 from dirprim_filter.recording import read_tracks, write_tracks
 from dirprim_filter.recording.foxglove.vehicles import VEHICLE_SIZE
-from dirprim_filter.recording.reader import inspect, stream_detections
+from dirprim_filter.recording.reader import stream_detections
 from dirprim_filter.recording.schemas.family import FieldMapping
 from dirprim_filter.recording.tables import read_named
 from dirprim_filter.recording.writer import EstimateWriter
@@ -153,9 +151,6 @@ def test_sizes_of_osi_objects_are_what_the_stock_decoder_finds():
     for time_ns, name, size in zip(tracks.time_ns.tolist(), tracks.track_id.tolist(), tracks.size, strict=True):
         reported = np.array(expected[time_ns, name])
         np.testing.assert_array_equal(size, np.where(reported > 0, reported, NAN))
-    (summary,) = inspect(path).sizes.values()
-    medians = np.nanmedian(np.where(np.array(list(expected.values())) > 0, list(expected.values()), NAN), axis=0)
-    np.testing.assert_allclose([summary.length_m, summary.width_m, summary.height_m], medians, atol=0.0051)
 
 
 def test_sizes_that_a_sensor_of_osi_perceives(tmp_path):
@@ -248,7 +243,6 @@ def test_a_box_that_stands_for_an_estimate_is_no_measured_size(tmp_path):
     with EstimateWriter(tmp_path / "out.mcap", metadata={}) as log:
         for k in range(3):
             log.write(a_frame(k * 10**8))
-    assert inspect(tmp_path / "out.mcap").sizes == {}
     assert np.isnan(read_tracks(tmp_path / "out.mcap", topics="/dirprim/tracks/scene").size).all()
 
 
@@ -258,18 +252,6 @@ def test_logs_are_joined_whether_they_tell_of_sizes_or_not(tmp_path):
     tracks = read_tracks([tmp_path / "without.mcap", tmp_path / "with.mcap"])
     for name, size in (("without/b", (NAN,) * 3), ("with/b", (L, W, H)), ("with/c", SOME[2])):
         np.testing.assert_array_equal(tracks.size[tracks.track_id == name], [size] * 20)
-
-
-def test_info_tells_sizes(tmp_path, capsys):
-    write_tracks(three(np.array([[4.0, 2.0, NAN], [5.0, NAN, NAN], [9.0, 2.0, NAN]])), tmp_path / "log.mcap")
-    assert run(["info", str(tmp_path / "log.mcap")]) == 0
-    reported = "sizes in /objects: median 5.00 x 2.00 x ? m (length x width x height) of 60 rows"
-    assert reported in capsys.readouterr().out
-    assert run(["info", str(tmp_path / "log.mcap"), "--json"]) == 0
-    sizes = json.loads(capsys.readouterr().out)["sizes"]
-    assert sizes["/objects"] == {"rows": 60, "length_m": 5.0, "width_m": 2.0, "height_m": None}
-    write_tracks(three(SOME * NAN), tmp_path / "none.mcap")
-    assert inspect(tmp_path / "none.mcap").sizes == {}
 
 
 def test_sizes_of_a_table(tmp_path):

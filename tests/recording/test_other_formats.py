@@ -7,7 +7,7 @@ from mcap.writer import Writer
 
 from dirprim_filter import read_tracks
 from dirprim_filter.cli.main import run
-from dirprim_filter.recording.errors import NotMcapError, NoTracksError, TableError
+from dirprim_filter.recording.errors import NotMcapError, TableError
 from dirprim_filter.recording.tables import read_named
 
 LONGEST = 600
@@ -62,14 +62,3 @@ def test_a_log_of_ros_1_is_reported_by_its_encoding_and_no_fields_are_advised(tm
         said += capsys.readouterr().err
     assert said.count("messages encoded as ros1 are not read, but protobuf, cdr, json; give the ROS 1 bag itself") == 3
     assert "--fields says" not in said
-
-
-def test_a_log_without_tracks_is_one_short_line_that_says_what_it_holds(tmp_path):
-    many = log(tmp_path / "many.mcap", "cdr", 60)
-    with pytest.raises(NoTracksError) as caught:
-        read_tracks(many)
-    reported = str(caught.value).replace(str(tmp_path), "")
-    assert len(reported) < LONGEST
-    assert "/topic_0 (std_msgs/String)" in reported
-    assert "and 54 more" in reported
-    assert "--set fields=" in reported
