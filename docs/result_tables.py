@@ -191,8 +191,8 @@ TABLES: dict[str, Table] = {
               for s in (1, 3, 5, 8)),
             Column(head="in the 90 % region", read=of_key("coverage")),
         ),
-        blocks=(("energy at 1 s / 5 s, m", (0, 1)), ("the map is nearer at 1 s / 5 s / 8 s, %", (2, 4, 5)),
-                ("truth in the 90 % regions", (6,))),
+        blocks=(("energy at 1 s / 5 s, m / truth in the 90 % regions", (0, 1, 6)),
+                ("the map is nearer at 1 s / 5 s / 8 s, %", (2, 4, 5))),
     ),
     "densities": Table(
         command="dirprim evaluate density {logs} --folds 4 --every 0.5{options} --json",
@@ -206,7 +206,7 @@ TABLES: dict[str, Table] = {
             Column(head="the map is ahead in direction, nat", read=of_key("direction", "behind")),
             Column(head="in both, nat", read=of_key("joint", "behind")),
         ),
-        blocks=(("log density of direction / of both, nat", (0, 3)), ("mean density of direction", (1,)),
+        blocks=(("log density of direction / of both, nat / mean density of direction", (0, 3, 1)),
                 ("the map is ahead in direction / in both, nat", (4, 5))),
     ),
     "cues": Table(
@@ -243,7 +243,7 @@ TABLES: dict[str, Table] = {
             Column(head="cells", read=of_key("cells"), digits=0),
             Column(head="joint, curved is ahead by, nat", read=changes, digits=3),
         ),
-        blocks=(("mean log density / cells", (0, 1)), ("joint, curved is ahead, nat", (2,))),
+        blocks=(("mean log density / cells / joint, curved is ahead, nat", (0, 1, 2)),),
         renamed=(("grid, (.*), .* m is best", r"best grid, \1"), ("joint, .*, .* cells", "")),
     ),
     "peers": Table(

@@ -86,7 +86,7 @@ def test_a_difference_is_bold_where_its_interval_does_not_hold_nought(elsewhere)
     elsewhere.store("forecasts", {"roundabout": record(elsewhere, "forecasts", figures=figures), "no such run": {}})
     shown = elsewhere.page()
     for line in (
-        "|prior|0.50/0.25|", "|prior|0.88-0.91|", "|constant velocity|0.75/1,234.50|",
+        "|prior|0.50/0.25/0.88-0.91|", "|constant velocity|0.75/1,234.50/|",
         "|constant velocity|**+12**±9/+2/|", "`, abc1234 (2026-01-01)",
         "|forecasts 5 s ahead|roundabout|constant velocity|+2 (not distinguishable)|",
     ):  # fmt: skip
