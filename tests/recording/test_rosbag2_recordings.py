@@ -96,8 +96,8 @@ def test_a_split_recording_is_recovered_into_one_file(split, tmp_path):
         (None, r"run: expected a file, or a folder of rosbag2 with metadata\.yaml, got one without"),
         ("a: [", r"metadata\.yaml: expected rosbag2_bagfile_information, got "),
         ("[]", r"metadata\.yaml: expected rosbag2_bagfile_information, got "),
-        ("rosbag2_bagfile_information: 3", "got int"),
-        ("rosbag2_bagfile_information: {storage_identifier: mcap}", "got none with 'relative_file_paths'"),
+        ("rosbag2_bagfile_information: 3", "got TypeError"),
+        ("rosbag2_bagfile_information: {storage_identifier: mcap}", "got KeyError 'relative_file_paths'"),
         ("rosbag2_bagfile_information: {storage_identifier: mcap, relative_file_paths: []}", "got an empty list"),
         (
             "rosbag2_bagfile_information: {storage_identifier: mcap, relative_file_paths: [../gone.mcap]}",

@@ -40,43 +40,28 @@ def _end(buffer: AnyArray, at: Any, size: int) -> Any:
 
 
 @njit(**COMPILED)
-def count_records(buffer: AnyArray) -> tuple[int, int, int]:
-    """Messages, other records, and the byte where the walk ends: the size where all records fit."""
-    at: Any = np.int64(0)  # a literal would compile `_end` once more
+def read_records(buffer: AnyArray) -> tuple[Any, ...]:
+    """The records from the start on, as far as they fit, as columns.
+
+    Returns:
+        of the messages: channel, sequence, log time, publish time, first byte of the data, byte after them;
+        of the others: first byte of the record; then the byte where the walk ends: the size where all records fit.
+    """
     size = len(buffer)
-    n_messages = n_others = 0
+    most = size // MESSAGE_HEAD  # room that is not written to takes no memory
+    channel = np.empty(most, np.uint16)
+    sequence = np.empty(most, np.uint32)
+    log_time = np.empty(most, np.uint64)
+    publish_time = np.empty(most, np.uint64)
+    start = np.empty(most, np.int64)
+    stop = np.empty(most, np.int64)
+    other = np.empty(size // HEAD, np.int64)
+    at: Any = np.int64(0)  # a literal would compile `_end` once more
+    i = j = 0
     while at < size:
         end = _end(buffer, at, size)
         if end < 0:
             break
-        if buffer[at] == MESSAGE:
-            n_messages += 1
-        else:
-            n_others += 1
-        at = end
-    return n_messages, n_others, at
-
-
-@njit(**COMPILED)
-def read_records(buffer: AnyArray, n_messages: int, n_others: int) -> tuple[AnyArray, ...]:
-    """The records that `count_records` has counted, as columns.
-
-    Returns:
-        of the messages: channel, sequence, log time, publish time, first byte of the data, byte after them;
-        of the others: first byte of the record.
-    """
-    channel = np.empty(n_messages, np.uint16)
-    sequence = np.empty(n_messages, np.uint32)
-    log_time = np.empty(n_messages, np.uint64)
-    publish_time = np.empty(n_messages, np.uint64)
-    start = np.empty(n_messages, np.int64)
-    stop = np.empty(n_messages, np.int64)
-    other = np.empty(n_others, np.int64)
-    at: Any = np.int64(0)  # a literal would compile `_end` once more
-    size = len(buffer)
-    i = j = 0
-    while i < n_messages or j < n_others:
-        end = _end(buffer, at, size)
         if buffer[at] == MESSAGE:
             channel[i] = np.uint16(buffer[at + 9]) | (np.uint16(buffer[at + 10]) << np.uint16(8))
             sequence[i] = _unsigned(buffer, at + 11, 4)
@@ -89,7 +74,10 @@ def read_records(buffer: AnyArray, n_messages: int, n_others: int) -> tuple[AnyA
             other[j] = at
             j += 1
         at = end
-    return channel, sequence, log_time, publish_time, start, stop, other
+    return (
+        channel[:i].copy(), sequence[:i].copy(), log_time[:i].copy(), publish_time[:i].copy(), start[:i].copy(),
+        stop[:i].copy(), other[:j].copy(), at,
+    )  # fmt: skip
 
 
 @njit(**COMPILED)

@@ -11,7 +11,7 @@ import numpy as np
 from mcap.opcode import Opcode
 
 from dirprim_filter.arrays import AnyArray
-from dirprim_filter.recording.container._kernels import count_records, read_records
+from dirprim_filter.recording.container._kernels import read_records
 from dirprim_filter.recording.container.chunk import Chunk, read_contents
 from dirprim_filter.recording.container.damage import Damage
 from dirprim_filter.recording.container.file_bytes import FileBytes
@@ -82,9 +82,9 @@ class LogFile:
         """The messages of the log's `position`-th chunk, sorted by log time, stably, and what is wrong with them."""
         contents, broken = self._contents(chunk)
         damage = [broken] if broken else []
-        buffer = np.frombuffer(contents, np.uint8)
-        n_messages, n_others, end = count_records(buffer)
-        channel_id, sequence, log_time, publish_time, start, stop, others = read_records(buffer, n_messages, n_others)
+        channel_id, sequence, log_time, publish_time, start, stop, others, end = read_records(
+            np.frombuffer(contents, np.uint8)
+        )
         if end != len(contents) and not chunk.is_cut:
             detail = f"byte {end} of its contents starts no record that fits; {len(contents) - end} bytes are lost"
             damage.append(chunk.damaged("message", None, detail))
@@ -97,7 +97,7 @@ class LogFile:
             )
         columns = MessageColumns(
             log_time_ns=log_time, publish_time_ns=publish_time, sequence=sequence, channel=channel, start=start,
-            stop=stop, position=np.full(n_messages, position, np.int32), contents=contents, channels=self._all,
+            stop=stop, position=np.full(len(start), position, np.int32), contents=contents, channels=self._all,
         )  # fmt: skip
         columns = (columns[channel >= 0] if unknown.size else columns).sorted()
         if len(columns) and (first_ns := int(columns.log_time_ns[0])) < chunk.start_ns:

@@ -30,16 +30,25 @@ def files_of(folder: Path) -> list[Path]:
         RecordingError: it has no such `metadata.yaml`, or a file that this lists is missing.
         OSError: it cannot be read.
     """
-    if not (folder / METADATA).exists():
+    from ruamel.yaml import YAML  # noqa: PLC0415  (rosbags brings it)
+    from ruamel.yaml.error import YAMLError  # noqa: PLC0415
+
+    path = folder / METADATA
+    if not path.exists():
         raise RecordingError(
             f"{folder}: expected a file, or a folder of rosbag2 with {METADATA}, got one without; give its files "
             "one by one, or write it by `ros2 bag reindex`"
         )
-    said = _metadata(folder / METADATA)
+    with path.open(encoding="utf-8", errors="replace") as file:
+        text = file.read(MAX_METADATA_BYTES)
     try:
+        said = YAML(typ="safe").load(text)["rosbag2_bagfile_information"]
         names, storage = [PurePosixPath(name).name for name in said["relative_file_paths"]], said["storage_identifier"]
-    except (KeyError, TypeError) as error:
-        raise _no_metadata(folder / METADATA, f"none with {error}") from error
+    except (YAMLError, KeyError, TypeError, ValueError, RecursionError) as error:
+        why = " ".join(f"{type(error).__name__} {error}".split())[:100]
+        raise RecordingError(
+            f"{path}: expected rosbag2_bagfile_information, got {why}; write it by `ros2 bag reindex`"
+        ) from error
     files = [folder / name for name in names]
     missing = [file.name for file in files if not file.is_file()]
     if missing or not files:
@@ -121,22 +130,3 @@ def _of_ros_1(connection: Connection) -> tuple[tuple[str, str], Callable[[Any], 
             return b""
 
     return ("ros2msg", definition), as_cdr
-
-
-def _metadata(path: Path) -> dict[str, Any]:
-    from ruamel.yaml import YAML  # noqa: PLC0415  (rosbags brings it)
-    from ruamel.yaml.error import YAMLError  # noqa: PLC0415
-
-    with path.open(encoding="utf-8", errors="replace") as file:
-        text = file.read(MAX_METADATA_BYTES)
-    try:
-        said = YAML(typ="safe").load(text)["rosbag2_bagfile_information"]
-    except (YAMLError, KeyError, TypeError, ValueError, RecursionError) as error:
-        raise _no_metadata(path, " ".join(str(error).split())[:100]) from error
-    if not isinstance(said, dict):
-        raise _no_metadata(path, type(said).__name__)
-    return said
-
-
-def _no_metadata(path: Path, got: str) -> RecordingError:
-    return RecordingError(f"{path}: expected rosbag2_bagfile_information, got {got}; write it by `ros2 bag reindex`")
