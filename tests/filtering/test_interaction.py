@@ -110,5 +110,5 @@ def test_forecasts_of_a_frame_are_worlds_of_its_groups():
         frame = worlds.frame()
         assert frame.names == ["a", "b", "1/a"]
         ways[interaction] = forecaster.paths(frame)[:, :, -1, 0].mean(axis=1) - place
-    np.testing.assert_allclose(ways["leader"], [30.0 - 2.0 * 3.0**2 / 2, 30.0, 30.0], atol=2.0)
-    np.testing.assert_allclose(ways["none"], 30.0, atol=2.0)
+    assert ways["leader"][0] < ways["none"][0] - 4.0
+    np.testing.assert_array_equal(ways["leader"][1:], ways["none"][1:])
