@@ -22,7 +22,6 @@ class Format(StrEnum):
     CSV = "csv"
     PARQUET = "parquet"
     FEATHER = "feather"
-    JSON = "json"
     SUMO_FCD = "sumo-fcd"
     SDD = "sdd"
     TRAJNET = "trajnet"
@@ -42,10 +41,6 @@ def convert(
         str | None,
         typer.Option(help="csv, parquet, feather: what the table calls columns, as in x_m=Easting,group=site+day"),
     ] = None,
-    fields: Annotated[
-        str | None,
-        typer.Option(help="json: where a frame holds its objects, as in time_s=.t,id=.objects[].id"),
-    ] = None,
     origin: Annotated[
         str | None, typer.Option(help="Latitude,longitude of the plane, for satellite positions. Default: the first.")
     ] = None,
@@ -61,9 +56,6 @@ def convert(
     longitude_deg. Between cells of a csv are commas, semicolons or tabs; a .csv.gz is read as well. Such tables need no
     converting: learn, track, evaluate and score take them as they are.
 
-    json is an array of frames, or has a frame in each line. --fields names the paths of time_s (or time, nanoseconds),
-    id, x and y (or latitude and longitude), and what else there is of speed, heading, label, length, width, ...
-
     Example: dirprim convert tracks.csv -o tracks.mcap
 
     Example: dirprim convert survey.csv.gz -o tracks.mcap --columns x_m=Easting,y_m=Northing,track_id=Id
@@ -71,7 +63,6 @@ def convert(
     from dirprim_filter.cli.progress import step_progress, working
     from dirprim_filter.cli.provenance import provenance
     from dirprim_filter.recording import write_tracks
-    from dirprim_filter.recording.schemas.family import FieldMapping
     from dirprim_filter.recording.tables.named_columns import parse_columns
     from dirprim_filter.recording.transforms.geodesy import Origin
 
@@ -79,14 +70,13 @@ def convert(
     options = {
         "metres_per_pixel": metres_per_pixel, "frames_per_second": frames_per_second,
         "columns": parse_columns(columns) if columns else None,
-        "mapping": FieldMapping.parse(fields) if fields else None,
         "origin": Origin.parse(origin) if origin else None,
     }  # fmt: skip
     with working(f"reading {source.name}"):
         table = _read(source, known, {name: value for name, value in options.items() if value is not None})
     said = provenance(
         "convert", inputs=[source], format=known, metres_per_pixel=metres_per_pixel,
-        frames_per_second=frames_per_second, columns=columns, fields=fields, origin=origin,
+        frames_per_second=frames_per_second, columns=columns, origin=origin,
     )  # fmt: skip
     with step_progress(f"writing {output.name}", "instants") as progress:
         write_tracks(table.tracks, output, detections=table.detections, labels=table.labels, metadata=said,
@@ -119,4 +109,4 @@ def _read(source: Path, form: str, given: dict[str, Any]) -> Table:
 
 
 def _option(name: str) -> str:
-    return "--fields" if name == "mapping" else f"--{name.replace('_', '-')}"
+    return f"--{name.replace('_', '-')}"

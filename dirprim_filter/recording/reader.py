@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeGuard, Unpack
+from typing import TYPE_CHECKING, Any, TypeGuard
 
 from google.protobuf.message import DecodeError as ProtobufDecodeError
 
@@ -20,7 +20,7 @@ from dirprim_filter.recording.inspection import inspect
 from dirprim_filter.recording.losses import REPEATED, Losses
 from dirprim_filter.recording.objects.detection_stream import DetectionStream
 from dirprim_filter.recording.objects.observations import Observations
-from dirprim_filter.recording.objects.options import EVERYTHING, Reading, ReadOptions, TimeSource
+from dirprim_filter.recording.objects.options import EVERYTHING, ReadOptions, TimeSource
 from dirprim_filter.recording.objects.topics import choose_topics
 from dirprim_filter.recording.objects.tracks import TrackResult, rows_of_log, rows_of_logs
 from dirprim_filter.recording.rows import Rows
@@ -47,9 +47,7 @@ PathOrText = str | PathLike[str]
 NS_PER_S = 1_000_000_000
 
 
-def read_tracks(
-    source: LogSource | Sequence[PathOrText], options: ReadOptions = EVERYTHING, **changes: Unpack[Reading]
-) -> Tracks:
+def read_tracks(source: LogSource | Sequence[PathOrText], options: ReadOptions = EVERYTHING, **changes: Any) -> Tracks:
     """The tracks of logs and tables; what could not be read is logged, and returned by `read_track_logs`.
 
     Direction and speed are taken where the log carries them for a whole track, and else derived from that
@@ -78,7 +76,7 @@ def read_track_logs(
     options: ReadOptions = EVERYTHING,
     *,
     progress: Callable[[int, int], None] | None = None,
-    **changes: Unpack[Reading],
+    **changes: Any,
 ) -> TrackResult:
     """As `read_tracks`, with what was lost; `progress` gets how many of how many seconds are read."""
     sources: Sequence[LogSource] = [source] if isinstance(source, str | PathLike | Log) else list(source)
@@ -138,7 +136,7 @@ def stream_detections(
     *,
     motion: bool = False,
     live: bool = False,
-    **changes: Unpack[Reading],
+    **changes: Any,
 ) -> DetectionStream | TableDetections:
     """The detections of a log, an instant at a time, in bounded memory; or of a table.
 

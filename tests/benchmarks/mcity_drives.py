@@ -6,13 +6,16 @@ from the detections of all other drives, less the bias.
 
 from __future__ import annotations
 
+import runpy
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 from paired_errors import RowErrors, likeliest
+from pyarrow import parquet
 
 from dirprim_filter import PrimitiveMap, Tracks, learn_primitives
 from dirprim_filter.config import FilterConfig, TrackingConfig
@@ -20,15 +23,13 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import EstimateList, Estimates
 from dirprim_filter.evaluation.calibration import calibrate, self_calibrate
 from dirprim_filter.filtering import ConstantVelocityKalman, Tracker
-from dirprim_filter.recording.schemas.family import FieldMapping
-from dirprim_filter.recording.tables import read_json
+from dirprim_filter.recording.tables import Table, read_named
 from dirprim_filter.recording.transforms.geodesy import Origin
 from dirprim_filter.replay import replay
 from dirprim_filter.sensor import Sensor, without_bias
 
 DATA = Path(__file__).parents[2] / "../shared/data/mcity_roadside"
 ORIGIN = Origin.parse("42.300947,-83.698649")
-FIELDS = "time_s=.timestamp,id=.objs[].id,latitude=.objs[].lat,longitude=.objs[].lon"
 VEHICLES = {str(label) for label in range(2, 8)}
 WITH_TRUTH = {3: "3", 4: "4", 13: "13_c", 14: "14_c"}
 DRIVES = (1, 2, 3, 4, 11, 12, 13, 14)
@@ -37,12 +38,21 @@ Method = Callable[[int], Estimates]
 """By the seed."""
 
 
+MCITY = runpy.run_path(str(Path(__file__).parents[2] / "docs/examples/mcity.py"))["mcity"]
+
+
+def table_of(name: str) -> Table:
+    """The rows of a file of the data set."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "rows.parquet"
+        parquet.write_table(MCITY(DATA / name), path)
+        return read_named(path, origin=ORIGIN)
+
+
 @cache
 def detected(drive: int) -> Tracks:
     """Detections of vehicles, each drive a group."""
-    table = read_json(
-        DATA / f"dets/detection_{drive}.json", FieldMapping.parse(f"{FIELDS},label=.objs[].classType"), origin=ORIGIN
-    )
+    table = table_of(f"dets/detection_{drive}.json")
     vehicles = {str(name) for name, label in table.labels.items() if label in VEHICLES}
     rows = table.tracks[np.array([str(name) in vehicles for name in table.tracks.track_id])]
     return replace(rows, group=np.full(len(rows), drive))
@@ -51,7 +61,7 @@ def detected(drive: int) -> Tracks:
 @cache
 def true(drive: int) -> Tracks:
     """Where the instrumented vehicles were."""
-    rows = read_json(DATA / f"gts/gps_data_{WITH_TRUTH[drive]}.json", FieldMapping.parse(FIELDS), origin=ORIGIN).tracks
+    rows = table_of(f"gts/gps_data_{WITH_TRUTH[drive]}.json").tracks
     return replace(rows, group=np.full(len(rows), drive))
 
 

@@ -28,7 +28,6 @@ from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.losses import UNDECODABLE
 from dirprim_filter.recording.scan import scan
 from dirprim_filter.recording.schemas.decoders import Decoders
-from dirprim_filter.recording.schemas.family import FieldMapping
 from dirprim_filter.recording.tables import FORMATS
 from dirprim_filter.recording.transforms.transform_tree import TransformTree
 
@@ -208,7 +207,6 @@ TABLE = b"time_s,track_id,x_m,y_m,course_rad,speed_mps,group,length_m,label,turn
     b"%d.5,%s,%d,-1.5,0.25,3,%d,4.5,car,\n" % (1_700_000_000 + k // 2, b"ab"[k % 2 : k % 2 + 1], k, k // 12)
     for k in range(24)
 )
-FRAMES = b"\n".join(b'{"t": %d.25, "o": [{"id": %d, "x": %d, "y": 1e1}]}' % (k, k % 2, k) for k in range(12))
 FCD = b"<fcd-export>" + b"".join(
     b'<timestep time="%d.0"><vehicle id="a" x="1" y="2" angle="90" speed="1"/></timestep>\n' % k for k in range(12)
 )
@@ -216,7 +214,6 @@ LABELS = b"".join(b'7 %d 20 30 60 %d 0 0 0 "Cart"\n' % (k, k) for k in range(12)
 WALKS = b"".join(b"%d 1.0 %d 2\n" % (10 * k, k) for k in range(12))
 TABLES = {
     "csv": (TABLE, {}), "trajnet": (WALKS, {"frames_per_second": 25}), "sdd": (LABELS, {"metres_per_pixel": 0.1}),
-    "json": (FRAMES, {"mapping": FieldMapping.parse("time_s=.t,id=.o[].id,x=.o[].x,y=.o[].y")}),
     "sumo-fcd": (FCD + b"</fcd-export>", {}), "parquet": (b"", {}), "feather": (b"", {}),
 }  # fmt: skip
 """Each format's whole table, and what its reader is told; Arrow's are those of the csv's cells."""

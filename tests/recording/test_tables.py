@@ -21,8 +21,7 @@ from dirprim_filter.estimates import Estimates
 from dirprim_filter.recording import write_tracks
 from dirprim_filter.recording.errors import RecordingError, TableError
 from dirprim_filter.recording.reader import read_track_logs, stream_detections
-from dirprim_filter.recording.schemas.family import FieldMapping
-from dirprim_filter.recording.tables import read_json, read_named
+from dirprim_filter.recording.tables import read_named
 from dirprim_filter.recording.tables.estimate_table import write_estimates
 from dirprim_filter.recording.tables.named_columns import parse_columns
 
@@ -389,11 +388,6 @@ def test_a_broken_arrow_file_is_told_in_one_line(tmp_path, data):
     with pytest.raises(TableError, match="expected a Parquet, Feather or Arrow file, got") as caught:
         read_named(tmp_path / "t.parquet")
     assert "\n" not in str(caught.value)
-
-
-def test_json_of_endless_depth_is_told_in_one_line(tmp_path):
-    with pytest.raises(TableError, match=r"line 1: expected JSON, got .*recursion"):
-        read_json(table(tmp_path, "[" * 200_000), FieldMapping.parse("time_s=.t,x=.x,y=.y"))
 
 
 def test_values_are_tables_that_read_back(tmp_path, ring):

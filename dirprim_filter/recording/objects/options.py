@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal, Self, TypedDict
+from typing import Literal, Self
 
 from dirprim_filter.recording.schemas.family import FieldMapping
 from dirprim_filter.recording.transforms.geodesy import Origin
@@ -60,18 +60,3 @@ class ReadOptions:
 
 
 EVERYTHING = ReadOptions()
-
-
-class Reading(TypedDict, total=False):
-    """The fields of `ReadOptions` as keywords."""
-
-    topics: str | None
-    time_source: TimeSource
-    start_ns: int | None
-    end_ns: int | None
-    strict: bool
-    frame: str | None
-    mapping: FieldMapping | None
-    origin: Origin | None
-    labels: str | None
-    group: int | None

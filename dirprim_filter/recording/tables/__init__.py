@@ -6,15 +6,14 @@ from collections.abc import Callable, Mapping
 from inspect import Parameter, signature
 
 from dirprim_filter.recording.tables.datasets import read_sdd, read_sumo_fcd, read_trajnet
-from dirprim_filter.recording.tables.json_table import read_json
 from dirprim_filter.recording.tables.named_columns import read_named
 from dirprim_filter.recording.tables.table import Table
 
-__all__ = ["FORMATS", "Table", "options_of", "read_json", "read_named", "read_sdd", "read_sumo_fcd", "read_trajnet"]
+__all__ = ["FORMATS", "Table", "options_of", "read_named", "read_sdd", "read_sumo_fcd", "read_trajnet"]
 
 FORMATS: Mapping[str, Callable[..., Table]] = {
     **dict.fromkeys(("csv", "parquet", "feather"), read_named),
-    "json": read_json, "sumo-fcd": read_sumo_fcd, "sdd": read_sdd, "trajnet": read_trajnet,
+    "sumo-fcd": read_sumo_fcd, "sdd": read_sdd, "trajnet": read_trajnet,
 }  # fmt: skip
 
 
