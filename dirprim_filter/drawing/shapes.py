@@ -192,7 +192,8 @@ def map_extent(primitives: PrimitiveMap, *, share: float = 1.0) -> FloatArray:
         below = np.cumsum(n_rows[order]) / n_rows.sum()
         rare = 0.25 * (1.0 - share)  # at each of four sides
         kept[order] &= (below > rare) & (below - n_rows[order] / n_rows.sum() < 1.0 - rare)
-    box = extent(np.concatenate([polygon for polygon, one in zip(polygons, kept, strict=True) if one and len(polygon)]))
+    busy = [polygon for polygon, one in zip(polygons, kept, strict=True) if one and len(polygon)]
+    box = extent(np.concatenate(busy)) if busy else whole
     return whole if np.ptp(whole, axis=0).max() <= LITTLE_LARGER * np.ptp(box, axis=0).max() else box
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
-from typing import Unpack
+from typing import Any
 
 import numpy as np
 from google.protobuf.message import DecodeError as ProtobufDecodeError
@@ -17,7 +17,7 @@ from dirprim_filter.recording import topic_names
 from dirprim_filter.recording.container.log import Log, LogSource, Scan
 from dirprim_filter.recording.errors import DamagedRecordingError
 from dirprim_filter.recording.losses import Losses
-from dirprim_filter.recording.objects.options import EVERYTHING, Reading, ReadOptions
+from dirprim_filter.recording.objects.options import EVERYTHING, ReadOptions
 from dirprim_filter.recording.reader import stream_detections
 from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
 from dirprim_filter.recording.schemas.dirprim import decode_estimates
@@ -59,7 +59,7 @@ class Playback:
         *,
         seen: Detections | None = None,
         smoothed: bool = False,
-        **changes: Unpack[Reading],
+        **changes: Any,
     ) -> None:
         self._log = log = source if isinstance(source, Log) else Log(source)
         self.losses = Losses()

@@ -9,7 +9,7 @@ from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from test_estimate_log import a_frame, a_map, messages
 
 from dirprim_filter.drawing import shapes
-from dirprim_filter.recording import save_map, topic_names, writer
+from dirprim_filter.recording import topic_names, writer
 from dirprim_filter.recording.errors import OutputExistsError
 from dirprim_filter.recording.foxglove.layout import layout, write_layout
 from dirprim_filter.recording.foxglove.scene import SCENE_FRAME
@@ -71,9 +71,3 @@ def test_the_file_is_json_and_is_not_overwritten_by_accident(tmp_path):
     with pytest.raises(OutputExistsError):
         write_layout(a_map(), path)
     write_layout(a_map(), path, force=True)
-
-
-def test_a_map_file_alone_has_what_the_layout_shows_of_it(tmp_path):
-    save_map(a_map(), tmp_path / "map.mcap")
-    assert messages(tmp_path / "map.mcap", topic_names.MAP_SCENE)
-    assert topic_names.MAP_SCENE in PANELS["3D!map"]["topics"]

@@ -15,7 +15,6 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.drawing import shapes
 from dirprim_filter.drawing.colors import track_color
 from dirprim_filter.forecasting import Forecasts
-from dirprim_filter.recording import load_map, save_map
 from dirprim_filter.recording.foxglove.clouds import particle_cloud
 from dirprim_filter.recording.foxglove.estimates import TRAIL_POINTS, EstimatesScene
 from dirprim_filter.recording.foxglove.forecasts import forecast_scene
@@ -148,14 +147,6 @@ def test_trails_lead_from_where_the_vehicles_were_to_where_they_are():
             assert length == pytest.approx(5.0 * 1.9)  # no farther than it was followed
 
 
-def test_labels_are_short():
-    frame = a_frame(STEP)
-    names = ["7", "truck-12", "0ab7cde0-1111-4222-8333-123456789abc", "3/0ab7cde0-1111-4222-8333-123456789abc"]
-    update = drawn(replace(frame, estimates=replace(frame.estimates, track_id=np.array(names))))
-    assert [entity.id for entity in update.entities] == names
-    assert [entity.texts[0].text for entity in update.entities] == ["7", "truck-12", "0ab7…9abc", "3/0ab7…9abc"]
-
-
 def test_far_from_the_origin_all_is_drawn_in_a_frame_near_by(tmp_path):
     """Viewers compute in single precision: half a metre at 4,000 km."""
     with EstimateWriter(tmp_path / "far.mcap", metadata={}) as log:
@@ -224,17 +215,6 @@ def test_outlines_are_the_cells_sides():
     sides = points.reshape(-1, 2, 2)
     assert len(sides) == 8
     np.testing.assert_allclose(np.abs(sides[:, 1] - sides[:, 0]).sum(axis=1), 10.0)
-
-
-def test_a_map_file_is_drawn_by_itself_and_reads_back(tmp_path):
-    save_map(a_map(), tmp_path / "map.mcap")
-    (scene,) = messages(tmp_path / "map.mcap", "/dirprim/map/scene")
-    assert [e.id for e in SceneUpdate.FromString(scene.data).entities] == ["cells", "roses"]
-    (transform,) = messages(tmp_path / "map.mcap", "/tf")
-    assert {e.frame_id for e in SceneUpdate.FromString(scene.data).entities} == {"scene"}
-    assert FrameTransform.FromString(transform.data).child_frame_id == "scene"
-    back = load_map(tmp_path / "map.mcap")
-    np.testing.assert_array_equal(back.direction.mean_direction, a_map().direction.mean_direction)
 
 
 def test_forecasts_are_lines():

@@ -6,18 +6,15 @@ import numpy as np
 import pytest
 from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
 from foxglove_schemas_protobuf.LocationFixes_pb2 import LocationFixes
-from foxglove_schemas_protobuf.Odometry_pb2 import Odometry
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
-from foxglove_schemas_protobuf.PosesInFrame_pb2 import PosesInFrame
 from mcap.writer import Writer
 from mcap_files import scene, write_protobuf_log
 from ros_messages import header, write_ros2_log
-from scipy.spatial.transform import Rotation
 
 from dirprim_filter.cli.main import run
 from dirprim_filter.recording.errors import MissingExtraError, NoTracksError
 from dirprim_filter.recording.losses import INVALID, UNDECODABLE
-from dirprim_filter.recording.reader import inspect, read_track_logs, read_tracks
+from dirprim_filter.recording.reader import read_track_logs, read_tracks
 from dirprim_filter.recording.schemas.family import FieldMapping
 from dirprim_filter.recording.transforms.geodesy import Origin
 
@@ -57,80 +54,6 @@ def stamped(message, k):
     message.timestamp.FromNanoseconds(TIMES[k])
     message.frame_id = "map"
     return message
-
-
-def test_poses_are_one_vehicle_each_topic(tmp_path):
-    messages = []
-    for k, (x, y) in enumerate(PLACE.tolist()):
-        for i, topic in enumerate(("/ego", "/other")):
-            pose = stamped(PoseInFrame(), k)
-            pose.pose.position.x, pose.pose.position.y = x + 100 * i, y
-            messages.append((topic, TIMES[k], pose))
-    path = write_protobuf_log(tmp_path / "log.mcap", messages)
-    both = read_tracks(path, topics="/ego|/other", time_source="header")
-    assert set(both.track_id) == {"/ego", "/other"}
-    check_circle(both[both.track_id == "/ego"])
-    poses = []
-    for k, (x, y) in enumerate(PLACE.tolist()):
-        several = stamped(PosesInFrame(), k)
-        for i in range(2):
-            pose = several.poses.add()
-            pose.position.x, pose.position.y = x + 100 * i, y
-        poses.append(("/cars", TIMES[k], several))
-    tracks = read_tracks(write_protobuf_log(tmp_path / "several.mcap", poses), time_source="header")
-    assert set(tracks.track_id) == {"/cars/0", "/cars/1"}
-    check_circle(tracks[tracks.track_id == "/cars/0"])
-
-
-def test_odometry_turns_its_velocity_from_the_body(tmp_path):
-    messages, reported = [], []
-    for k, (x, y) in enumerate(PLACE.tolist()):
-        turn = Rotation.from_euler("ZYX", [ANGLE[k] + np.pi / 2, 0.0, 0.1]).as_quat().tolist()
-        one = stamped(Odometry(body_frame_id="car"), k)
-        one.pose.position.x, one.pose.position.y = x, y
-        one.pose.orientation.x, one.pose.orientation.y, one.pose.orientation.z, one.pose.orientation.w = turn
-        one.linear_velocity.x = 10.0
-        messages.append(("/odom", TIMES[k], one))
-        reported.append((TIMES[k], {
-            "timestamp": seconds(TIMES[k]), "frame_id": "map", "body_frame_id": "car",
-            "pose": {"position": {"x": x, "y": y, "z": 0}, "orientation": dict(zip("xyzw", turn, strict=True))},
-            "linear_velocity": {"x": 10, "y": 0, "z": 0},
-        }))  # fmt: skip
-    for path in (
-        write_protobuf_log(tmp_path / "log.mcap", messages),
-        json_log(tmp_path / "json.mcap", "foxglove.Odometry", reported),
-    ):
-        tracks = read_tracks(path, time_source="header")
-        check_circle(tracks)
-        assert set(tracks.track_id) == {"car"}
-        np.testing.assert_allclose(tracks.speed, 10.0)
-    for _, _, one in messages:
-        one.ClearField("linear_velocity")
-    check_circle(read_tracks(write_protobuf_log(tmp_path / "still.mcap", messages), time_source="header"))
-
-
-def scene_dict(k):
-    x, y = PLACE[k].tolist()
-    return {
-        "deletions": [],
-        "entities": [
-            {"id": "lane", "lines": [{"points": []}], "cubes": []},
-            {
-                "timestamp": seconds(TIMES[k]), "frame_id": "map", "id": "car 1",
-                "metadata": [{"key": "group", "value": "3"}],
-                "cubes": [{"pose": {"position": {"x": x, "y": y, "z": 1}}}],
-            },
-        ],
-    }  # fmt: skip
-
-
-def test_scenes_in_json_are_read_with_their_groups(tmp_path):
-    path = json_log(tmp_path / "log.mcap", "foxglove.SceneUpdate", [(TIMES[k], scene_dict(k)) for k in range(N)])
-    tracks = read_tracks(path, time_source="header")
-    check_circle(tracks)
-    assert set(tracks.group) == {3}
-    (topic,) = inspect(path).topics
-    assert (topic.encoding, topic.tracks) == ("json", 1)
 
 
 def fix(k, kind=LocationFix):
@@ -218,7 +141,7 @@ def private(k):
     return {
         "when": k * 0.1, "frame": "map",
         "list": [
-            {"name": 4, "at": [x, y], "course": course, "v": 36.0},
+            {"name": 4, "at": [x, y], "course": course, "v": 36.0, "box": {"l": 4.25}},
             {"name": 5, "at": [0, 1], "course": 0, "v": 0},
         ],
     }  # fmt: skip
@@ -230,13 +153,14 @@ def test_fields_of_a_private_schema_are_found_by_their_paths(tmp_path):
         read_tracks(path)
     mapping = FieldMapping.parse(
         "id=.list[].name, x=.list[].at[0],y=.list[].at[1],direction_deg=.list[].course,speed_kmh=.list[].v,"
-        "time_s=.when,frame=.frame"
+        "time_s=.when,frame=.frame,length=.list[].box.l"
     )
     tracks = read_tracks(path, mapping=mapping, time_source="header")
     car = tracks[tracks.track_id == 4]
     np.testing.assert_allclose(car.speed, 10.0)
     np.testing.assert_allclose(np.cos(car.direction - ANGLE - np.pi / 2), 1.0)
     check_circle(car, [k * STEP_NS for k in range(N)])
+    np.testing.assert_array_equal(car.size, [[4.25, np.nan, np.nan]] * N)
     assert FieldMapping.parse(str(mapping)) == mapping
 
 

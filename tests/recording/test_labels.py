@@ -4,9 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from mcap.reader import make_reader
-from mcap_files import DATA, scene, write_protobuf_log
-from mcap_protobuf.decoder import DecoderFactory
+from mcap_files import scene, write_protobuf_log
 from test_ros2_schemas import N_TIMES, SCENE, array_log, carla, detected, detection, tracked
 
 from dirprim_filter.cli.main import run
@@ -66,25 +64,6 @@ def test_scenes_tell_by_their_metadata(tmp_path):
     path = write_protobuf_log(tmp_path / "log.mcap", messages)
     assert set(read_tracks(path, labels=r"vehicle\..*").track_id) == {"a"}
     assert inspect(path).labels == {"/markers": {"vehicle.car": 5, "human.pedestrian.adult": 5, "": 5}}
-
-
-@pytest.mark.parametrize("name", ["testBrakeAndIndicatorLights", "MovingHostWithStopLine", "disappearingVehicle"])
-def test_osi_objects_are_what_the_stock_decoder_finds(name):
-    path = DATA / "mcap_osi" / f"{name}.mcap"
-    if not path.exists():
-        pytest.skip(f"real logs are not at {path.parent}")
-    expected = {}
-    with path.open("rb") as file:
-        for _, _, _, view in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
-            for mover in view.global_ground_truth.moving_object:
-                kind = mover.DESCRIPTOR.enum_types_by_name["Type"].values_by_number[mover.type].name
-                if kind == "TYPE_VEHICLE":
-                    of = mover.vehicle_classification
-                    kind = of.DESCRIPTOR.enum_types_by_name["Type"].values_by_number[of.type].name
-                    kind = {"TYPE_UNKNOWN": "TYPE_VEHICLE", "TYPE_OTHER": "TYPE_VEHICLE"}.get(kind, kind)
-                label = {"medium_car": "car"}.get(*[kind.removeprefix("TYPE_").lower()] * 2)
-                expected[label] = expected.get(label, 0) + 1
-    assert list(inspect(path).labels.values()) == [expected]
 
 
 def test_the_command_line_tells_and_chooses(tmp_path, capsys):

@@ -16,7 +16,7 @@ from dirprim_filter.primitives.motion import AMOUNTS, FLOATS, Motion
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording import load_map, save_map, topic_names
 from dirprim_filter.recording.container.records import Schema
-from dirprim_filter.recording.errors import OutputExistsError, RecordingError
+from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.foxglove.scene import scene_transform
 from dirprim_filter.recording.log_writer import LogWriter
 from dirprim_filter.recording.map_file import MAP
@@ -110,16 +110,6 @@ def test_any_reader_of_arrow_opens_a_tile(tmp_path):
     (tile,) = pa.ipc.open_stream(message.data).read_all().to_pylist()
     assert [row["rate"] for row in tile["cell"]] == sent.speed.rate[:-1].tolist()
     assert [row["push"] for row in tile["manoeuvre"]] == sent.motion.push[: sent.motion.n_placed].tolist()
-
-
-def test_an_existing_file_is_kept_without_force(tmp_path):
-    path = tmp_path / "map.mcap"
-    save_map(some_map(5), path)
-    with pytest.raises(OutputExistsError, match=r"map\.mcap"):
-        save_map(some_map(6), path)
-    assert_equal(load_map(path), some_map(5))
-    save_map(some_map(6), path, force=True)
-    assert_equal(load_map(path), some_map(6))
 
 
 def test_what_is_no_map_is_reported(tmp_path):

@@ -18,7 +18,7 @@ from dirprim_filter.recording.schemas import decoders as decoding
 from dirprim_filter.recording.schemas import dirprim_pb2
 
 N = 40
-COLUMNS = ("track_id", "time_ns", "position", "direction", "speed", "covariance")
+COLUMNS = ("track_id", "time_ns", "position", "direction", "speed", "covariance", "size")
 
 
 def seen(*, named=True):
@@ -35,6 +35,7 @@ def seen(*, named=True):
         direction=np.where(whole, rng.uniform(-np.pi, np.pi, 2 * N), np.nan),
         speed=np.where(whole, rng.gamma(2.0, 5.0, 2 * N), np.nan),
         covariance=np.where(whole[:, None, None], covariance, np.nan),
+        size=np.where(whole[:, None], [4.25, 1.875, 1.5], np.nan),
     )
 
 
@@ -133,15 +134,6 @@ def test_errors_that_cannot_be_are_unknown(tmp_path, transform, covariance):
     assert np.isnan(frame.covariance).all()
 
 
-def test_columns_of_errors_are_as_long_as_the_others(tmp_path):
-    messages = [("/objects", t, observations("map", np.eye(2))) for t in range(3)]
-    messages[1][2].covariance_xy.append(0.5)
-    stream = stream_detections(write_protobuf_log(tmp_path / "log.mcap", messages))
-    assert [int(frame.time_ns[0]) for frame in stream] == [0, 2]
-    (reason,) = stream.losses.why
-    assert ".covariance_xy[]: expected as many as of .x[]" in reason
-
-
 def test_who_has_no_name_is_nobody_in_the_stream_and_someone_each_time_as_a_track(tmp_path):
     path = array_log(tmp_path, "autoware_perception_msgs/msg/DetectedObjects")
     frames = list(stream_detections(path))
@@ -160,64 +152,44 @@ def covariance(k, *, n_rows=6):
     return matrix.ravel().tolist()
 
 
-def with_errors(schema, k):
-    """The first object of `schema`, its errors reported."""
-    one = ARRAYS[schema][1](k, 0)
-    one["kinematics"]["pose_with_covariance"]["covariance"] = covariance(k)
-    if "has_position_covariance" in one["kinematics"]:
-        one["kinematics"]["has_position_covariance"] = k % 2 == 0
-    return one
+def autoware(kind, **flags):
+    schema = f"autoware_perception_msgs/msg/{kind}"
+    one = ARRAYS[schema][1](1, 0)
+    one["kinematics"]["pose_with_covariance"]["covariance"] = covariance(1)
+    one["kinematics"] |= flags
+    return schema, {"objects": [one]}
+
+
+POSE = {"pose": {"position": point(1, 2, 3), "orientation": quaternion(0, 0, 0)}, "covariance": covariance(1)}
+STILL = {"twist": {"linear": point(0, 0, 0), "angular": point(0, 0, 0)}, "covariance": [0.0] * 36}
+FIX = {"status": {"status": 0, "service": 1}, "latitude": 48.0, "longitude": 11.0, "altitude": 0.0,
+       "position_covariance": covariance(1, n_rows=3)}  # fmt: skip
+PROTOBUF_FIX = {"latitude": 48.0, "longitude": 11.0, "position_covariance": FIX["position_covariance"]}
 
 
 @pytest.mark.parametrize(
-    "schema",
-    ["autoware_perception_msgs/msg/TrackedObjects", "autoware_perception_msgs/msg/DetectedObjects"],
+    ("message", "is_known"),
+    [
+        (autoware("TrackedObjects"), True),
+        (autoware("DetectedObjects", has_position_covariance=True), True),
+        (autoware("DetectedObjects", has_position_covariance=False), False),
+        (("nav_msgs/msg/Odometry", {"child_frame_id": "car", "pose": POSE, "twist": STILL}), True),
+        (("geometry_msgs/msg/PoseWithCovarianceStamped", {"pose": POSE}), True),
+        (("sensor_msgs/msg/NavSatFix", FIX | {"position_covariance_type": 3}), True),
+        (("sensor_msgs/msg/NavSatFix", FIX | {"position_covariance_type": 0}), False),
+        (LocationFix(**PROTOBUF_FIX, position_covariance_type=LocationFix.KNOWN), True),
+        (LocationFix(**PROTOBUF_FIX), False),
+        (Odometry(frame_id="map", body_frame_id="car", pose_covariance=covariance(1)), True),
+        (Odometry(frame_id="map", body_frame_id="car"), False),
+    ],
 )
-def test_errors_of_autowares_objects_are_those_reported(tmp_path, schema):
-    path = array_log(tmp_path, schema, lambda k, _: [with_errors(schema, k)])
-    for k, frame in enumerate(stream_detections(path)):
-        if "Detected" in schema and k % 2:
-            assert np.isnan(frame.covariance).all()
-        else:
-            np.testing.assert_array_equal(frame.covariance, [[[4.0, 1.0], [1.0, 2.0 + k]]])
-
-
-def test_errors_of_odometry_and_fixes_are_those_reported(tmp_path):
-    def made(name, **fields):
-        return "/a", 7, name, {"header": header(7, "map")} | fields
-
-    place = {"position": point(1, 2, 3), "orientation": quaternion(0, 0, 0)}
-    still = {"linear": point(0, 0, 0), "angular": point(0, 0, 0)}
-    fix = {"status": {"status": 0, "service": 1}, "latitude": 48.0, "longitude": 11.0, "altitude": 0.0}
-    messages = {
-        "odometry": made(
-            "nav_msgs/msg/Odometry", child_frame_id="car", pose={"pose": place, "covariance": covariance(1)},
-            twist={"twist": still, "covariance": [0.0] * 36},
-        ),
-        "pose": made("geometry_msgs/msg/PoseWithCovarianceStamped", pose={"pose": place, "covariance": covariance(1)}),
-        "fix": made(
-            "sensor_msgs/msg/NavSatFix", position_covariance=covariance(1, n_rows=3), position_covariance_type=3, **fix
-        ),
-        "unsure": made(
-            "sensor_msgs/msg/NavSatFix", position_covariance=covariance(1, n_rows=3), position_covariance_type=0, **fix
-        ),
-    }  # fmt: skip
-    for name, message in messages.items():
-        if "fix" in name or name == "unsure":
-            pytest.importorskip("pyproj", reason="the extra geo is not installed")
-        (frame,) = stream_detections(write_ros2_log(tmp_path / f"{name}.mcap", [message]))
-        expected = np.full((1, 2, 2), np.nan) if name == "unsure" else [[[4.0, 1.0], [1.0, 3.0]]]
-        np.testing.assert_array_equal(frame.covariance, expected, err_msg=name)
-
-
-def test_errors_of_foxgloves_messages_are_those_reported(tmp_path):
+def test_errors_are_those_reported(tmp_path, message, is_known):
     pytest.importorskip("pyproj", reason="the extra geo is not installed")
-    fix = LocationFix(latitude=48.0, longitude=11.0, position_covariance=covariance(1, n_rows=3))
-    fix.position_covariance_type = LocationFix.KNOWN
-    odometry = Odometry(frame_id="map", body_frame_id="car", pose_covariance=covariance(1))
-    for message in (fix, odometry):
-        (frame,) = stream_detections(write_protobuf_log(tmp_path / "log.mcap", [("/a", 7, message)]))
-        np.testing.assert_array_equal(frame.covariance, [[[4.0, 1.0], [1.0, 3.0]]])
-        message.ClearField("pose_covariance" if message is odometry else "position_covariance")
-        (frame,) = stream_detections(write_protobuf_log(tmp_path / "log.mcap", [("/a", 7, message)]))
-        assert np.isnan(frame.covariance).all()
+    path = tmp_path / "log.mcap"
+    if isinstance(message, tuple):
+        write_ros2_log(path, [("/a", 7, message[0], {"header": header(7, "map")} | message[1])])
+    else:
+        write_protobuf_log(path, [("/a", 7, message)])
+    (frame,) = stream_detections(path)
+    expected = [[[4.0, 1.0], [1.0, 3.0]]] if is_known else np.full((1, 2, 2), np.nan)
+    np.testing.assert_array_equal(frame.covariance, expected)

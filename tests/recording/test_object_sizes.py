@@ -1,24 +1,20 @@
-"""How large objects are: read as independent writers wrote it, kept through our own logs, and reported by `info`."""
+"""How large objects are: read as independent writers wrote it, and kept through our own logs."""
 
 import numpy as np
 import pytest
 from google.protobuf import json_format
 from mcap.reader import make_reader
-from mcap.writer import Writer
-from mcap_files import DATA, scene, write_protobuf_log
+from mcap_files import scene, write_protobuf_log
 from mcap_protobuf.decoder import DecoderFactory
 from test_estimate_log import a_frame
-from test_foxglove_schemas import PLACE, TIMES, json_log, private
-from test_osi_sensor_data import sensor_data_class
+from test_foxglove_schemas import json_log
 from test_ros2_schemas import N_TIMES, NAMES, array_log, carla, detected, detection, marker, point, tracked
 
 from dirprim_filter.cli.main import run
 from dirprim_filter.columns import is_held
-from dirprim_filter.detections import Detections
 from dirprim_filter.recording import read_tracks, write_tracks
 from dirprim_filter.recording.foxglove.vehicles import VEHICLE_SIZE
 from dirprim_filter.recording.reader import stream_detections
-from dirprim_filter.recording.schemas.family import FieldMapping
 from dirprim_filter.recording.tables import read_named
 from dirprim_filter.recording.writer import EstimateWriter
 from dirprim_filter.tracks import Tracks
@@ -136,66 +132,6 @@ def test_sizes_of_scenes(tmp_path, encoding):
         np.testing.assert_array_equal(rows.position, [[10.0 * i + k, 0.0] for k in range(5)])
 
 
-def test_sizes_of_osi_objects_are_what_the_stock_decoder_finds():
-    path = DATA / "mcap_osi" / "MovingHostWithStopLine.mcap"
-    if not path.exists():
-        pytest.skip(f"real logs are not at {path.parent}")
-    expected = {}
-    with path.open("rb") as file:
-        for _, _, message, view in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
-            for mover in view.global_ground_truth.moving_object:
-                size = mover.base.dimension
-                expected[message.log_time, mover.id.value] = (size.length, size.width, size.height)
-    tracks = read_tracks(path)
-    assert is_held(tracks.size)
-    for time_ns, name, size in zip(tracks.time_ns.tolist(), tracks.track_id.tolist(), tracks.size, strict=True):
-        reported = np.array(expected[time_ns, name])
-        np.testing.assert_array_equal(size, np.where(reported > 0, reported, NAN))
-
-
-def test_sizes_that_a_sensor_of_osi_perceives(tmp_path):
-    kind, definition = sensor_data_class()
-    with (tmp_path / "log.mcap").open("wb") as file:
-        writer = Writer(file)
-        writer.start()
-        schema = writer.register_schema("osi3.SensorData", "protobuf", definition)
-        channel = writer.register_channel("/osi", "protobuf", schema)
-        for k in range(4):
-            message = kind()
-            truth = message.sensor_view.add().global_ground_truth
-            truth.host_vehicle_id.value = 3
-            host = truth.moving_object.add()
-            host.id.value, host.base.position.x = 3, 0.0
-            message.moving_object.add().header.tracking_id.value = 1  # not placed, so no object
-            for name, sized in ((7, True), (8, False)):
-                seen = message.moving_object.add()
-                seen.header.tracking_id.value, seen.base.position.x = name, k + 10.0 * name
-                if sized:
-                    size = seen.base.dimension
-                    size.length, size.width, size.height = L, W, H
-            writer.add_message(channel, k * 10**8, message.SerializeToString(), k * 10**8)
-        writer.finish()
-    tracks = read_tracks(tmp_path / "log.mcap")
-    np.testing.assert_array_equal(tracks.size[tracks.track_id == 7], [(L, W, H)] * 4)
-    np.testing.assert_array_equal(tracks.size[tracks.track_id == 8], [(NAN, NAN, NAN)] * 4)
-
-
-def test_sizes_by_the_paths_of_a_private_schema(tmp_path):
-    def sized(k):
-        reported = private(k)
-        for one in reported["list"]:
-            one["box"] = {"l": L, "w": W}
-        return reported | {"tall": H}
-
-    path = json_log(tmp_path / "log.mcap", "acme.Objects", [(TIMES[k], sized(k)) for k in range(len(PLACE))])
-    places = "id=.list[].name,x=.list[].at[0],y=.list[].at[1]"
-    tracks = read_tracks(path, mapping=FieldMapping.parse(f"{places},length=.list[].box.l,width=.list[].box.w"))
-    np.testing.assert_array_equal(tracks.size, [(L, W, NAN)] * len(tracks))
-    tracks = read_tracks(path, mapping=FieldMapping.parse(f"{places},height=.tall"))
-    np.testing.assert_array_equal(tracks.size, [(NAN, NAN, H)] * len(tracks))
-    assert not is_held(read_tracks(path, mapping=FieldMapping.parse(places)).size)
-
-
 def three(size):
     """Three vehicles at twenty instants, the first without a size, the last without a height."""
     n = 60
@@ -219,14 +155,6 @@ def test_sizes_read_back_equal(tmp_path, topics, size):
     assert is_held(back.size) == is_held(tracks.size)
 
 
-def test_detected_sizes_read_back_equal(tmp_path):
-    tracks = three(SOME)
-    sent = Detections(track_id=tracks.track_id, time_ns=tracks.time_ns, position=tracks.position, size=tracks.size)
-    write_tracks(three(SOME * NAN), tmp_path / "log.mcap", detections=sent)
-    for back, frame in zip(stream_detections(tmp_path / "log.mcap"), sent.frames(), strict=True):
-        np.testing.assert_array_equal(back.size, frame.size)
-
-
 def test_cubes_are_drawn_as_large_as_vehicles_are_known_to_be(tmp_path):
     """By an independent reader; each stands on the ground."""
     write_tracks(three(SOME), tmp_path / "log.mcap")
@@ -244,14 +172,6 @@ def test_a_box_that_stands_for_an_estimate_is_no_measured_size(tmp_path):
         for k in range(3):
             log.write(a_frame(k * 10**8))
     assert np.isnan(read_tracks(tmp_path / "out.mcap", topics="/dirprim/tracks/scene").size).all()
-
-
-def test_logs_are_joined_whether_they_tell_of_sizes_or_not(tmp_path):
-    write_tracks(three(SOME * NAN), tmp_path / "without.mcap")
-    write_tracks(three(SOME), tmp_path / "with.mcap")
-    tracks = read_tracks([tmp_path / "without.mcap", tmp_path / "with.mcap"])
-    for name, size in (("without/b", (NAN,) * 3), ("with/b", (L, W, H)), ("with/c", SOME[2])):
-        np.testing.assert_array_equal(tracks.size[tracks.track_id == name], [size] * 20)
 
 
 def test_sizes_of_a_table(tmp_path):

@@ -1,12 +1,20 @@
-"""What a moving sensor perceives arrives in the world."""
+"""ASAM OSI: objects are those that the stock decoder finds; what a moving sensor perceives arrives in the world."""
+
+from collections import Counter
+from pathlib import Path
 
 import numpy as np
+import pytest
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+from mcap.reader import make_reader
 from mcap.writer import Writer
+from mcap_files import DATA
+from mcap_protobuf.decoder import DecoderFactory
 from scipy.spatial.transform import Rotation
 
+from dirprim_filter.detections import Detections
 from dirprim_filter.recording.losses import UNDECODABLE
-from dirprim_filter.recording.reader import read_track_logs
+from dirprim_filter.recording.reader import inspect, read_track_logs, stream_detections
 
 # The part of OSI 3.7 that matters here: message -> field -> (number, type, repeated).
 OSI = {
@@ -103,7 +111,10 @@ def test_what_a_moving_sensor_perceives_arrives_in_the_world(tmp_path):
                 seen = message.moving_object.add()
                 seen.header.tracking_id.value = i
                 put(seen.base.position, (back @ [*(cars[i] + velocity[i] * k * 0.1), 1.0])[:3])
-            turn(message.moving_object[0].base.orientation, *body.as_euler("ZYX"))  # the other's is not set
+            first = message.moving_object[0].base
+            turn(first.orientation, *body.as_euler("ZYX"))  # the other's is not set, nor is its size
+            first.dimension.length, first.dimension.width, first.dimension.height = 4.25, 1.875, 1.5
+            message.moving_object.add().header.tracking_id.value = 9  # not placed, so no object
             if k == 4:
                 truth.host_vehicle_id.value = 5
             writer.add_message(channel, k * STEP_NS, message.SerializeToString(), k * STEP_NS)
@@ -113,9 +124,50 @@ def test_what_a_moving_sensor_perceives_arrives_in_the_world(tmp_path):
     assert "without the host vehicle" in str(log.losses)
     np.testing.assert_allclose(log.tracks.heading[log.tracks.track_id == 0], HEADING, atol=1e-9)
     assert np.isnan(log.tracks.heading[log.tracks.track_id == 1]).all()
+    sizes = [np.unique(log.tracks.size[log.tracks.track_id == i], axis=0).tolist() for i in range(2)]
+    np.testing.assert_array_equal(sizes, [[[4.25, 1.875, 1.5]], [[np.nan] * 3]])
     when = np.delete(np.arange(N), 4)
     for i in range(2):
         track = log.tracks[log.tracks.track_id == i]
         assert track.time_ns.tolist() == (when * STEP_NS).tolist()
         np.testing.assert_allclose(track.position, (cars[i] + velocity[i] * when[:, None] * 0.1)[:, :2], atol=1e-9)
         np.testing.assert_allclose(track.speed, np.hypot(*velocity[i, :2]))
+
+
+LOGS = [
+    Path(__file__).parents[1] / "data" / "indicator_lights.mcap",
+    *(DATA / "mcap_osi" / f"{name}.mcap" for name in (
+        "testBrakeAndIndicatorLights", "MovingHostWithStopLine", "disappearingVehicle")),
+]  # fmt: skip
+TURN = {"INDICATOR_STATE_LEFT": np.pi / 2, "INDICATOR_STATE_RIGHT": -np.pi / 2}
+
+
+def name_of(message, field):
+    """Of an enum's value."""
+    return message.DESCRIPTOR.fields_by_name[field].enum_type.values_by_number[getattr(message, field)].name
+
+
+@pytest.mark.parametrize("path", LOGS, ids=lambda path: path.stem)
+def test_labels_sizes_and_signals_are_what_the_stock_decoder_finds(path):
+    if not path.exists():
+        pytest.skip(f"real logs are not at {path.parent}")
+    expected, labels = {}, Counter()
+    with path.open("rb") as file:
+        for _, _, _, view in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
+            truth = view.global_ground_truth
+            for mover in truth.moving_object:
+                of = mover.vehicle_classification
+                kind = name_of(mover, "type")
+                if kind == "TYPE_VEHICLE" and name_of(of, "type") not in ("TYPE_UNKNOWN", "TYPE_OTHER"):
+                    kind = name_of(of, "type")
+                labels[{"medium_car": "car"}.get(*[kind.removeprefix("TYPE_").lower()] * 2)] += 1
+                size = [getattr(mover.base.dimension, side) or np.nan for side in ("length", "width", "height")]
+                turn = TURN.get(name_of(of.light_state, "indicator_state"), np.nan)
+                at = truth.timestamp.seconds * 10**9 + truth.timestamp.nanos
+                expected[at, str(mover.id.value)] = [*size, turn, 2.5 + 0 * turn]
+    (counted,) = inspect(path).labels.values()
+    assert counted == labels
+    seen = Detections.concatenate(stream_detections(path))
+    found = np.column_stack([np.broadcast_to(seen.size, (len(seen), 3)), np.broadcast_to(seen.cue, (len(seen), 2))])
+    for time_ns, name, row in zip(seen.time_ns.tolist(), seen.track_id.tolist(), found, strict=True):
+        np.testing.assert_array_equal(row, expected[time_ns, name])
