@@ -1,13 +1,33 @@
-"""The array types of every signature, the check of an argument at a public function, and equality of array values."""
+"""The array types of every signature, the checks of arguments at public functions, and equality of array values."""
 
 from dataclasses import fields
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from tessellation._arrays import AnyArray, BoolArray, FloatArray, IntArray, as_floats
 
-__all__ = ["AnyArray", "ArrayValue", "BoolArray", "FloatArray", "IntArray", "as_floats"]
+__all__ = ["AnyArray", "ArrayValue", "BoolArray", "FloatArray", "IntArray", "as_floats", "require"]
+
+Kind = TypeVar("Kind")
+SUCH = {
+    "Generator": ", such as np.random.default_rng(0)",
+    "PrimitiveMap": ", as load_map reads it",
+    "Sensor": ", as load_sensor reads it",
+    "Tracks": ", as read_tracks reads it",
+}
+"""What leads to a value of a class, for who gives another."""
+
+
+def require(name: str, value: Any, kind: type[Kind]) -> Kind:
+    """The argument, of the class that is expected.
+
+    Raises:
+        TypeError: it is of another.
+    """
+    if not isinstance(value, kind):
+        raise TypeError(f"{name}: expected a {kind.__name__}{SUCH.get(kind.__name__, '')}, got {value!r}")
+    return value
 
 
 class ArrayValue:

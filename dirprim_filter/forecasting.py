@@ -14,7 +14,7 @@ from typing import Protocol, Self
 import numpy as np
 import numpy.typing as npt
 
-from dirprim_filter.arrays import FloatArray, as_floats
+from dirprim_filter.arrays import FloatArray, as_floats, require
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.distributions.highest_density import Region, highest_density_regions
 from dirprim_filter.estimates import TrackedFrame
@@ -71,11 +71,18 @@ def forecast(
         (n_samples, n_steps, 2) positions at dt_s, 2 dt_s, ... up to the horizon, metres.
 
     Raises:
-        ValueError: a number that is not finite, a negative speed, or times and counts that are not positive.
+        ValueError: a number that is not finite, a direction that is not in radians, a negative speed, or times and
+            counts that are not positive.
+        TypeError: no map, no configuration, or no generator.
     """
+    require("primitive_map", primitive_map, PrimitiveMap)
+    require("rng", rng, np.random.Generator)
+    config = require("config", FilterConfig() if config is None else config, FilterConfig)
+    if abs(direction) > 2.0 * math.pi:
+        raise ValueError(f"direction: expected radians, at most a turn, got {direction:g}; np.deg2rad converts degrees")
     start = checked(as_floats("position", position, "2")[None], [direction], [speed])
     dt = steps(horizon_s, dt_s, n_samples)
-    table = motion_table(primitive_map, step_s=(config or FilterConfig()).step_s)
+    table = motion_table(primitive_map, step_s=config.step_s)
     return np.asarray(sample_paths(table, start, dt, n_samples, cue=cue, rng=rng)[0])
 
 

@@ -48,13 +48,8 @@ def convert(
 ) -> int:
     """Write a table of tracks or detections as an MCAP log.
 
-    csv, parquet and feather have columns by name: time_s, track_id, x_m, y_m; optional heading_rad (of the body),
-    course_rad (over ground), speed_mps, group, length_m, width_m, height_m, turn_signal (left, right, none),
-    and label (or category, or class).
-    Without track_id, or where it is empty, rows are detections, of one sensor or, by a column sensor, of several.
-    In place of time_s may stand time_ns, or ISO times as time or timestamp; in place of x_m and y_m latitude_deg and
-    longitude_deg. Between cells of a csv are commas, semicolons or tabs; a .csv.gz is read as well. Such tables need no
-    converting: learn, track, evaluate and score take them as they are.
+    csv, parquet and feather have columns by name: time_s, track_id, x_m, y_m, and others (docs/guides/table.md); they
+    need no converting: learn, track, evaluate and score take them as they are. Rows without track_id are detections.
 
     Example: dirprim convert tracks.csv -o tracks.mcap
 

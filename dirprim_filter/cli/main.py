@@ -11,7 +11,6 @@ from itertools import chain
 from typing import Any
 
 import typer
-from typer.core import TyperGroup
 
 from dirprim_filter.cli import (
     calibrate,
@@ -33,8 +32,8 @@ from dirprim_filter.cli import (
     track,
     view,
 )
+from dirprim_filter.cli.help import register, titled
 from dirprim_filter.cli.losses import DONE, FAILED
-from dirprim_filter.cli.outputs import checked
 from dirprim_filter.cli.settings import renamed
 
 COMMANDS: dict[str, list[Any]] = {
@@ -46,19 +45,12 @@ COMMANDS: dict[str, list[Any]] = {
 """The commands, and groups of commands, under the titles that `dirprim --help` gives them."""
 
 
-class _Titled(TyperGroup):
-    """Lists commands under their titles."""
-
-    def format_commands(self, ctx: Any, formatter: Any) -> None:
-        for title, commands in COMMANDS.items():
-            names = [str(of.info.name if isinstance(of, typer.Typer) else of.__name__) for of in commands]
-            with formatter.section(title):
-                formatter.write_dl([(name, self.commands[name].get_short_help_str(66)) for name in names])
-
+NAMES = {title: [str(of.info.name if isinstance(of, typer.Typer) else of.__name__) for of in commands]
+         for title, commands in COMMANDS.items()}  # fmt: skip
 
 app = typer.Typer(
     name="dirprim",
-    cls=_Titled,
+    cls=titled(NAMES),
     help=(
         "Learn from MCAP logs how vehicles move at each place, and track vehicles with what was learned. "
         "New here? Run `dirprim demo`, then `dirprim info` on a log of your own."
@@ -115,7 +107,7 @@ for command in chain.from_iterable(COMMANDS.values()):
     if isinstance(command, typer.Typer):
         app.add_typer(command)
     else:
-        app.command()(checked(command))
+        register(app, command)
 
 
 def main() -> None:

@@ -85,6 +85,7 @@ FORMER: Mapping[str, Mapping[str, str]] = {
         "--interaction": "interaction=", "--detection-probability": "detection_probability=",
         "--clutter-density": "clutter_density=", "--motion": "motion=true", "--place-free": "without_map=true",
         "--truth": "truth=", "--focus": "focus=", "--particles-out": "particles_out=",
+        "--rate": "rate_hz=",
     },
     "evaluate tracking": _READ | _SCALES | _SENSOR | {
         "--interaction": "interaction=", "--learn": "learn=", "--smooth": "smooth=true",

@@ -10,8 +10,8 @@ from typing import Annotated
 import typer
 
 from dirprim_filter.cli import losses, store_maps
+from dirprim_filter.cli.help import register
 from dirprim_filter.cli.options import Scheduler, StoreFolder, StoreWorkers, Topics
-from dirprim_filter.cli.outputs import checked
 from dirprim_filter.cli.reading import TimeSource
 from dirprim_filter.cli.texts import counted, say
 
@@ -187,4 +187,4 @@ def keep(
 
 
 for command in (add, store_maps.learn, store_maps.update, info, forget, merge, keep):
-    store.command()(checked(command))
+    register(store, command)

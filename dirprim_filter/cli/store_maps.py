@@ -133,12 +133,11 @@ def update(
         raise ValueError(f"{map_file}: expected a map of a store; learn it with `dirprim learn STORE`")
 
     def stated(**kinds: Callable[[str], Any]) -> dict[str, Any]:
-        return {name: kind(said[name]) for name, kind in kinds.items() if name in said}
+        return {name: kind(said[name]) if name in said else None for name, kind in kinds.items()}
 
     learned_from = from_store(
-        folder, workers=workers, scheduler=scheduler,
-        **stated(min_vehicles=int, half_life_s=float, now=str, hours=str, zone=str),
+        folder, workers=workers, scheduler=scheduler, zone=said.get("zone", "UTC"),
+        **stated(min_vehicles=int, half_life_s=float, now=str, hours=str),
     )  # fmt: skip
-    kinds = {"tessellation": str, "cell_size": float, "n_cells": int, "modes": str, "primitive": str}
-    how = dict.fromkeys(kinds) | stated(**kinds)  # in the order of `learn`, for the same bytes
+    how = stated(tessellation=str, cell_size=float, n_cells=int, modes=str, primitive=str)
     return write_map(learned_from, output or map_file, seed=int(said["seed"]), force=force or output is None, **how)

@@ -61,6 +61,7 @@ class Own:
     Attributes:
         motion: the log's directions and speeds are measurements too.
         without_map: track without the map's cells: the ablation.
+        rate_hz: also estimate so many times a second where no frame comes.
         particles_out: so many particles of each vehicle are written, to be looked at.
         truth: a log of true tracks, which the viewer draws and from which it takes the errors.
         focus: id of the vehicle that the viewer follows; empty: the one with the largest innovations.
@@ -69,11 +70,14 @@ class Own:
     motion: bool = False
     without_map: bool = False
     particles_out: int = 0
+    rate_hz: float = 0.0
     truth: str = ""
     focus: str = ""
 
 
-@reads_logs("motion", "without_map", "particles_out", "truth", "focus", "fields of FilterConfig and TrackingConfig")
+@reads_logs(
+    "motion", "without_map", "particles_out", "rate_hz", "truth", "focus", "fields of FilterConfig and TrackingConfig"
+)
 def track(
     log: Log,
     map_file: Map,
@@ -84,9 +88,6 @@ def track(
     smooth: Annotated[bool, typer.Option("--smooth", help="Also write smoothed estimates, by the whole log.")] = False,
     lag: Annotated[
         float | None, typer.Option(min=0.0, help="Also smooth, so many seconds late; a pipe is tracked live.")
-    ] = None,
-    rate: Annotated[
-        float | None, typer.Option(min=1e-3, help="Also estimate so many times a second where no frame comes.")
     ] = None,
     forecast: Annotated[float, typer.Option(min=0.0, help="Every second, forecast so many seconds ahead.")] = 0.0,
     no_ids: NoIds = False,
@@ -103,16 +104,9 @@ def track(
 ) -> int:
     """Track vehicles of a log with a learned map.
 
-    The estimates are written as an MCAP log, and shown by rerun where --save, --spawn or --connect asks for it.
-
-    How the sensor errs is learned from the first minutes of the log, as far as it shows without a truth, and printed;
-    unless --noise, --sensor, --config or the log itself says so. With --sensor a detection is of where the vehicle was
-    its latency ago, and estimates are of their own time.
-
-    With --lag a pipe is tracked as it is written: keep its chunks short, its estimates come when the next instants do.
-
-    Groups of a log are tracked each by itself, whatever their times: the vehicles of a group other than 0 are called
-    group/id in the output. With `--set group=NUMBER` only that one, under its ids.
+    Estimates are written as MCAP, and shown by rerun (--save, --spawn, --connect). Unless --noise, --sensor, --config
+    or the log states it, the sensor's noise is learned from the log's first minutes, and printed. With --lag a pipe is
+    tracked as it is written. Groups of a log are tracked each by itself; their vehicles are called group/id.
 
     Example: dirprim track recordings/roundabout_track.mcap --map map.mcap -o tracks.mcap --save tracks.rrd
     """
@@ -187,7 +181,10 @@ def track(
         seen = (frame.without_ids() for frame in frames) if no_ids else frames
         with smoother or nullcontext():
             n_frames = replay(
-                with_progress(seen, what=f"tracking {log.name}", end_ns=stream.end_ns), worlds, sinks, rate_hz=rate
+                with_progress(seen, what=f"tracking {log.name}", end_ns=stream.end_ns),
+                worlds,
+                sinks,
+                rate_hz=own.rate_hz or None,
             )
         reading.require_frames(n_frames, log, stream.losses)
         if viewer is not None:

@@ -7,11 +7,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import compress
 from os import PathLike
-from typing import Any
 
 import numpy as np
 
-from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
+from dirprim_filter.arrays import BoolArray, FloatArray, IntArray, require
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import NO_ID, NO_TIME, Detections, check_after
 from dirprim_filter.estimates import Estimates, Innovations, Particles, Samples, TrackedFrame
@@ -71,13 +70,13 @@ class Tracker:
         tracking: TrackingConfig | None = None, sensor: Sensor | None = None, with_innovations: bool = False,
         recorder: Recorder | None = None, rng: np.random.Generator,
     ) -> None:  # fmt: skip
-        self.config = _checked("config", config or FilterConfig(), FilterConfig)
-        self.tracking = _checked("tracking", tracking or TrackingConfig(), TrackingConfig)
-        _checked("rng", rng, np.random.Generator)
+        self.config = require("config", FilterConfig() if config is None else config, FilterConfig)
+        self.tracking = require("tracking", TrackingConfig() if tracking is None else tracking, TrackingConfig)
+        require("rng", rng, np.random.Generator)
         if isinstance(model, str | PathLike):
             raise TypeError(f"model: expected a map or a filter, got the path {str(model)!r}; load_map reads it")
         if sensor is not None:
-            self.config, self.tracking = sensor.informs(self.config, self.tracking)
+            self.config, self.tracking = require("sensor", sensor, Sensor).informs(self.config, self.tracking)
         self.sensor = sensor
         self.recoveries = 0
         self._with_innovations = with_innovations
@@ -122,6 +121,7 @@ class Tracker:
         Raises:
             ValueError: several instants or groups, a repeated id, or time going backwards; the beliefs are as before.
         """
+        require("detections", detections, Detections)
         if self._latency_ns:
             detections = replace(detections, time_ns=detections.time_ns - self._latency_ns)
             time_ns = None if time_ns is None else time_ns - self._latency_ns
@@ -343,13 +343,6 @@ class Tracker:
         squared = np.einsum("vi,vi->v", away, np.linalg.solve(covariance, away[..., None])[..., 0])
         columns[slot] = np.column_stack([np.hypot(*away.T), squared])
         return columns
-
-
-def _checked(name: str, value: Any, kind: type[Any]) -> Any:
-    if not isinstance(value, kind):
-        such = ", such as np.random.default_rng(0)" if kind is np.random.Generator else ""
-        raise TypeError(f"{name}: expected a {kind.__name__}{such}, got {value!r}")
-    return value
 
 
 def _seconds(time_ns: IntArray) -> FloatArray:

@@ -10,11 +10,12 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from os import PathLike
 from typing import Literal
 
 import numpy as np
 
-from dirprim_filter.arrays import FloatArray
+from dirprim_filter.arrays import FloatArray, require
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.primitives.assembly import assemble, fit_cells
 from dirprim_filter.primitives.background import learn_background
@@ -75,9 +76,14 @@ def learn_primitives(
 
     Raises:
         ValueError: no rows, or options that do not exist or exclude each other.
+        TypeError: no tracks, no configuration, or no generator.
     """
-    config = config or LearningConfig()
-    tracks = tracks if isinstance(tracks, Tracks) else Tracks.concatenate(tracks)
+    require("rng", rng, np.random.Generator)
+    config = require("config", LearningConfig() if config is None else config, LearningConfig)
+    if isinstance(tracks, Tracks | str | PathLike):
+        tracks = require("tracks", tracks, Tracks)
+    else:
+        tracks = Tracks.concatenate(require("tracks", part, Tracks) for part in tracks)
     _check_options(
         tracks, tessellation=tessellation, cell_size=cell_size, n_cells=n_cells, modes=modes, primitive=primitive
     )

@@ -12,7 +12,7 @@ from typing import NamedTuple, cast
 import numpy as np
 from scipy.special import logsumexp
 
-from dirprim_filter.arrays import FloatArray, IntArray, as_floats
+from dirprim_filter.arrays import FloatArray, IntArray, as_floats, require
 from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.primitives import _map_kernels
 from dirprim_filter.primitives._map_kernels import MapTable
@@ -156,7 +156,7 @@ class PrimitiveMap:
         position = as_floats("position", position, "... 2")
         place = position.reshape(-1, 2)
         direction, speed = np.empty((2, len(place)))
-        state = rng.integers(0, 2**64, size=4, dtype=np.uint64)
+        state = require("rng", rng, np.random.Generator).integers(0, 2**64, size=4, dtype=np.uint64)
         _map_kernels.draw(self.compiled(), place, state, direction, speed)
         return direction.reshape(position.shape[:-1]), speed.reshape(position.shape[:-1])
 

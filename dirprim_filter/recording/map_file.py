@@ -6,6 +6,7 @@ import logging
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
+from dirprim_filter.arrays import require
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording import topic_names
 from dirprim_filter.recording.container.log import Log, Scan
@@ -40,7 +41,9 @@ def save_map(
     Raises:
         OutputExistsError: the file exists, and `force` is not set.
         OSError: the file cannot be written.
+        TypeError: it is no map.
     """
+    require("primitive_map", primitive_map, PrimitiveMap)
     with LogWriter(path, metadata=metadata or {}, force=force) as log:
         for tile in encoded_tiles(primitive_map):
             log.write_encoded(topic_names.MAP, MAP, tile, 0)  # a map holds at no time of its own

@@ -77,11 +77,6 @@ def test_vehicles_leave_once_each_in_the_time_that_they_are_watched(truth):
     assert departure_rate(truth) == pytest.approx(1.0 / 15.9)
 
 
-def test_the_busiest_instant_has_most_moving_vehicles_in_the_ring(truth):
-    there = {t: int(in_ring(truth.position[truth.time_ns == t]).sum()) for t in np.unique(truth.time_ns).tolist()}
-    assert there[telling_instant(truth, is_blind=True)[0]] == max(there.values()) > 1
-
-
 @pytest.mark.parametrize(("turn", "expected"), [(0.5, "1"), (0.0, "0")])
 def test_a_vehicle_that_turns_is_shown_before_one_nearer_to_the_middle(turn, expected):
     n = 11

@@ -1,14 +1,28 @@
-"""Whatever reads a log has the options of reading, and they reach the library."""
+"""Whatever reads a log has the options of reading, and they reach the library; a log is read once."""
 
 import json
+from collections import Counter
+from pathlib import Path
 
 import pytest
 from mcap.writer import Writer
 
-from dirprim_filter import save_map, write_tracks
-from dirprim_filter.cli.main import run
+from cli.commands import DONE, FAILED, GRID, INPUT_LOST, dirprim
 from dirprim_filter.cli.options import time_ns
+from dirprim_filter.recording.container import log as container
+from dirprim_filter.recording.container import log_file
 from dirprim_filter.recording.objects.options import FromStart
+
+COMMANDS = {
+    "info": "info log.mcap",
+    "learn": f"learn log.mcap {GRID} -o out",
+    "track": "track log.mcap --map map.mcap --particles 20 -o out",
+    "view": "view log.mcap --rate inf --save out",
+    "evaluate density": "evaluate density log.mcap",
+    "evaluate cues": "evaluate cues log.mcap",
+    "evaluate tracking": "evaluate tracking log.mcap",
+    "evaluate forecast": "evaluate forecast log.mcap",
+}
 
 
 def private_json(path):
@@ -21,100 +35,75 @@ def private_json(path):
         writer.finish()
 
 
-READERS = (
-    ["info"], ["learn"], ["track"], ["view"],
-    ["evaluate", "density"], ["evaluate", "cues"], ["evaluate", "tracking"], ["evaluate", "forecast"],
-)  # fmt: skip
-GRID = ["--tessellation", "grid", "--cell-size", "8"]
-OUTPUTS = {"learn": ["-o", "out.mcap"], "view": ["--rate", "inf", "--save", "out.rrd"]}
-NEED_A_MAP = (["track"],)
-
-
-@pytest.mark.parametrize("command", READERS, ids=" ".join)
-def test_whatever_reads_a_log_has_the_options_of_reading(capsys, command):
-    assert run([*command, "--help"]) == 0
+@pytest.mark.parametrize("command", COMMANDS)
+def test_whatever_reads_a_log_has_the_options_of_reading_and_they_reach_the_library(command, here, capsys):
+    assert dirprim(f"{command} --help") == DONE
     reported = capsys.readouterr().out
-    for option in ("topics", "time-source", "start", "end", "strict", "set"):
-        assert f"--{option} " in reported
+    assert all(f"--{option} " in reported for option in ("topics", "time-source", "start", "end", "strict", "set"))
     assert "frame, fields, origin, labels, group" in " ".join(reported.split())
+    private_json(here / "log.mcap")
+    for option in ("--set fields=nonsense", "--set origin=north", "--start soon"):
+        assert dirprim(f"{COMMANDS[command]} {option}") == FAILED
+        assert option.split("=")[-1].split()[-1] in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("command", [command for command in READERS if command not in NEED_A_MAP], ids=" ".join)
-@pytest.mark.parametrize("option", [("--set", "fields=nonsense"), ("--set", "origin=north"), ("--start", "soon")])
-def test_the_options_of_reading_reach_the_library(tmp_path, capsys, monkeypatch, command, option):
-    monkeypatch.chdir(tmp_path)
-    private_json(tmp_path / "log.mcap")
-    assert run([*command, "log.mcap", *OUTPUTS.get(command[-1], []), *option]) == 1
-    assert option[1].rpartition("=")[2] in capsys.readouterr().err
+@pytest.mark.parametrize("command", ["learn", "track"])
+@pytest.mark.parametrize("option", ["--set group=99", "--set labels=bus", "--start 9000000000000000ns"])
+def test_asking_for_what_a_log_does_not_hold_is_an_error_and_leaves_no_file(here, capsys, command, option):
+    before = set(here.iterdir())
+    assert dirprim(f"{COMMANDS[command]} {option}") == FAILED
+    asked = option.removeprefix("--set ")
+    assert f"log.mcap: expected moving objects {asked}, got none" in capsys.readouterr().err
+    assert set(here.iterdir()) == before
 
 
-ON_DAMAGE = {
-    "learn": ["log.mcap", *GRID, "-o"],
-    "track": ["log.mcap", "--map", "map.mcap", "--particles", "20", "-o"],
-    "view": ["log.mcap", "--rate", "inf", "--save"],
-}
+@pytest.mark.parametrize("command", ["learn", "track", "view"])
+def test_a_damaged_log_ends_in_3_and_in_an_error_where_strict(here, capsys, command):
+    whole = Path("log.mcap").read_bytes()
+    Path("log.mcap").write_bytes(whole[:-30])
+    assert dirprim(COMMANDS[command]) == INPUT_LOST
+    assert capsys.readouterr().err.count("damaged, the rest is read") == 1
+    Path("out").unlink()
+    assert dirprim(f"{COMMANDS[command]} --strict") == FAILED
+    assert "expected an undamaged log" in capsys.readouterr().err
+    assert not Path("out").exists()
+    assert dirprim("info log.mcap") == INPUT_LOST
+    assert "damage" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("command", NEED_A_MAP, ids=" ".join)
-def test_asking_for_what_a_log_does_not_hold_is_an_error_and_leaves_no_file(
-    tmp_path, ring_map, ring, capsys, monkeypatch, *, command
-):
-    monkeypatch.chdir(tmp_path)
-    write_tracks(ring[ring.track_id < 2], tmp_path / "log.mcap")
-    save_map(ring_map, tmp_path / "map.mcap")
-    before = set(tmp_path.iterdir())
-    for option in (["--set", "group=99"], ["--set", "labels=bus"], ["--start", "9000000000000000ns"]):
-        assert run([*command, *ON_DAMAGE[command[0]], "out.mcap", *option]) == 1
-        reported = capsys.readouterr().err
-        assert f"log.mcap: expected moving objects {' '.join(option).removeprefix('--set ')}, got none" in reported
-        assert set(tmp_path.iterdir()) == before
+@pytest.mark.parametrize("command", ["info", "learn", "track"])
+def test_a_log_is_opened_and_outlined_once_and_each_of_its_chunks_decompressed_once(here, monkeypatch, command):
+    """Though `track` learns the sensor from what it then tracks, and `info` looks for faults of what it lists."""
+    opened, decompressed = Counter(), Counter()
+    init, read = container.Log.__init__, log_file.read_contents
+
+    def open_log(self, path, **options):
+        opened[Path(path).name] += 1
+        init(self, path, **options)
+
+    def contents(data, chunk):
+        decompressed[chunk.offset, chunk.crc] += 1
+        return read(data, chunk)
+
+    monkeypatch.setattr(container.Log, "__init__", open_log)
+    monkeypatch.setattr(log_file, "read_contents", contents)
+    Path("map.mcap").rename("own_map")
+    assert dirprim(COMMANDS[command].replace("map.mcap", "own_map")) == DONE
+    assert opened["log.mcap"] == 1
+    assert len(decompressed) > 0
+    assert set(decompressed.values()) == {1}
 
 
-def test_a_damaged_log_ends_in_3_and_in_an_error_where_strict(tmp_path, ring, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    write_tracks(ring[ring.track_id < 8], tmp_path / "whole.mcap")
-    assert run(["learn", "whole.mcap", "-o", "map.mcap", *GRID]) == 0
-    (tmp_path / "log.mcap").write_bytes((tmp_path / "whole.mcap").read_bytes()[:-30])
-    for command, arguments in ON_DAMAGE.items():
-        assert run([command, *arguments, f"{command}.out"]) == 3
-        capsys.readouterr()
-        assert run([command, *arguments, "strict", "--strict"]) == 1
-        assert "expected an undamaged log" in capsys.readouterr().err
-        assert not (tmp_path / "strict").exists()
-
-
-@pytest.mark.parametrize("option", [("--start", "9999999999999999ns"), ("--set", "labels=bus")])
-def test_nothing_left_of_a_log_is_said_with_what_was_asked(tmp_path, ring, capsys, monkeypatch, option):
-    monkeypatch.chdir(tmp_path)
-    write_tracks(ring[ring.track_id < 8], tmp_path / "log.mcap")
-    assert run(["learn", "log.mcap", "-o", "map.mcap", *option]) == 1
-    assert (
-        f"log.mcap: expected moving objects {' '.join(option).removeprefix('--set ')}, got none"
-        in capsys.readouterr().err
-    )
-    assert not (tmp_path / "map.mcap").exists()
-
-
-def test_an_unknown_schema_is_named_with_the_way_out(tmp_path, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    private_json(tmp_path / "log.mcap")
-    assert run(["info", "log.mcap"]) == 0
+def test_an_unknown_schema_is_named_with_the_way_out(here, capsys):
+    private_json(here / "log.mcap")
+    assert dirprim("info log.mcap") == DONE
     assert "no topic carries tracks; --set fields=... says where" in capsys.readouterr().out
-    assert run(["learn", "log.mcap", "-o", "map.mcap"]) == 1
+    assert dirprim("learn log.mcap -o out") == FAILED
     reported = capsys.readouterr().err
     for part in ("expected a topic with moving objects", "the log has /car (acme.Car)", "say by --set fields="):
         assert part in reported
     assert "osi3.GroundTruth" not in reported  # nor the forty others that are known: the README lists them
     assert reported.count("\n") == 1
-
-
-def test_standard_output_is_no_place_for_what_is_renamed_when_whole(tmp_path, ring, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    write_tracks(ring[ring.track_id < 8], tmp_path / "log.mcap")
-    for command in ("recover", "learn"):
-        assert run([command, "log.mcap", "-o", "-"]) == 2
-        assert "expected the name of a file, got -" in capsys.readouterr().err
-    assert [path.name for path in tmp_path.iterdir()] == ["log.mcap"]
 
 
 @pytest.mark.parametrize(

@@ -1,15 +1,15 @@
 """`dirprim store` and `dirprim learn STORE`, from the command line to a map."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 import typer
 
+from cli.commands import DONE, FAILED, GRID, INPUT_LOST, USAGE, dirprim
 from dirprim_filter import load_map, write_tracks
-from dirprim_filter.cli.main import app as whole_program
-from dirprim_filter.cli.main import run
-from dirprim_filter.cli.store import store as store_commands
+from dirprim_filter.cli.main import app
 from dirprim_filter.recording.reader import ReadOptions
 from dirprim_filter.store.config import StoreConfig
 from situations import ring_traffic
@@ -24,107 +24,92 @@ def logs(tmp_path, monkeypatch):
 
 
 def test_a_store_is_made_told_learned_from_and_forgotten_from(logs, capsys):
-    assert run(["store", "add", "fleet", "*.mcap"]) == 0
-    assert "added 2 logs, 240 rows; 0 known, 0 failed" in capsys.readouterr().out
-    assert run(["store", "add", "fleet", "0.mcap", "1.mcap"]) == 0
-    assert "added 0 logs, 0 rows; 2 known" in capsys.readouterr().out
-    assert run(["store", "info", "fleet", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["rows"] == 240
-    grid = ["--tessellation", "grid", "--cell-size", "10"]
-    assert run(["store", "learn", "fleet", "-o", "map.mcap", "--min-vehicles", "3", *grid]) == 0
-    assert "from 2 logs, 240 rows; 1 of 1 block learned anew" in capsys.readouterr().out
-    assert run(["store", "merge", "other", "fleet"]) == 0
-    assert run(["store", "learn", "other", "-o", "same.mcap", "--min-vehicles", "3", *grid]) == 0
-    assert (logs / "map.mcap").read_bytes() == (logs / "same.mcap").read_bytes()
-    assert load_map("map.mcap").motion.n_placed > 0
-    before = (logs / "map.mcap").read_bytes()
-    assert run(["store", "update", "map.mcap", "fleet", "-o", "copy.mcap"]) == 0
-    assert run(["store", "update", "map.mcap", "fleet"]) == 0
-    assert "0 of 1 block learned anew" in capsys.readouterr().out
-    assert before == (logs / "map.mcap").read_bytes() == (logs / "copy.mcap").read_bytes()
-    assert run(["store", "update", "map.mcap", "fleet", "-o", "copy.mcap"]) == 1
-    assert "copy.mcap" in capsys.readouterr().err
-    assert run(["store", "forget", "fleet", "0.mcap"]) == 0
-    assert run(["update", "copy.mcap", "fleet"]) == 0
-    assert "`dirprim update` is now `dirprim store update`" in capsys.readouterr().err
-    assert (logs / "copy.mcap").read_bytes() != before
-    assert run(["store", "update", "copy.mcap", "other"]) == 0
-    assert (logs / "copy.mcap").read_bytes() == before
-    capsys.readouterr()
-    assert run(["store", "info", "fleet"]) == 0
-    assert "1 log of 1 recording, 120 rows, 6 vehicles" in capsys.readouterr().out
+    def done(command):
+        assert dirprim(command) == DONE
+        said = capsys.readouterr()
+        return said.out + said.err
+
+    assert "added 2 logs, 240 rows; 0 known, 0 failed" in done("store add fleet '*.mcap'")
+    assert "added 0 logs, 0 rows; 2 known" in done("store add fleet 0.mcap 1.mcap")
+    assert json.loads(done("store info fleet --json"))["rows"] == 240
+    learn = f"{GRID} --min-vehicles 3"
+    assert "from 2 logs, 240 rows; 1 of 1 block learned anew" in done(f"store learn fleet -o map {learn}")
+    done("store merge other fleet")
+    done(f"store learn other -o same {learn}")
+    before = Path("map").read_bytes()
+    assert before == Path("same").read_bytes()
+    assert load_map("map").motion.n_placed > 0
+    done("store update map fleet -o copy")
+    assert "0 of 1 block learned anew" in done("store update map fleet")
+    assert before == Path("map").read_bytes() == Path("copy").read_bytes()
+    assert dirprim("store update map fleet -o copy") == FAILED
+    done("store forget fleet 0.mcap")
+    assert "`dirprim update` is now `dirprim store update`" in done("update copy fleet")
+    assert Path("copy").read_bytes() != before
+    done("store update copy other")
+    assert Path("copy").read_bytes() == before
+    assert "1 log of 1 recording, 120 rows, 6 vehicles" in done("store info fleet")
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("command", "code", "said"),
     [
-        (["store", "learn", "fleet", "-o", "m.mcap", "--min-vehicles", "20"], "20 vehicles passed the same way"),
-        (["learn", "fleet", "1.mcap", "-o", "m.mcap"], "a store is learned from alone"),
-        (["learn", "fleet", "-o", "m.mcap", "--topics", "x"], "fixes how its logs are read"),
-        (["store", "learn", "0.mcap", "-o", "m.mcap"], "expected a store"),
-        (["store", "learn", "fleet", "-o", "m.mcap", "--now", "3"], "expected --half-life with it"),
-        (["store", "add", "fleet", "1.mcap", "--frame", "odom"], "expected frame None"),
-        (["store", "add", "fleet", "absent.mcap"], "absent.mcap: No such file"),
-        (["store", "forget", "fleet", "1.mcap"], "is not in the store"),
-        (["store", "info", "absent"], "expected a store, found none"),
-        (["store", "update", "of_log.mcap", "fleet"], "expected a map of a store"),
+        ("store learn fleet -o m --min-vehicles 20", FAILED, "20 vehicles passed the same way"),
+        ("learn fleet 1.mcap -o m", FAILED, "a store is learned from alone"),
+        ("learn fleet -o m --topics x", FAILED, "fixes how its logs are read"),
+        ("store learn 0.mcap -o m", FAILED, "expected a store"),
+        ("store learn fleet -o m --now 3", FAILED, "expected --half-life with it"),
+        ("store add fleet 1.mcap --frame odom", FAILED, "expected frame None"),
+        ("store add fleet absent.mcap", FAILED, "absent.mcap: No such file"),
+        ("store add fleet none.mcap 1.mcap", FAILED, "none.mcap"),
+        ("store forget fleet 1.mcap", FAILED, "is not in the store"),
+        ("store info absent", FAILED, "expected a store, found none"),
+        ("store update of_log fleet", FAILED, "expected a map of a store"),
+        *((f"store learn fleet -o m --half-life={wrong}", USAGE, "expected a positive duration such as 12h, 30d or 2w")
+          for wrong in ("30", "-1d", "d", "nand")),
     ],
-    ids=lambda value: " ".join(value) if isinstance(value, list) else "",
-)
-def test_what_cannot_be_done_is_said_in_one_line(logs, capsys, arguments, said):
-    assert run(["store", "add", "fleet", "0.mcap"]) == 0
-    if "of_log.mcap" in arguments:
-        assert run(["learn", "0.mcap", "-o", "of_log.mcap", "--tessellation", "grid", "--cell-size", "10"]) == 0
+)  # fmt: skip
+def test_what_cannot_be_done_is_said_in_one_line(logs, capsys, command, code, said):
+    assert dirprim("store add fleet 0.mcap") == DONE
+    Path("none.mcap").write_text("no log")
+    if "of_log" in command:
+        assert dirprim(f"learn 0.mcap -o of_log {GRID}") == DONE
     capsys.readouterr()
-    assert run(arguments) == 1
-    told = capsys.readouterr().err
-    assert said in told
-    assert told.startswith("error: ")
-    assert told.count("\n") == 1
+    assert dirprim(command) == code
+    told = capsys.readouterr()
+    assert said in " ".join(told.err.split())
+    if code == FAILED:
+        assert told.err.startswith("error: ")
+        assert told.err.count("\n") == 1
+    assert ("added 1 log" in told.out) == ("none.mcap" in command)  # one that fails does not stop the others
 
 
 def test_fewer_vehicles_of_a_month_are_kept(logs, capsys):
-    assert run(["store", "add", "fleet", "*.mcap"]) == 0
-    assert run(["store", "keep", "fleet"]) == 0
+    assert dirprim("store add fleet '*.mcap'") == DONE
+    assert dirprim("store keep fleet") == DONE
     assert "nothing to thin" in capsys.readouterr().out
-    assert run(["store", "keep", "fleet", "--of-month", "1970-01", "--vehicles", "100"]) == 0
+    assert dirprim("store keep fleet --of-month 1970-01 --vehicles 100") == DONE
     assert "fleet: 1970-01, 12 of 12 vehicles kept" in capsys.readouterr().out
-    assert run(["store", "forget", "fleet", "0.mcap", "1.mcap"]) == 0
-    assert not any((logs / "fleet" / "rows").iterdir())
 
 
 def test_of_a_damaged_store_the_rest_is_learned_from_and_the_exit_code_says_so(logs, capsys):
-    assert run(["store", "add", "fleet", "*.mcap"]) == 0
+    assert dirprim("store add fleet '*.mcap'") == DONE
     first = min((logs / "fleet" / "rows").iterdir())
     data = bytearray(first.read_bytes())
     data[100] ^= 1
     first.write_bytes(data)
     capsys.readouterr()
-    assert run(["learn", "fleet", "-o", "map.mcap", "--tessellation", "grid", "--cell-size", "10"]) == 3
+    assert dirprim(f"learn fleet -o map {GRID}") == INPUT_LOST
     told = capsys.readouterr().err
     assert told.startswith("error: ")
     assert ".mcap is damaged in the store" in told
-    assert load_map("map.mcap").tessellation.n_cells > 0
-
-
-def test_durations_have_a_unit(logs, capsys):
-    assert run(["store", "add", "fleet", "0.mcap"]) == 0
-    for wrong in ("30", "-1d", "d", "nand"):
-        assert run(["store", "learn", "fleet", "-o", "m.mcap", "--half-life", wrong]) == 2
-        assert "expected a positive duration such as 12h, 30d or 2w" in " ".join(capsys.readouterr().err.split())
-
-
-def test_one_log_that_fails_does_not_hide_that_others_were_added(logs, capsys):
-    (logs / "2.mcap").write_text("no log")
-    assert run(["store", "add", "fleet", "*.mcap"]) == 1
-    told = capsys.readouterr()
-    assert "added 2 logs" in told.out
-    assert "2.mcap" in told.err
+    assert load_map("map").tessellation.n_cells > 0
 
 
 def test_what_several_commands_take_is_one_option_and_logs_are_read_as_everywhere():
-    commands = typer.main.get_command(store_commands).commands
-    learn, of_store = typer.main.get_command(whole_program).commands["learn"], commands["learn"]
+    program = typer.main.get_command(app).commands
+    commands = program["store"].commands
+    learn, of_store = program["learn"], commands["learn"]
     for one, other in ((learn, of_store), (commands["add"], of_store), (commands["update"], of_store)):
         ours, theirs = ({p.name: (p.opts, p.help, p.default) for p in each.params if p.param_type_name == "option"}
                         for each in (one, other))  # fmt: skip

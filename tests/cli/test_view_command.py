@@ -11,16 +11,10 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
+from cli.commands import DONE, FAILED, dirprim
 from dirprim_filter import save_map, write_tracks
-from dirprim_filter.cli.main import run
 from dirprim_filter.viewer import process as program
 from dirprim_filter.viewer import stream
-
-DONE, FAILED, USAGE = 0, 1, 2
-
-
-def dirprim(*arguments):
-    return run([str(argument) for argument in arguments])
 
 
 @pytest.fixture(scope="module")
@@ -31,9 +25,9 @@ def folder(ring, ring_map, tmp_path_factory):
     save_map(ring_map, folder / "map.mcap")
     write_tracks(few, folder / "log.mcap")
     common = ("track", folder / "log.mcap", "--map", folder / "map.mcap", "--particles", 100)
-    watched = ("--save", folder / "prior.rrd", "--set", f"truth={folder}/log.mcap", "--forecast", 1, "--set", "focus=2")
-    assert dirprim(*common, "-o", folder / "prior.mcap", *watched) == DONE
-    assert dirprim(*common, "-o", folder / "free.mcap", "--set", "without_map=true") == DONE
+    shown = ("--save", folder / "prior.rrd", "--set", f"truth={folder}/log.mcap", "--forecast", 1, "--set", "focus=2")
+    assert dirprim("", *common, "-o", folder / "prior.mcap", *shown) == DONE
+    assert dirprim("", *common, "-o", folder / "free.mcap", "--set", "without_map=true") == DONE
     return folder
 
 

@@ -262,29 +262,6 @@ def test_one_step_is_predict_weigh_estimate_and_resample(ring_map, traffic):
     assert Estimates.concatenate(found) == track(ring_map, frames)[0]
 
 
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        ({"rng": 0}, r"rng: expected a Generator, such as np.random.default_rng\(0\), got 0"),
-        ({"config": {"n_particles": 5}}, "config: expected a FilterConfig, got {'n_particles': 5}"),
-        ({"tracking": FilterConfig()}, "tracking: expected a TrackingConfig, got FilterConfig"),
-        ({"model": "map.mcap"}, "model: expected a map or a filter, got the path 'map.mcap'; load_map reads it"),
-    ],
-)
-def test_what_a_tracker_cannot_be_made_of_is_reported(given, message):
-    with pytest.raises(TypeError, match=message):
-        Tracker(**{"model": one_cell_map(), "rng": np.random.default_rng(0)} | given)
-
-
-def test_weighing_twice_is_refused():
-    tracker = Tracker(one_cell_map(), config=FilterConfig(n_particles=5), rng=np.random.default_rng(0))
-    with pytest.raises(ValueError, match="weigh: expected once for each frame, after predict"):
-        tracker.weigh()
-    tracker.step(one("a", 0.0, 0.0, 0.0))
-    with pytest.raises(ValueError, match="weigh: expected once for each frame, after predict"):
-        tracker.weigh()
-
-
 def test_a_lone_outlier_moves_no_belief_and_is_no_recovery(ring_map):
     times = 0.1 * np.arange(20)
     path = np.array([on_the_ring(t) for t in times])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import typer
 
 from dirprim_filter.cli.evaluate import cues, density, forecast, tracking
-from dirprim_filter.cli.outputs import checked
+from dirprim_filter.cli.help import register
 
 evaluate = typer.Typer(
     name="evaluate",
@@ -16,4 +16,4 @@ evaluate = typer.Typer(
     no_args_is_help=True,
 )
 for experiment in (tracking.tracking, forecast.forecast, density.density, cues.cues):
-    evaluate.command()(checked(experiment))
+    register(evaluate, experiment)

@@ -1,0 +1,14 @@
+"""How tests run a command: as it is typed."""
+
+import shlex
+
+from dirprim_filter.cli.main import run
+
+DONE, FAILED, USAGE, INPUT_LOST = 0, 1, 2, 3
+GRID = "--tessellation grid --cell-size 8"
+"""Learned in a moment: where any map will do."""
+
+
+def dirprim(command, *more):
+    """The exit code of a command line, and of what follows it word by word."""
+    return run([*shlex.split(command), *map(str, more)])

@@ -1,0 +1,31 @@
+"""A working folder with a log and a map."""
+
+from shutil import copy
+
+import pytest
+
+from dirprim_filter import save_map, write_tracks
+
+
+@pytest.fixture(scope="session")
+def few(ring):
+    """Six vehicles on a ring, for ten seconds."""
+    return ring[ring.track_id < 6]
+
+
+@pytest.fixture(scope="session")
+def files(few, ring_map, tmp_path_factory):
+    """A folder with `log.mcap` of them, and `map.mcap` of the ring; to be read."""
+    folder = tmp_path_factory.mktemp("files")
+    write_tracks(few, folder / "log.mcap")
+    save_map(ring_map, folder / "map.mcap")
+    return folder
+
+
+@pytest.fixture
+def here(files, tmp_path, monkeypatch):
+    """The working folder, with copies of both."""
+    for path in files.iterdir():
+        copy(path, tmp_path)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path

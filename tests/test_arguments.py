@@ -1,0 +1,105 @@
+"""What people give to the public functions by mistake ends in one line that says what was expected."""
+
+import re
+
+import numpy as np
+import pytest
+
+from dirprim_filter import Detections, FilterConfig, Tracker, Tracks, forecast, learn_primitives, save_map
+from situations import one_cell_map
+
+RNG = np.random.default_rng(0)
+STATE = {"position": (0.0, 0.0), "direction": 0.0, "speed": 5.0, "rng": RNG}
+GENERATOR = "rng: expected a Generator, such as np.random.default_rng(0), got 0"
+DEGREES = "direction: expected radians, at most a turn, got 90; np.deg2rad converts degrees"
+
+
+@pytest.fixture
+def a_map():
+    return one_cell_map()
+
+
+def tracks(**changes):
+    known = {"track_id": [0, 0], "time_ns": [0, 10**8], "position": np.zeros((2, 2)), "direction": [0.0, 0.1]}
+    return Tracks(**known | {"speed": [1.0, 1.0]} | changes)
+
+
+def seen(**changes):
+    known = {"track_id": np.array(["a"]), "time_ns": np.array([0]), "position": np.zeros((1, 2))}
+    return Detections(**known | changes)
+
+
+def tracker(model, **given):
+    return Tracker(model, **{"rng": RNG, "config": FilterConfig(n_particles=5)} | given)
+
+
+CALLS = {
+    "learn, rng": (lambda _: learn_primitives(tracks(), rng=0), TypeError, GENERATOR),
+    "learn, config": (
+        lambda _: learn_primitives(tracks(), config={}, rng=RNG),
+        TypeError,
+        "config: expected a Learning",
+    ),
+    "learn, path": (
+        lambda _: learn_primitives("log.mcap", rng=RNG),
+        TypeError,
+        "tracks: expected a Tracks, as read_tra",
+    ),
+    "learn, paths": (
+        lambda _: learn_primitives(["log.mcap"], rng=RNG),
+        TypeError,
+        "tracks: expected a Tracks, as read",
+    ),
+    "tracker, rng": (lambda m: tracker(m, rng=0), TypeError, GENERATOR),
+    "tracker, config": (lambda m: tracker(m, config={}), TypeError, "config: expected a FilterConfig, got {}"),
+    "tracker, tracking": (lambda m: tracker(m, tracking=FilterConfig()), TypeError, "tracking: expected a TrackingCon"),
+    "tracker, path": (
+        lambda _: tracker("m.mcap"),
+        TypeError,
+        "model: expected a map or a filter, got the path 'm.mcap'",
+    ),
+    "tracker, sensor": (
+        lambda m: tracker(m, sensor="s.toml"),
+        TypeError,
+        "sensor: expected a Sensor, as load_sensor rea",
+    ),
+    "step, tracks": (lambda m: tracker(m).step(tracks()), TypeError, "detections: expected a Detections, got Tracks("),
+    "step, instants": (lambda m: tracker(m).step(Detections.of(tracks())), ValueError, "see Detections.frames"),
+    "weigh, first": (lambda m: tracker(m).weigh(), ValueError, "weigh: expected once for each frame, after predict"),
+    "detections, degrees": (lambda _: seen(direction=np.array([90.0]), speed=np.ones(1)), ValueError, DEGREES),
+    "forecast, path": (
+        lambda _: forecast("m.mcap", **STATE),
+        TypeError,
+        "expected a PrimitiveMap, as load_map reads it",
+    ),
+    "forecast, rng": (lambda m: forecast(m, **STATE | {"rng": 0}), TypeError, GENERATOR),
+    "forecast, config": (
+        lambda m: forecast(m, config={}, **STATE),
+        TypeError,
+        "config: expected a FilterConfig, got {}",
+    ),
+    "forecast, degrees": (lambda m: forecast(m, **STATE | {"direction": 90.0}), ValueError, DEGREES),
+    "sample, rng": (lambda m: m.sample(np.zeros((1, 2)), rng=0), TypeError, GENERATOR),
+    "save, swapped": (
+        lambda m: save_map("m.mcap", m),
+        TypeError,
+        "primitive_map: expected a PrimitiveMap, as load_map",
+    ),
+}
+
+
+@pytest.mark.parametrize("call", CALLS)
+def test_a_wrong_argument_is_one_line(call, a_map):
+    made, kind, said = CALLS[call]
+    with pytest.raises(kind, match=re.escape(said)) as error:
+        made(a_map)
+    assert call == "step, tracks" or "\n" not in str(error.value)
+
+
+def test_weighing_twice_is_refused_and_unsorted_rows_are_put_in_order(a_map):
+    own = tracker(a_map)
+    own.step(seen())
+    with pytest.raises(ValueError, match="weigh: expected once for each frame"):
+        own.weigh()
+    assert tracks(time_ns=[10**8, 0], direction=[0.1, 0.0]) == tracks()
+    assert [int(f.time_ns[0]) for f in Detections.of(tracks(time_ns=[10**8, 0])).frames()] == [0, 10**8]
