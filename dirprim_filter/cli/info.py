@@ -104,8 +104,6 @@ def _lines(summary: LogSummary, faults: Faults) -> list[str]:
     ]
     if summary.attachments:
         lines.append(f"attachments: {', '.join(summary.attachments)}")
-    odd = {source: stamps for source, stamps in (summary.stamps or {}).items() if stamps.is_odd or stamps.duplicate}
-    lines += [f"{source} times by topic, as they stand in the file: {stamps}" for source, stamps in odd.items()]
     lines += [f"faults: {line}" for line in faults.lines()]
     lines += [f"damage: {damage}" for damage in summary.damage]
     return [f"  {line}" for line in lines]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 from collections import Counter
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,9 +12,7 @@ from google.protobuf.message import DecodeError
 from dirprim_filter.recording.container.log import LogSource, Scan, opened
 from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.container.records import Channel
-from dirprim_filter.recording.decoding.field_columns import signed
 from dirprim_filter.recording.errors import DamagedRecordingError
-from dirprim_filter.recording.losses import Clock
 from dirprim_filter.recording.name_patterns import matching
 from dirprim_filter.recording.objects.options import EVERYTHING, ReadOptions
 from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
@@ -77,7 +74,6 @@ def inspect(source: LogSource, options: ReadOptions = EVERYTHING) -> LogSummary:
         end_ns=reading.end_ns,
         damage=damage,
         is_checked=True,
-        stamps={source: clock.faults for source, clock in reading.clocks.items()},
         groups={
             topic: dict(sorted(counts.items())) for topic, counts in sorted(reading.groups.items()) if len(counts) > 1
         },
@@ -95,7 +91,6 @@ class _Inspection:
     """Counts, chunk after chunk in the order of the file."""
 
     def __init__(self, log: Scan, decoders: Decoders) -> None:
-        self.clocks: Mapping[str, Clock] = {"log": Clock(), "publish": Clock(), "header": Clock()}
         self.labels: dict[str, Counter[str]] = {}
         self.groups: dict[str, Counter[int]] = {}
         self.undecodable = 0
@@ -113,9 +108,6 @@ class _Inspection:
         first_ns, last_ns = int(columns.log_time_ns[0]), int(columns.log_time_ns[-1])
         self.start_ns = first_ns if self.start_ns is None else min(self.start_ns, first_ns)
         self.end_ns = last_ns if self.end_ns is None else max(self.end_ns, last_ns)
-        columns = columns[np.argsort(columns.start, kind="stable")]
-        self.clocks["log"].watch(columns.channel, signed(columns.log_time_ns))
-        self.clocks["publish"].watch(columns.channel, signed(columns.publish_time_ns))
         for i, n in zip(*np.unique(columns.channel, return_counts=True), strict=True):
             self._tally(columns.channels[i]).messages += int(n)
         for piece in pieces(columns[columns.by_channel(lambda channel: self._tally(channel).track_ids is not None)]):
@@ -136,7 +128,6 @@ class _Inspection:
 
     def _take_objects(self, messages: MessageColumns) -> None:
         rows, failures = self.decoders.rows(messages)
-        self.clocks["header"].watch_objects(messages, rows.message, rows.stamp_ns)
         is_placed = np.asarray(np.isfinite(rows.position).all(axis=1))  # else not where `--fields` says
         channel = messages.channel[rows.message]
         order = np.argsort(channel, kind="stable")

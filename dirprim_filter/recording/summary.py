@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from os import PathLike
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from mcap.records import Statistics
 
@@ -14,9 +14,6 @@ from dirprim_filter.recording.container.damage import Damage
 from dirprim_filter.recording.container.source import log_files
 from dirprim_filter.recording.container.summary_section import Summary, read_summary
 from dirprim_filter.recording.name_patterns import matching
-
-if TYPE_CHECKING:
-    from dirprim_filter.recording.losses import ClockFaults
 
 LONG_LOG_BYTES = 1 << 25
 """Shorter logs are read in whole: that takes about a second, and shows more."""
@@ -52,8 +49,6 @@ class LogSummary:
         end_ns: the last log time.
         damage: what could not be read.
         is_checked: every chunk was read; else all this is what the log's index says.
-        stamps: what is odd about the times of messages in the order of the file, by their source: log, publish, and the
-            header of messages that contain objects; None where it is not checked.
         labels: by topic, how many rows each label of its objects has; of topics that have labels.
         groups: by topic, how many rows each group of its objects has; of topics that have more than one.
         attachments: names of the files attached.
@@ -66,7 +61,6 @@ class LogSummary:
     end_ns: int | None
     damage: tuple[Damage, ...]
     is_checked: bool
-    stamps: Mapping[str, ClockFaults] | None
     labels: Mapping[str, Mapping[str, int]]
     groups: Mapping[str, Mapping[int, int]]
     attachments: tuple[str, ...]
@@ -120,7 +114,7 @@ def _of(sections: list[tuple[Summary, Statistics]], wanted: Callable[[str], bool
     n_messages = messages.total()
     spans = [(of.message_start_time, of.message_end_time) for _, of in sections if of.message_count]
     return LogSummary(
-        topics=topics, messages=n_messages, damage=(), is_checked=False, stamps=None, labels={}, groups={},
+        topics=topics, messages=n_messages, damage=(), is_checked=False, labels={}, groups={},
         start_ns=min(start for start, _ in spans) if n_messages and wanted is None else None,
         end_ns=max(end for _, end in spans) if n_messages and wanted is None else None,
         attachments=tuple(one.name for section, _ in sections for one in section.attachments),

@@ -320,7 +320,6 @@ def test_inspect_counts_what_the_stock_reader_counts():
         "end_ns": stock.message_end_time,
         "damage": [],
         "is_checked": True,
-        "stamps": {source: {"zero": 0, "backward": 0, "duplicate": 0, "jumps": 0} for source in SOURCES},
         "labels": {"ground_truth": {"car": len(list(decoded(path)))}},
         "groups": {},
         "attachments": [],

@@ -95,7 +95,7 @@ def test_iterations_at_once_know_nothing_of_each_other(log_file, layout):
 def test_damage_is_that_of_the_iteration_begun_last(log_file):
     data = bytearray(log_bytes(jittered(), **LAYOUTS[0]))
     start = [start for opcode, start, _ in records(bytes(data)) if opcode == CHUNK][3]
-    data[start + 60] ^= 1
+    data[start + 70] ^= 1
     log = scan(log_file(bytes(data)))
     assert log.damage == []
     first = iter(log)

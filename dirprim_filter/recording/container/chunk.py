@@ -7,9 +7,7 @@ treated as a chunk without compression and checksum, so the scan knows one thing
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import lz4.frame
 import zstandard
@@ -28,9 +26,6 @@ from dirprim_filter.recording.container.records import (
 MAX_CHUNK_BYTES, SMALL_BYTES, MOST_TIMES = 1 << 30, 1 << 26, 1000
 """No chunk is decompressed beyond the first, nor beyond the second and so many times its data: writers close chunks
 after some MiB; a larger claim is damage, or an attack."""
-PIECE_BYTES = 1 << 24
-FED_BYTES = 512
-"""zstd can write 128 KiB for four bytes."""
 COMPRESSIONS = {b"": "", b"zstd": "zstd", b"lz4": "lz4"}
 FIXED_SIZE = CHUNK.size + U64.size
 """Bytes of a chunk record besides the compression's name and the data."""
@@ -124,7 +119,7 @@ def read_contents(file: FileBytes, chunk: Chunk) -> tuple[bytes, Damage | None]:
     if len(data) < chunk.data_length:
         return b"", chunk.damaged("truncated", None, "the file was cut short while it was read")
     try:
-        contents, is_ended = _decompress(data, chunk)
+        contents = _decompress(data, chunk)
     except (zstandard.ZstdError, RuntimeError, _TooLargeError) as error:  # lz4 raises bare RuntimeErrors
         return b"", _lost(file, chunk, "chunk_data", f"its data cannot be decompressed: {error}")
     if chunk.is_cut:
@@ -133,11 +128,9 @@ def read_contents(file: FileBytes, chunk: Chunk) -> tuple[bytes, Damage | None]:
     found, crc = zlib.crc32(contents), chunk.crc or _crc_of(file, chunk)
     if crc not in (0, found):
         return b"", _lost(file, chunk, "chunk_crc", f"expected CRC {crc:#010x}, got {found:#010x}")
-    if len(contents) == chunk.size and is_ended:
+    if len(contents) == chunk.size:
         return contents, None
-    wrong = "its compressed data do not end"
-    if len(contents) != chunk.size:
-        wrong = f"expected {chunk.size} bytes of contents, got {len(contents)}"
+    wrong = f"expected {chunk.size} bytes of contents, got {len(contents)}"
     forgiven = chunk.damaged("chunk_header", 0, f"{wrong}; the checksum confirms the contents")
     return (contents, forgiven) if crc else (b"", _lost(file, chunk, "chunk_header", wrong))
 
@@ -152,38 +145,18 @@ class _TooLargeError(ValueError):
     pass
 
 
-def _decompress(data: bytes, chunk: Chunk) -> tuple[bytes, bool]:
-    """A chunk's contents, and whether the compressed data come to an end."""
+def _decompress(data: bytes, chunk: Chunk) -> bytes:
+    """A chunk's contents, as far as its data go."""
     if not chunk.compression:
-        return data, True
-    is_zstd = chunk.compression == "zstd"
+        return data
     limit = min(chunk.size, MAX_CHUNK_BYTES, max(SMALL_BYTES, MOST_TIMES * len(data)))
-    if is_zstd and not chunk.is_cut and zstandard.frame_content_size(data) == chunk.size == limit:
-        return zstandard.ZstdDecompressor().decompress(data), True
-    decompressor = zstandard.ZstdDecompressor().decompressobj() if is_zstd else lz4.frame.LZ4FrameDecompressor()
-    pieces, length = [], 0
-    for piece in _zstd_pieces(decompressor, data) if is_zstd else _lz4_pieces(decompressor, data):
-        length += len(piece)
-        if length > limit:
-            raise _TooLargeError(f"expected {limit} bytes at most, got more")
-        pieces.append(piece)
-    return b"".join(pieces), bool(decompressor.eof)
-
-
-def _zstd_pieces(decompressor: Any, data: bytes) -> Iterator[bytes]:
-    """Fed in small pieces, of which each can grow to `PIECE_BYTES` or little more, whatever the data claim."""
-    for at in range(0, len(data), FED_BYTES):
-        if decompressor.eof:
-            return
-        yield decompressor.decompress(data[at : at + FED_BYTES])
-
-
-def _lz4_pieces(decompressor: Any, data: bytes) -> Iterator[bytes]:
-    piece = decompressor.decompress(data, max_length=PIECE_BYTES)
-    while piece:
-        yield piece
-        ended = decompressor.eof or decompressor.needs_input
-        piece = b"" if ended else decompressor.decompress(b"", max_length=PIECE_BYTES)
+    if chunk.compression == "zstd":
+        contents = zstandard.ZstdDecompressor().stream_reader(data).read(limit + 1)
+    else:
+        contents = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=limit + 1)
+    if len(contents) > limit:
+        raise _TooLargeError(f"expected {limit} bytes at most, got more")
+    return bytes(contents)
 
 
 def _lost(file: FileBytes, chunk: Chunk, kind: DamageKind, detail: str) -> Damage:

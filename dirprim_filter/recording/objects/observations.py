@@ -12,13 +12,16 @@ from dirprim_filter.recording.container.log import Scan
 from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.decoding.field_columns import MAX_NAME_LENGTH, NO_TIME, signed
 from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError
-from dirprim_filter.recording.losses import INVALID, LONG_STEP_NS, UNPLACED, UNTIMED, Clock, Losses
+from dirprim_filter.recording.losses import INVALID, UNPLACED, UNTIMED, Losses
 from dirprim_filter.recording.name_patterns import matching
 from dirprim_filter.recording.objects.options import ReadOptions
 from dirprim_filter.recording.rows import Rows
 from dirprim_filter.recording.schemas.decoders import Decoders, batches, by_schema
 from dirprim_filter.recording.transforms.frame_change import FrameChange
 from dirprim_filter.recording.transforms.geodesy import FARTHEST_M, Origin
+
+RUNS_ON_NS = 10_000_000_000
+"""A clock that begins at most so long after 0 may have begun at 0."""
 
 
 class Observations:
@@ -30,7 +33,6 @@ class Observations:
 
     def __init__(self, scan: Scan, options: ReadOptions) -> None:
         self.losses = Losses()
-        self._clock = Clock()
         self._scan = scan
         self._options = options
         self._decoders = Decoders(options.mapping)
@@ -87,8 +89,6 @@ class Observations:
                 raise DecodeError.of(self._scan.path, messages, failures)
             self.losses.fail(failures.values())
             time_ns = self._times(messages, rows)
-            self._clock.watch_objects(messages, rows.message, time_ns)
-            self.losses.clock = self._clock.faults
             names = _by_topic(messages, rows) if self._are_several else rows.track_id
             parts.append(replace(rows, time_ns=time_ns, track_id=names, message=places[rows.message]))
         rows = Rows.concatenate(parts)
@@ -117,7 +117,7 @@ class Observations:
                 messages.channels[i].topic, int(stamps[0]) if stamps.size else NO_TIME
             )
         begun = first[channel]
-        is_unset = (rows.stamp_ns == 0) & (begun > LONG_STEP_NS)  # the clock does not run on from 0
+        is_unset = (rows.stamp_ns == 0) & (begun > RUNS_ON_NS)  # the clock does not run on from 0
         return np.where(begun == NO_TIME, time_ns, np.where(is_unset, NO_TIME, rows.stamp_ns))
 
     def _wanted(self, rows: Rows) -> BoolArray:
