@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import pickle
 import subprocess
 import sys
 import time
@@ -137,14 +138,16 @@ def run(scene: str, part: str, seed: int) -> dict[str, Outcome]:
 def kept_run(task: tuple[str, str, int, Path | None]) -> tuple[str, dict[str, Outcome], float]:
     """The same, from where it was kept, or kept there, and the processor's seconds that it took."""
     scene, part, seed, folder = task
-    path = None if folder is None else folder / f"{scene.replace(' ', '_')}_{part}_{seed}.npz"
+    path = None if folder is None else folder / f"{scene.replace(' ', '_')}_{part}_{seed}.pickle"
     if path is not None and path.exists():
-        return scene, *ablation_scenes.unpacked(path)
+        return scene, *pickle.loads(path.read_bytes())  # noqa: S301  our own
     began = time.process_time()
     found = run(scene, part, seed)
     seconds = time.process_time() - began
     if path is not None:
-        ablation_scenes.pack(path, found, seconds)
+        partial = path.with_suffix(".partial")
+        partial.write_bytes(pickle.dumps((found, seconds)))
+        partial.rename(path)
     sys.stderr.write(f"{scene}, {part}, seed {seed}: {seconds:.0f} s of processor\n")
     return scene, found, seconds
 
@@ -229,16 +232,14 @@ def main() -> None:
         sys.stdout.write(json.dumps({"seeds": given.seeds, "processor_s": total, "rows": table}) + "\n")
         return
     for scene, found_rows in table.items():
-        print(f"\n{scene}: without it, worse by")
+        print(f"\n{scene}: without it, worse by (95 %)")
         for name, row in found_rows.items():
-            print(
-                f"{name:34}"
-                + "  ".join(f"{figure} {shown(value)}" for figure, value in row.items() if value is not None)
-            )
+            known = {figure: value for figure, value in row.items() if value is not None}
+            print(f"{name:34}" + "  ".join(f"{figure} {shown(value)}" for figure, value in known.items()))
 
 
 def shown(value: Any) -> str:
-    """A level, or a change with its interval; a star where that is beyond chance."""
+    """A level, or a change with its interval; a star where that does not hold 0."""
     if not isinstance(value, Mapping):
         return f"{value:.3f}"
     star = "*" if value["low"] > 0 or value["high"] < 0 else " "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from pathlib import Path
@@ -52,28 +52,6 @@ def absent(scene: str) -> str:
     """The folder of data that is not there; empty where nothing is missing."""
     folder = NEEDS.get(scene)
     return f"../shared/data/{folder}" if folder and not (DATA / folder).is_dir() else ""
-
-
-def pack(path: Path, found: Mapping[str, Outcome], seconds: float) -> None:
-    """Keep a run."""
-    columns = {
-        f"{name}|{figure}|{part}": getattr(of, part)
-        for name, outcome in found.items() for figure, of in outcome.items() for part in ("cluster", "value")
-    }  # fmt: skip
-    partial = path.with_suffix(".partial.npz")
-    np.savez_compressed(partial, **columns, seconds=seconds)
-    partial.rename(path)
-
-
-def unpacked(path: Path) -> tuple[dict[str, Outcome], float]:
-    """What was kept, and the seconds it took."""
-    found: dict[str, Outcome] = {}
-    with np.load(path, allow_pickle=False) as columns:
-        for key in columns.files:
-            name, figure, part = key.split("|") if "|" in key else (key, "", "")
-            if part == "cluster":
-                found.setdefault(name, {})[figure] = Figure(columns[key], columns[f"{name}|{figure}|value"])
-        return found, float(columns["seconds"])
 
 
 @dataclass
