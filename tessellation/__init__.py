@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from tessellation.protocols import OUTSIDE as OUTSIDE
     from tessellation.protocols import CellModel as CellModel
     from tessellation.protocols import Members as Members
-    from tessellation.protocols import RefittingModel as RefittingModel
     from tessellation.protocols import Tessellation as Tessellation
     from tessellation.voronoi import VoronoiTessellation as VoronoiTessellation
 
@@ -24,7 +23,6 @@ _HOME = {
     "OUTSIDE": "protocols",
     "CellModel": "protocols",
     "Members": "protocols",
-    "RefittingModel": "protocols",
     "Tessellation": "protocols",
     "VoronoiTessellation": "voronoi",
 }

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Generic
 
 import numpy as np
@@ -13,7 +15,7 @@ from tessellation._gating import halve, leave_out, sort_by_cell, unite
 from tessellation._scoring import N_RIVALS, Scoring, scoring_step
 from tessellation._state import State, joined, known, sums, taken
 from tessellation.gates import LEAST_SHARE, members_of, nearest_generators, part_of_members
-from tessellation.protocols import CellModel, Cells, Data_contra, Members, RefittingModel
+from tessellation.protocols import CellModel, Cells, Data_contra, Members
 
 LEAST_ROWS = 4
 """A cell of fewer rows is not split."""
@@ -63,26 +65,20 @@ class Search(Generic[Data_contra, Cells]):
         """How many folds there are."""
         return int(self.fold.max()) + 1
 
-    @property
-    def least_gain(self) -> float:
-        """A round that lowers the objective by less is the last."""
-        return LEAST_GAIN
-
     # States -----------------------------------------------------------------------------------------------------------
 
-    def evaluate(self, generators: FloatArray, *before: State[Cells], near: State[Cells] | None = None) -> State[Cells]:
+    def evaluate(self, generators: FloatArray, *before: State[Cells]) -> State[Cells]:
         """The state of these generators.
 
         Args:
             generators: (n_cells, 2).
             before: cells that one of these states has with the same members are taken from it.
-            near: a state of as many cells, each with nearly the same members; fits start from its.
         """
         members, cell = members_of(self.position[self.row], generators, softness=self.softness)
         signature = sums(members.weight * self.salt[self.row[members.row]], members.start)
         source, number = known(generators, signature, before)
         new = np.flatnonzero(source < 0)
-        fitted = self._fit(part_of_members(members, new), None if near is None else self._of_folds(near.fits, new))
+        fitted = self._fit(part_of_members(members, new))
         source[new], number[new] = len(before), np.arange(new.size)
         first = np.cumsum([0, *(len(state.generators) for state in before)])
         fits = self._of_folds(joined([*(state.fits for state in before), fitted]), first[source] + number)
@@ -102,20 +98,17 @@ class Search(Generic[Data_contra, Cells]):
             refused=before[0].refused if before else np.empty(0),
         )  # fmt: skip
 
-    def _fit(self, members: Members, near: Cells | None = None) -> Cells:
-        """Every cell without each of the folds, from fits of nearly the same members where there are any."""
+    def _fit(self, members: Members) -> Cells:
+        """Every cell without each of the folds."""
         start, row, weight = leave_out(members.start, members.row, members.weight, self.fold, self.n_folds)
-        center = np.repeat(members.center, self.n_folds, axis=0)
-        return self._fit_all(Members(start, row, weight, center), near)
+        return self._fit_all(Members(start, row, weight, np.repeat(members.center, self.n_folds, axis=0)))
 
-    def _fit_all(self, members: Members, near: Cells | None) -> Cells:
+    def _fit_all(self, members: Members) -> Cells:
         """Every cell from all its members, which are numbered among the data that are used."""
         row = self.row[members.row]
-        members = Members(members.start, row, members.weight * self.weight[row], members.center)
-        if near is not None and isinstance(self.model, RefittingModel):
-            fits: Cells = self.model.refit(self.position, self.data, members, near)
-            return fits
-        return self.model.fit(self.position, self.data, members)
+        return self.model.fit(
+            self.position, self.data, members._replace(row=row, weight=members.weight * self.weight[row])
+        )
 
     def _of_folds(self, fits: Cells, cell: IntArray) -> Cells:
         """The fits of some cells, without each of the folds."""
@@ -218,43 +211,41 @@ class Search(Generic[Data_contra, Cells]):
     def move(self, state: State[Cells]) -> State[Cells]:
         """Move generators by scoring steps, with the cells as they are fitted: first far, then by less and less."""
         for width in MOVE_WIDTHS if len(state.generators) > 1 else ():
-            scoring = self._scoring(state.generators, width, state.fits, held_out=True)
-            state = self._helpful(state, state.generators + scoring.step) or state
+            scoring = self._scoring(state.generators, width, partial(self._log_density, state.fits))
+            state = self._helpful(state, state.generators + scoring.step)
         return state
 
     def anneal(self, state: State[Cells]) -> State[Cells]:
         """Expectation and maximisation of softly gated cells, whose gates harden as the temperature falls."""
         if len(state.generators) < 2:
             return state
-        generators = state.generators
-        members = state.members
-        fits: Cells | None = None
+        generators, members = state.generators, state.members
         for width in ANNEALING_WIDTHS:
             for _ in range(ANNEALING_STEPS):
-                fits = self._fit_all(members, fits)
-                scoring = self._scoring(generators, width, fits, held_out=False)
+                fits = self._fit_all(members)
+                scoring = self._scoring(generators, width, partial(self._log_density_of_all, fits))
                 generators = generators + scoring.step
                 datum, rival = np.nonzero(scoring.responsibility >= LEAST_SHARE)
                 share = datum, scoring.cell[datum, rival], scoring.responsibility[datum, rival]
                 members = Members(*sort_by_cell(*share, len(generators)), generators)
-        return self._helpful(state, generators) or state
+        return self._helpful(state, generators)
 
-    def _scoring(self, generators: FloatArray, width: float, fits: Cells, *, held_out: bool) -> Scoring:
-        def log_density(row: IntArray, cell: IntArray) -> FloatArray:
-            if held_out:
-                return self._log_density(fits, row, cell)
-            return self.model.log_density(fits, self.position, self.data, self.row[row], cell)
+    def _log_density_of_all(self, fits: Cells, row: IntArray, cell: IntArray) -> FloatArray:
+        """Of rows, numbered among those used, in cells as fitted to all."""
+        return self.model.log_density(fits, self.position, self.data, self.row[row], cell)
 
+    def _scoring(
+        self, generators: FloatArray, width: float, log_density: Callable[[IntArray, IntArray], FloatArray]
+    ) -> Scoring:
         place, weight = self.position[self.row], self.weight[self.row]
         return scoring_step(place, weight, generators, width=width, log_density=log_density)
 
-    def _helpful(self, state: State[Cells], trial: FloatArray) -> State[Cells] | None:
-        """The better of all the moves, and of those alone that help the cells around; None if neither is any good."""
-        every = self.evaluate(trial, state, near=state)
+    def _helpful(self, state: State[Cells], trial: FloatArray) -> State[Cells]:
+        """The best of the state, that of all the moves, and of those alone that help the cells around."""
+        every = self.evaluate(trial, state)
         helped = self._gain_around(state, every) > 0
-        some = self.evaluate(np.where(helped[:, None], trial, state.generators), state, every, near=state)
-        best = min((every, some), key=lambda found: found.objective)
-        return best if best.objective < state.objective else None
+        some = self.evaluate(np.where(helped[:, None], trial, state.generators), state, every)
+        return min((state, every, some), key=lambda found: found.objective)
 
     def _gain_around(self, before: State[Cells], after: State[Cells]) -> FloatArray:
         """What the rows for which each cell competes have gained. (n_cells,)."""

@@ -21,8 +21,6 @@ LEAST_SHARE = 0.02
 """A lesser share is none."""
 WORTH_THREADS = 16_384
 """So many neighbours are looked up sooner by all threads; fewer, sooner than these have started."""
-BLOCK = 65_536
-"""So many data at a time, lest what they need in between outgrow them."""
 
 
 def nearest_generators(position: FloatArray, generators: FloatArray, *, k: int) -> tuple[FloatArray, IntArray]:
@@ -44,17 +42,12 @@ def members_of(position: FloatArray, generators: FloatArray, *, softness: float)
     if softness == 0:
         home = nearest_generators(position, generators, k=1)[1][:, 0]
         return residents(home, generators), home
-    shares: list[tuple[IntArray, IntArray, FloatArray]] = []
-    nearest = np.empty(len(position), np.int64)
-    for first in range(0, max(len(position), 1), BLOCK):
-        distance, cell = nearest_generators(position[first : first + BLOCK], generators, k=N_NEAREST)
-        beyond, half_apart = border_distance(generators, distance, cell)
-        share = np.exp(-0.5 * (beyond / (softness * half_apart)) ** 2)
-        row, column = np.nonzero(share >= LEAST_SHARE)
-        nearest[first : first + BLOCK] = cell[:, 0]
-        shares.append((row + first, cell[row, column], share[row, column]))
-    row, cell, share = (np.concatenate(columns) for columns in zip(*shares, strict=True))
-    return Members(*sort_by_cell(row, cell, share, len(generators)), generators), nearest
+    distance, cell = nearest_generators(position, generators, k=N_NEAREST)
+    beyond, half_apart = border_distance(generators, distance, cell)
+    share = np.exp(-0.5 * (beyond / (softness * half_apart)) ** 2)
+    row, column = np.nonzero(share >= LEAST_SHARE)
+    by_cell = sort_by_cell(row, cell[row, column], share[row, column], len(generators))
+    return Members(*by_cell, generators), cell[:, 0]
 
 
 def residents(cell: IntArray, center: FloatArray) -> Members:

@@ -27,7 +27,7 @@ from typing import Generic
 import numpy as np
 
 from tessellation._arrays import FloatArray, IntArray, as_floats
-from tessellation._search import Search
+from tessellation._search import LEAST_GAIN, Search
 from tessellation._state import State
 from tessellation.gates import members_of, nearest_generators
 from tessellation.protocols import CellModel, Cells, Data_contra
@@ -172,12 +172,12 @@ def _descend(
         split = search.split(state, n_cells)
         still_to_come = n_cells is not None and split is not before
         state = search.move(split)
-        if not still_to_come and state.objective >= before.objective - search.least_gain:
+        if not still_to_come and state.objective >= before.objective - LEAST_GAIN:
             state = search.anneal(state)
             state = search.merge(state) if n_cells is None else state
         if state is not before:
             report(state)
-        if not still_to_come and state.objective >= before.objective - search.least_gain:
+        if not still_to_come and state.objective >= before.objective - LEAST_GAIN:
             break
     return state
 

@@ -1,6 +1,6 @@
 """What every division of the plane into cells can do, and what a model must do to live in them."""
 
-from typing import NamedTuple, Protocol, TypeVar, runtime_checkable
+from typing import NamedTuple, Protocol, TypeVar
 
 from tessellation._arrays import AnyArray, FloatArray, IntArray
 
@@ -70,13 +70,4 @@ class CellModel(Protocol[Data_contra, Cells]):
         self, cells: Cells, position: FloatArray, data: Data_contra, row: IntArray, cell: IntArray
     ) -> FloatArray:
         """Natural log of the density that cell[i] gives to datum row[i]. (p,), (p,) -> (p,)."""
-        ...
-
-
-@runtime_checkable
-class RefittingModel(CellModel[Data_contra, Cells], Protocol[Data_contra, Cells]):
-    """A model whose fit is faster where it starts from that of nearly the same members."""
-
-    def refit(self, position: FloatArray, data: Data_contra, members: Members, cells: Cells) -> Cells:
-        """As `fit`, from the parameters that each cell had before its members changed a little."""
         ...

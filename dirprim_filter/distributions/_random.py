@@ -6,9 +6,7 @@ vehicle or block of rows, so that its draws depend on nothing but its own seed.
 Where many draws are wanted at once they are those of splitmix64 from one drawn key (Steele, Lea and Flood 2014): no
 draw waits for the one before it, so that several are made at a time; normals then by Box and Muller (1958).
 
-The normal sampler is the ziggurat of Marsaglia and Tsang (2000), with Doornik's (2005) independent bits for layer and
-place; the von Mises sampler is that of Best and Fisher (1979), the gamma sampler that of Marsaglia and Tsang (2000,
-another paper).
+The von Mises sampler is that of Best and Fisher (1979), the gamma sampler that of Marsaglia and Tsang (2000).
 """
 
 import math
@@ -18,7 +16,7 @@ import numpy.typing as npt
 from numba import njit
 
 from dirprim_filter.arrays import FloatArray
-from dirprim_filter.distributions._elementary import log, sin
+from dirprim_filter.distributions._elementary import TWO_PI, log, sin
 from tessellation._compiling import COMPILED, INLINED
 
 UIntArray = npt.NDArray[np.uint64]
@@ -49,24 +47,6 @@ def mixed(z: np.uint64) -> np.uint64:
     return np.uint64(m ^ (m >> _R31))
 
 
-_LAYERS = 256
-_TAIL = 3.6541528853610088  # where the ziggurat's lowest layer ends and the tail begins
-_LAYER_AREA = 0.00492867323399
-
-
-def _layers() -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """The right end of each layer of the ziggurat and the bell there; that of the lowest as if cut off."""
-    end = np.empty(_LAYERS + 1)
-    end[0], end[1], end[_LAYERS] = _LAYER_AREA * math.exp(0.5 * _TAIL * _TAIL), _TAIL, 0.0
-    for i in range(2, _LAYERS):
-        end[i] = math.sqrt(-2.0 * math.log(_LAYER_AREA / end[i - 1] + math.exp(-0.5 * end[i - 1] * end[i - 1])))
-    return end, np.exp(-0.5 * end * end)
-
-
-_END, _BELL = _layers()
-_LAYER_BITS = np.uint64(_LAYERS - 1)
-
-
 @njit(**COMPILED | INLINED)
 def bits(state: UIntArray) -> np.uint64:
     """64 random bits."""
@@ -92,21 +72,8 @@ def uniform(state: UIntArray) -> float:
 
 @njit(**COMPILED)
 def draw_normal(state: UIntArray) -> float:
-    """A standard normal draw: in ninety-nine of a hundred a table look-up and a product."""
-    while True:
-        drawn = bits(state)
-        layer = int(drawn & _LAYER_BITS)
-        z = (float(drawn >> _R11) * (2.0 * _TO_UNIT) - 1.0) * _END[layer]
-        if abs(z) < _END[layer + 1]:
-            return z
-        if layer == 0:
-            while True:
-                beyond = -math.log(uniform(state)) / _TAIL
-                if -2.0 * math.log(uniform(state)) > beyond * beyond:
-                    return math.copysign(_TAIL + beyond, z)
-        height = _BELL[layer] + uniform(state) * (_BELL[layer + 1] - _BELL[layer])
-        if height < math.exp(-0.5 * z * z):
-            return z
+    """A standard normal draw, by Box and Muller."""
+    return math.sqrt(-2.0 * math.log(uniform(state))) * math.cos(TWO_PI * uniform(state))
 
 
 _R12, _R63 = np.uint64(12), np.uint64(63)

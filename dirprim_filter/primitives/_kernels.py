@@ -52,32 +52,10 @@ def fit_cells_at_once(
         bounds: priors and bounds.
         first: the first cell to fit.
         last: the one after the last.
-        out: (n_cells, max_modes, N_CURVED) `empty_table`; filled where a cell has rows of any weight. A cell that has
-            modes already keeps their number and climbs from there.
+        out: (n_cells, max_modes, N_CURVED) `empty_table`; filled where a cell has rows of any weight.
     """
     for c in range(first, last):
-        at, n = start[c], start[c + 1] - start[c]
-        k = to_front(out[c])
-        if 0 < k <= max(n_vehicles[c], 1.0) and columns[WEIGHT, at : at + n].any():
-            curved = bounds.curved and out[c, :k, N_FLAT:].any()
-            ascend(columns, at, n, n_vehicles[c], curved, -np.inf, 0.0, bounds, out[c, :k])
-        else:
-            out[c, :, LOG_WEIGHT] = NO_MODE
-            fit_at_once(columns, at, n, n_vehicles[c], bounds, out[c])
-
-
-@njit(**EXACT)
-def to_front(table: FloatArray) -> int:
-    """Put modes of any weight before those of none. -> How many there are."""
-    k = 0
-    for m in range(table.shape[0]):
-        if table[m, LOG_WEIGHT] > NO_MODE / 2:
-            if m > k:
-                for j in range(table.shape[1]):  # a slice would compile its error messages for seconds
-                    table[k, j] = table[m, j]
-                table[m, LOG_WEIGHT] = NO_MODE
-            k += 1
-    return k
+        fit_at_once(columns, start[c], start[c + 1] - start[c], n_vehicles[c], bounds, out[c])
 
 
 @njit(inline="always", **EXACT)

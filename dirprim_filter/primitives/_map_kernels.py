@@ -24,13 +24,12 @@ N_COLUMNS = 14
 
 
 class MapTable(NamedTuple):
-    """A map's parameters and what normalises them, as the kernels take them; row -1 is background."""
+    """A map's modes, see `ModeTable`, and where its cells are; the last row is the background model's."""
 
     locator: Locator
-    center: FloatArray  # (n_cells + 1, 2)
-    first: IntArray  # (n_cells + 1,) the row's modes are `mode[first:last]`
-    last: IntArray  # (n_cells + 1,)
-    mode: FloatArray  # (n_modes, N_COLUMNS)
+    first: IntArray
+    mode: FloatArray
+    center: FloatArray
 
 
 @njit(nogil=True, **EXACT)
@@ -77,7 +76,8 @@ def draw(table: MapTable, position: FloatArray, state: UIntArray, direction: Flo
     for i in range(direction.size):
         x, y = position[i, 0], position[i, 1]
         cell = locate(table.locator, x, y)
-        u, j, last = random.uniform(state), table.first[cell], table.last[cell] - 1
+        cell = cell if cell >= 0 else table.first.size - 2
+        u, j, last = random.uniform(state), table.first[cell], table.first[cell + 1] - 1
         while j < last and table.mode[j, CUMULATIVE] <= u:
             j += 1
         turned = table.mode[j, MEAN] + random.draw_turn(

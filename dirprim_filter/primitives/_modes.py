@@ -61,21 +61,11 @@ class Modes(NamedTuple):
     gain_north: FloatArray
 
     @classmethod
-    def of(cls, table: FloatArray, bounds: Bounds) -> Modes:
-        """What a kernel has found within bounds, (..., K, N_CURVED)."""
+    def of(cls, table: FloatArray) -> Modes:
+        """What a kernel has found, (..., K, N_CURVED)."""
         log_weight, mean, log_concentration, log_shape, log_mean_speed, *slopes = np.moveaxis(table, -1, 0)
-        weight = np.where(log_weight > NO_MODE / 2, np.exp(log_weight), 0.0)
-        concentration = np.minimum(np.expm1(log_concentration), bounds.max_concentration)  # but for their rounding
-        shape = np.minimum(np.exp(log_shape), bounds.max_shape)
-        return cls(weight, mean, concentration, shape, shape / np.exp(log_mean_speed), *slopes)
-
-    def table(self) -> FloatArray:
-        """What `of` took apart. -> (..., K, N_CURVED)."""
-        weight, mean, concentration, shape, rate, *slopes = self
-        log_weight = np.where(weight > 0.0, np.log(np.maximum(weight, 1e-300)), NO_MODE)
-        log_shape = np.log(np.maximum(shape, 1.0))
-        log_mean_speed = np.log(np.maximum(shape, 1.0) / np.where(rate > 0.0, rate, 1.0))
-        return np.stack([log_weight, mean, np.log1p(concentration), log_shape, log_mean_speed, *slopes], axis=-1)
+        weight, shape = np.where(log_weight > NO_MODE / 2, np.exp(log_weight), 0.0), np.exp(log_shape)
+        return cls(weight, mean, np.expm1(log_concentration), shape, shape / np.exp(log_mean_speed), *slopes)
 
 
 def empty_table(*shape: int) -> FloatArray:

@@ -50,16 +50,17 @@ def assemble(cells: Tessellation, fits: PrimitiveCells, background: Background, 
         background: the background model.
         config: how much tails and the background model weigh.
     """
-    n = len(fits.center)
-    used = max(int((fits.weight > 0).sum(axis=1).max(initial=0)), 1)
-    order = np.argsort(-fits.weight, axis=1, kind="stable")[:, :used]
-    shape = np.maximum(fits.shape / BROADER, 1.0)
-    tails = fits._replace(concentration=fits.concentration / BROADER, shape=shape, rate=fits.rate * shape / fits.shape)
+    n, modes = len(fits.center), fits.modes
+    used = max(int((modes.weight > 0).sum(axis=1).max(initial=0)), 1)
+    order = np.argsort(-modes.weight, axis=1, kind="stable")[:, :used]
+    shape = np.maximum(modes.shape / BROADER, 1.0)
+    rate = modes.rate * shape / modes.shape
+    tails = modes._replace(concentration=modes.concentration / BROADER, shape=shape, rate=rate)
     of_name = dict(zip(background._fields, background, strict=True))
 
     def column(name: str, filler: float) -> FloatArray:
         """The cells' modes in motion, the one for standing, tails, and background modes; last the background row."""
-        own = np.take_along_axis(getattr(fits, name), order, axis=1)
+        own = np.take_along_axis(getattr(modes, name), order, axis=1)
         tail = np.take_along_axis(getattr(tails, name), order, axis=1)
         of_background = np.asarray(of_name.get(name, np.zeros_like(background.weight)))
         placed = np.hstack([own, np.full((n, 1), of_background[-1]), tail])

@@ -87,7 +87,7 @@ def learn_background(rows: TrackRows, config: LearningConfig, *, rng: np.random.
         bounds = bounds_of(config, prior_strength=PRIOR_VEHICLES, max_modes=k, speed_spread=spread)
         nowhere = residents(np.zeros(len(moving), np.int64), np.zeros((1, 2)))
         unplaced = CellRows.of(moving, nowhere, moving.position, standing_speed=0.0)
-        found = Modes(*(column[0] for column in fit_all(unplaced, bounds)))
+        found = Modes.of(fit_all(unplaced, bounds)[0])
     standing = (n_standing + 1) / (float(weight.sum()) + 2)
     anywhere = 1.0 / (moving.n_vehicles + 1)  # the next vehicle may do what none has done
     used = np.flatnonzero(found.weight)

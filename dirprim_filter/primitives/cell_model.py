@@ -24,15 +24,7 @@ MIN_MODE_VEHICLES = 3.0
 class PrimitiveCells(NamedTuple):
     """What the fit found in each cell, before the background model enters."""
 
-    weight: FloatArray  # (n_cells, K) of modes in motion, as in `_modes.Modes`; 0 where a cell has fewer
-    mean: FloatArray
-    concentration: FloatArray
-    shape: FloatArray
-    rate: FloatArray
-    bend_east: FloatArray
-    bend_north: FloatArray
-    gain_east: FloatArray
-    gain_north: FloatArray
+    table: FloatArray  # (n_cells, K, N_CURVED) of modes in motion, see `_modes`
     standing: FloatArray  # (n_cells,) share of the rows that stand
     n_vehicles: FloatArray  # (n_cells,) that move; at least one where there are rows
     n_rows: FloatArray  # (n_cells,) by weight
@@ -41,7 +33,7 @@ class PrimitiveCells(NamedTuple):
     @property
     def modes(self) -> Modes:
         """Those in motion."""
-        return Modes(*self[: len(Modes._fields)])
+        return Modes.of(self.table)
 
     def log_density(
         self, cell: IntArray, position: FloatArray, direction: FloatArray, speed: FloatArray, standing_rate: float
@@ -54,7 +46,8 @@ class PrimitiveCells(NamedTuple):
             np.ones_like(standing),
             np.full_like(standing, standing_rate),
         )
-        modes = self.modes._replace(weight=(1.0 - standing) * self.weight)
+        modes = self.modes
+        modes = modes._replace(weight=(1.0 - standing) * modes.weight)
         every = Modes(*map(np.hstack, zip(modes, (*still, *np.zeros((4, *standing.shape))), strict=True)))
         return ModeTable.of(every, self.center).log_density(cell, position, direction, speed)
 
@@ -77,17 +70,6 @@ class PrimitiveModel(NamedTuple):
         """Every cell's modes; see `tessellation.CellModel`. `position` may be from another origin than the rows'."""
         return fitted(CellRows.of(data, members, position, standing_speed=self.bounds.standing_speed), self.bounds)
 
-    def refit(self, position: FloatArray, data: TrackRows, members: Members, cells: PrimitiveCells) -> PrimitiveCells:
-        """Every cell's modes, from those before its members changed a little; see `tessellation.RefittingModel`."""
-        east, north = (members.center - cells.center).T[..., None]
-        before = cells.modes
-        near = before._replace(
-            mean=before.mean + before.bend_east * east + before.bend_north * north,
-            rate=before.rate * np.exp(-before.gain_east * east - before.gain_north * north),
-        )
-        rows = CellRows.of(data, members, position, standing_speed=self.bounds.standing_speed)
-        return fitted(rows, self.bounds, near)
-
     def log_density(
         self, cells: PrimitiveCells, position: FloatArray, data: TrackRows, row: IntArray, cell: IntArray
     ) -> FloatArray:
@@ -99,12 +81,11 @@ class PrimitiveModel(NamedTuple):
             return np.logaddexp(np.log1p(-share)[cell] + own, np.log(share)[cell] + self.background_log_density[row])
 
 
-def fitted(cells: CellRows, bounds: Bounds, near: Modes | None = None) -> PrimitiveCells:
-    """Every cell's modes, from those of nearly the same rows where there are any."""
-    modes = fit_all(cells, bounds, near=near)
+def fitted(cells: CellRows, bounds: Bounds) -> PrimitiveCells:
+    """Every cell's modes."""
     n_rows = cells.n_moving + cells.n_standing
     return PrimitiveCells(
-        *modes,
+        table=fit_all(cells, bounds),
         standing=cells.n_standing / np.maximum(n_rows, 1e-9),
         n_vehicles=np.where(n_rows > 0, np.maximum(cells.n_vehicles, np.minimum(n_rows, 1.0)), 0.0),
         n_rows=n_rows,
@@ -118,18 +99,19 @@ def with_usual(cells: PrimitiveCells, bounds: Bounds) -> Bounds:
     That is empirical Bayes (Efron and Morris 1973). What the fit is bounded by is left out; where too few modes are
     left, nothing is usual but what `bounds` say.
     """
-    vehicles = cells.n_vehicles[:, None] * cells.weight
+    modes = cells.modes
+    vehicles = cells.n_vehicles[:, None] * modes.weight
     is_inner = (
         (vehicles >= MIN_MODE_VEHICLES)
-        & (cells.concentration > 0)
-        & (cells.concentration < 0.99 * bounds.max_concentration)
-        & (cells.shape > 1.0 + 1e-4)
-        & (cells.shape < 0.99 * bounds.max_shape)
+        & (modes.concentration > 0)
+        & (modes.concentration < 0.99 * bounds.max_concentration)
+        & (modes.shape > 1.0 + 1e-4)
+        & (modes.shape < 0.99 * bounds.max_shape)
     )
     if is_inner.sum() < 5:
         return bounds
-    variance = _weighted_median(von_mises.circular_variance(cells.concentration[is_inner]), vehicles[is_inner])
-    spread = _weighted_median(0.5 / cells.shape[is_inner], vehicles[is_inner])
+    variance = _weighted_median(von_mises.circular_variance(modes.concentration[is_inner]), vehicles[is_inner])
+    spread = _weighted_median(0.5 / modes.shape[is_inner], vehicles[is_inner])
     return bounds._replace(usual_resultant=1.0 - variance, speed_spread=spread)
 
 

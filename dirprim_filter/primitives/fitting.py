@@ -21,7 +21,6 @@ from dirprim_filter.primitives._modes import (
     SPEED,
     WEIGHT,
     Bounds,
-    Modes,
     empty_table,
 )
 from dirprim_filter.primitives.rows import CellRows
@@ -63,49 +62,43 @@ def bounds_of(
     )  # fmt: skip
 
 
-def fit_all(
-    in_cells: CellRows,
-    bounds: Bounds,
-    *,
-    near: Modes | None = None,
-    n_threads: int | None = None,
-) -> Modes:
+def fit_all(in_cells: CellRows, bounds: Bounds, *, n_threads: int | None = None) -> FloatArray:
     """Fit every cell's modes to its rows; threads divide the cells, so their number changes nothing.
 
     Args:
         in_cells: the rows of each cell.
         bounds: priors and bounds; `with_speed`: direction and speed together and modes by BIC, or else the paper's two
             steps.
-        near: (n_cells, max_modes) modes of nearly the same rows: fitted at once, cells that have any keep their number,
-            and climb from there.
         n_threads: as many as there are cores if absent.
 
     Returns:
-        (n_cells, max_modes) each; of weight 0 where a cell has no rows or fewer modes.
+        (n_cells, max_modes, N_CURVED) a table of modes, see `_modes`; none where a cell has no rows or fewer modes.
     """
     at_once = bounds.with_speed
     bounds = bounds._replace(curved=at_once and bounds.curved)
     columns, start = columns_of(in_cells)
+    fitted = np.diff(start)  # of a large cell fewer rows, which are not of more vehicles
+    n_vehicles = np.where(fitted < MOST_ROWS // 2, in_cells.n_vehicles, np.minimum(in_cells.n_vehicles, fitted))
     n_cells = in_cells.n_vehicles.size
-    table = empty_table(n_cells, bounds.max_modes) if near is None or not at_once else near.table()
+    table = empty_table(n_cells, bounds.max_modes)
 
     cost = start + ROWS_OF_A_CELL * np.arange(n_cells + 1)
     bound = np.unique(np.append(np.searchsorted(cost, np.arange(0, cost[-1], SHARE)), n_cells))
 
     def fit_share(i: int) -> None:
         if at_once:
-            _kernels.fit_cells_at_once(columns, start, in_cells.n_vehicles, bounds, bound[i], bound[i + 1], table)
+            _kernels.fit_cells_at_once(columns, start, n_vehicles, bounds, bound[i], bound[i + 1], table)
             return
         for c in range(bound[i], bound[i + 1]):
             rows = np.ascontiguousarray(columns[:, start[c] : start[c + 1]])
-            fit_in_two_steps(rows, float(in_cells.n_vehicles[c]), bounds, table[c])
+            fit_in_two_steps(rows, float(n_vehicles[c]), bounds, table[c])
 
     if bound.size > 2:
         with ThreadPoolExecutor(n_threads or os.cpu_count()) as pool:
             list(pool.map(fit_share, range(bound.size - 1)))
     elif bound.size > 1:
         fit_share(0)
-    return Modes.of(table, bounds)
+    return table
 
 
 def columns_of(in_cells: CellRows) -> tuple[FloatArray, IntArray]:

@@ -177,9 +177,7 @@ class PrimitiveMap:
     def compiled(self) -> MapTable:
         """The parameters as the kernels take them, made at the first use."""
         if self._table is None:
-            first, mode, center = self._modes()
-            table = MapTable(locator_of(self.tessellation), center, first[:-1], first[1:], mode)
-            object.__setattr__(self, "_table", table)
+            object.__setattr__(self, "_table", MapTable(locator_of(self.tessellation), *self._modes()))
         return cast(MapTable, self._table)
 
     def _modes(self) -> ModeTable:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -112,16 +112,8 @@ class TrackRows:
 
     def __getitem__(self, rows: BoolArray | IntArray) -> TrackRows:
         """The chosen rows, by mask or indices."""
-        return TrackRows(
-            vehicle=self.vehicle[rows],
-            time_ns=self.time_ns[rows],
-            position=self.position[rows],
-            direction=self.direction[rows],
-            speed=self.speed[rows],
-            group=self.group[rows],
-            weight=self.weight[rows],
-            scale=self.scale,
-        )
+        columns = (f.name for f in fields(self) if f.name != "scale")
+        return replace(self, **{name: getattr(self, name)[rows] for name in columns})
 
     def some(self, most_rows: int, *, rng: np.random.Generator) -> TrackRows:
         """All rows, or those of vehicles drawn at random, of about so many rows together.

@@ -39,7 +39,7 @@ def simulated(truth, rng, *, n, low=-SIDE / 2):
 def fitted(rows, **knobs):
     """What BIC prefers, as rows of BENT, heaviest first."""
     given = {"max_modes": 3, "prior_strength": 0.02, "speed_spread": 0.2, "curved": True} | knobs
-    out = Modes(*(column[0] for column in fit_all(rows, bounds_of(LearningConfig(), **given))))
+    out = Modes.of(fit_all(rows, bounds_of(LearningConfig(), **given))[0])
     used = out.weight > 0
     weight, mean, concentration, shape, rate, *slopes = (column[used] for column in out)
     found = np.column_stack([weight, mean, concentration, shape, shape / rate, *slopes])
