@@ -114,6 +114,5 @@ def test_a_filter_that_does_not_know_what_comes_next_takes_no_cue():
     seen = Detections(track_id=["a"], time_ns=[0], position=[[0.0, 0.0]], cue=[[1.0, 2.5]])
     tracker = Tracker(ConstantVelocityKalman(acceleration_density=1.0), tracking=TRUSTING, rng=np.random.default_rng(0))
     for i in range(3):
-        tracker.predict(replace(seen, time_ns=seen.time_ns + i))
-        tracker.weigh()
-    assert len(tracker.estimate()) == 1
+        found = tracker.step(replace(seen, time_ns=seen.time_ns + i))
+    assert len(found) == 1

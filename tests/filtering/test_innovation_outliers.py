@@ -92,11 +92,8 @@ def worst_of_who_stops(seed, **knobs):
     )  # fmt: skip
     error = []
     for t, x in zip(times, east, strict=True):
-        seen = rng.normal([x, 0.0], 0.5)
-        tracker.predict(Detections(track_id=["a"], time_ns=[round(t * 1e9)], position=[seen]))
-        tracker.weigh()
-        error.append(np.hypot(*(tracker.estimate().position[0] - [x, 0.0])))
-        tracker.resample()
+        seen = Detections(track_id=["a"], time_ns=[round(t * 1e9)], position=[rng.normal([x, 0.0], 0.5)])
+        error.append(np.hypot(*(tracker.step(seen).position[0] - [x, 0.0])))
     return max(error[49:])
 
 
