@@ -214,29 +214,18 @@ class Tracker:
         """The samples behind the frame's estimates, of which copies can be taken until the next step."""
         return Particles.none() if self._samples is None else self._samples.particles(self._frame.shown)
 
-    def innovations(self) -> Innovations | None:
-        """Of the frame's estimates; None if they were not asked for."""
-        if self._frame.innovation is None:
-            return None
-        rows = self._frame.innovation[self._frame.shown_home]
-        return Innovations(distance=rows[:, 0], squared=rows[:, 1])
-
-    def begun_anew(self) -> tuple[str, ...]:
-        """Of the frame's estimates those whose belief did not explain what was measured, and was begun anew."""
-        lost = np.isin(self._frame.shown_home, self._frame.lost)
-        return tuple(compress(self._frame.shown_names, lost.tolist()))
-
     def frame(self) -> TrackedFrame:
-        """All of this of the frame at hand, to be written before the next step."""
-        time_ns, seen, estimates = self._time_ns + self._latency_ns, self._frame.detections, self.estimate()
+        """All of the frame at hand, to be written before the next step."""
+        frame, time_ns, estimates = self._frame, self._time_ns + self._latency_ns, self.estimate()
+        home, seen, innovation = frame.shown_home, frame.detections, frame.innovation
         if self._latency_ns:
             seen = replace(seen, time_ns=seen.time_ns + self._latency_ns)
         if self._recorder is not None:
-            home = self._frame.shown_home
             self._recorder.reported(time_ns, home, estimates, self._roster.is_labelled[home])
         return TrackedFrame(
             time_ns=time_ns, detections=seen, estimates=estimates, particles=self.particles(),
-            innovations=self.innovations(), begun_anew=self.begun_anew(),
+            innovations=None if innovation is None else Innovations(distance=innovation[home, 0], squared=innovation[home, 1]),
+            begun_anew=tuple(compress(frame.shown_names, np.isin(home, frame.lost).tolist())),
         )  # fmt: skip
 
     def resample(self) -> None:
