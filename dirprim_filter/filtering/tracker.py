@@ -217,14 +217,16 @@ class Tracker:
     def frame(self) -> TrackedFrame:
         """All of the frame at hand, to be written before the next step."""
         frame, time_ns, estimates = self._frame, self._time_ns + self._latency_ns, self.estimate()
-        home, seen, innovation = frame.shown_home, frame.detections, frame.innovation
+        home, seen, innovations = frame.shown_home, frame.detections, None
         if self._latency_ns:
             seen = replace(seen, time_ns=seen.time_ns + self._latency_ns)
         if self._recorder is not None:
             self._recorder.reported(time_ns, home, estimates, self._roster.is_labelled[home])
+        if frame.innovation is not None:
+            innovations = Innovations(distance=frame.innovation[home, 0], squared=frame.innovation[home, 1])
         return TrackedFrame(
             time_ns=time_ns, detections=seen, estimates=estimates, particles=self.particles(),
-            innovations=None if innovation is None else Innovations(distance=innovation[home, 0], squared=innovation[home, 1]),
+            innovations=innovations,
             begun_anew=tuple(compress(frame.shown_names, np.isin(home, frame.lost).tolist())),
         )  # fmt: skip
 
