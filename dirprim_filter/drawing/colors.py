@@ -101,13 +101,6 @@ def fan_opacity(n: int) -> float:
     return float(np.clip(FAN_OPACITY * FEW_FANS / max(n, FEW_FANS), FAINTEST_FAN, FAN_OPACITY))
 
 
-def with_alpha(rgba: ByteArray, opacity: npt.ArrayLike) -> ByteArray:
-    """The same colours, seen through. (..., 4), (...) in 0 to 1 -> (..., 4)."""
-    seen = rgba.copy()
-    seen[..., 3] = np.rint(255.0 * np.asarray(opacity))
-    return seen
-
-
 def _between(colors: FloatArray, share: FloatArray) -> ByteArray:
     """The colour at a share of the way through equidistant ones. (k, 3), (...) -> (..., 4)."""
     place = np.clip(share, 0.0, 1.0) * (len(colors) - 1)

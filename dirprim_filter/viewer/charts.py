@@ -95,6 +95,6 @@ def _bar_chart(names: list[str], panels: Mapping[str, Bars]) -> Figure:
         dress(axes, title, is_open=True)
         axes.tick_params(axis="y", labelsize=NORMAL)
         if len(bars) > 1:
-            axes.legend(fontsize=SMALL, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=3)
+            axes.legend(fontsize=SMALL, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=4)
     grid[0, 0].invert_yaxis()
     return figure

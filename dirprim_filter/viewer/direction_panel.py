@@ -60,7 +60,7 @@ def polar_columns(
     for name, lines in polar_curves(looks, primitives).items():
         yield f"/polar/{name}", rr.LineStrips2D.columns(strips=(SOUTHWARDS * lines).astype(np.float32))
     names = [short_name(look.track_id) for look in looks]
-    yield "/polar/vehicle", rr.Points2D.columns(positions=np.tile([-1.2, 1.2], (len(looks), 1)), labels=names)
+    yield "/polar/vehicle", rr.Points2D.columns(positions=np.tile([-1.1, 1.25], (len(looks), 1)), labels=names)
 
 
 def polar_styles() -> Iterator[tuple[str, rr.AsComponents]]:
@@ -74,7 +74,7 @@ def polar_styles() -> Iterator[tuple[str, rr.AsComponents]]:
     winds = {"E": (1.0, 0.0), "N": (0.0, -1.0), "W": (-1.0, 0.0), "S": (0.0, 1.0)}
     lines = [0.5 * ring, ring, *(np.array([(0.0, 0.0), end]) for end in winds.values())]
     yield "/polar/grid", rr.LineStrips2D(lines, colors=GRID_COLOR, radii=rr.Radius.ui_points(0.5))
-    places = [*(1.12 * np.array(end) for end in winds.values()), *((-1.3, -1.35 + 0.23 * i) for i in range(4))]
+    places = [*(1.12 * np.array(end) for end in winds.values()), *((-1.1, -1.35 + 0.23 * i) for i in range(4))]
     key = rr.Points2D(
         np.array(places), labels=[*winds, *reversed(COLORS)], radii=no_dot, show_labels=True,
         colors=[*[GRID_COLOR] * 4, *reversed(COLORS.values())],

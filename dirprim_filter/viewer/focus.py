@@ -72,17 +72,15 @@ class Focus:
         )  # fmt: skip
 
     def _worst(self, frame: TrackedFrame, box: FloatArray) -> str:
-        """The one before, for a while; then of those measured now the one that is least expected."""
+        """The one before, for a while, if in view; then of those measured now the one that is least expected."""
         estimates = frame.estimates
-        if self._name in frame.names and frame.time_ns < self._since_ns + KEPT_S * 1e9:
-            return self._name
+        is_out = ((estimates.position < box[0]) | (estimates.position > box[1])).any(axis=1)
+        is_known = self._name in frame.names and not is_out[frame.names.index(self._name)]
         measured = np.flatnonzero(estimates.unseen_s == 0)
-        if not measured.size:
+        if not measured.size or (is_known and frame.time_ns < self._since_ns + KEPT_S * 1e9):
             return self._name
-        place = estimates.position[measured]
-        is_out = ((place < box[0]) | (place > box[1])).any(axis=1)
         self._since_ns = frame.time_ns
-        return str(frame.names[measured[np.lexsort((estimates.log_evidence[measured], is_out))[0]]])
+        return str(frame.names[measured[np.lexsort((estimates.log_evidence[measured], is_out[measured]))[0]]])
 
     def _course(self) -> tuple[float, float]:
         (then_ns, x, y, then_spread), (now_ns, east, north, now_spread) = self._past[0], self._past[-1]

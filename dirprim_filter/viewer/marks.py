@@ -15,7 +15,7 @@ import rerun as rr
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.distributions.highest_density import Region
 from dirprim_filter.drawing import shapes
-from dirprim_filter.drawing.colors import ByteArray, direction_color, fan_opacity, track_color, with_alpha
+from dirprim_filter.drawing.colors import ByteArray, direction_color, fan_opacity, track_color
 from dirprim_filter.drawing.names import short_name
 from dirprim_filter.drawing.sight import may_be_anywhere
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
@@ -40,7 +40,7 @@ ROSE_THICKNESS = 0.05
 """Metres from the lowest petal to the highest."""
 ROSES_UNDER_TRAFFIC = rr.Mesh3D.from_fields(albedo_factor=(255, 255, 255, 165))
 """What moves must stand out."""
-FORECAST_OPACITY = 0.25
+FORECAST_OPACITY = 64
 STEP_STRIDE = 2
 """Every second instant is enough for a line."""
 PATHS_DRAWN = 6
@@ -164,7 +164,8 @@ def forecasts(track_id: Sequence[str], paths: FloatArray, regions: Sequence[Sequ
     last = max(paths.shape[2] - 1, 0)
     kept = np.unique(np.append(np.arange(last, -1, -STEP_STRIDE), 0))  # the first and the last are among them
     lines = paths[:, :PATHS_DRAWN, kept] if len(track_id) else np.empty((0, 1, 1, 2))
-    shade = np.repeat(with_alpha(color, FORECAST_OPACITY), lines.shape[1], axis=0)
+    shade = np.repeat(color, lines.shape[1], axis=0)
+    shade[:, 3] = FORECAST_OPACITY
     strips = _raised(lines.reshape(-1, *lines.shape[2:]), HEIGHT["forecasts"])
     yield "/forecasts/paths", rr.LineStrips3D.columns(strips=strips, colors=shade).partition([len(shade)])
     for k, entity in enumerate(FANS):

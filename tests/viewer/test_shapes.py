@@ -144,11 +144,6 @@ def test_the_ellipse_is_closed_and_lies_at_one_mahalanobis_distance() -> None:
     assert line[:, 0] == pytest.approx(line[:, -1])
 
 
-def test_a_certain_position_is_a_point() -> None:
-    line = shapes.covariance_ellipse(MEAN, np.zeros((2, 2)), probability=0.9)
-    assert line == pytest.approx(np.tile(MEAN, (49, 1)))
-
-
 def test_arrows_and_outlines_point_along_the_direction() -> None:
     direction = np.array([0.0, np.pi / 2, -3 * np.pi / 4])
     arrow = shapes.motion_arrow(direction, np.array([2.0, 3.0, 4.0]), duration_s=0.5)

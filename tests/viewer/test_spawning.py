@@ -1,5 +1,6 @@
 """A viewer that is started listens to this machine alone; where there is no screen, the error says what to do."""
 
+import socket
 import subprocess
 import sys
 import time
@@ -40,6 +41,25 @@ def test_without_a_screen_the_error_says_what_to_do(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(program, "viewer_program", lambda: viewer)
     with pytest.raises(ConnectionError, match=r"needs a screen; without one, --save FILE.rrd .* --serve"):
         program.spawn_viewer()
+
+
+@pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="the kernel does not tell who listens where")
+def test_a_server_answers_on_this_machine_alone_and_a_taken_port_is_reported() -> None:
+    def listening(port: int) -> set[str]:
+        """The addresses at which something listens on the port, as the kernel writes them."""
+        rows = [line.split() for name in ("tcp", "tcp6") for line in Path(f"/proc/net/{name}").read_text().splitlines()]
+        return {row[1].split(":")[0] for row in rows if row[3] == "0A" and int(row[1].split(":")[1], 16) == port}
+
+    with socket.socket() as first, socket.socket() as second:
+        first.bind(("127.0.0.1", 0))
+        second.bind(("127.0.0.1", 0))
+        data, web = first.getsockname()[1], second.getsockname()[1]
+    with program.WebServer("127.0.0.1", data_port=data, web_port=web) as server:
+        assert [listening(port) for port in (data, web)] == [{"0100007F"}] * 2  # 127.0.0.1
+        assert f"127.0.0.1:{web}/" in server.page_url
+        with pytest.raises(ConnectionError, match=f"127.0.0.1:{data}: cannot serve there"):
+            program.WebServer("127.0.0.1", data_port=data, web_port=web)
+    assert all(listening(port) == set() for port in (data, web))
 
 
 ORPHAN = """

@@ -93,15 +93,6 @@ def test_after_an_error_the_file_keeps_its_temporary_name_and_reads(
     assert len(rows_of(tmp_path / "left.rrd", "/detections", "Points3D:positions")) == 1
 
 
-def test_what_is_called_like_a_part_of_it_is_another_file(
-    tmp_path: Path, scene_frames: list[TrackedFrame], scene_map: PrimitiveMap
-) -> None:
-    other = tmp_path / "run.part.rrd"
-    other.write_bytes(b"precious")
-    write_all(tmp_path / "run.rrd", scene_frames[:1], scene_map)
-    assert other.read_bytes() == b"precious"
-
-
 def test_ctrl_c_leaves_a_whole_file(tmp_path: Path, scene_frames: list[TrackedFrame]) -> None:
     def interrupt() -> None:
         with open_stream(save=tmp_path / "run.rrd") as sink:
@@ -123,11 +114,6 @@ def test_a_stream_needs_a_place_to_go_and_a_viewer_that_answers() -> None:
         open_stream(connect=f"rerun+http://127.0.0.1:{port}/proxy")
     with pytest.raises(ConnectionError, match="expected an address such as"):
         open_stream(connect="localhost")
-
-
-def test_the_library_imports_neither_viewer_nor_figures() -> None:
-    program = "import sys, dirprim_filter; sys.exit(bool({'rerun', 'matplotlib'} & set(sys.modules)))"
-    subprocess.run([sys.executable, "-c", program], check=True)
 
 
 @pytest.fixture

@@ -41,6 +41,8 @@ SHOWN_SHARE = 0.99
 """Of the traffic: a vehicle that is far away must not make all others small."""
 LARGEST_CLOSE_UP = 0.6
 """A close-up spans no more than this share of the whole."""
+KEY_WIDTH = 1.6
+"""Inches, of an entry below the maps."""
 FADED = 0.35
 """Opacity of the roses under vehicles."""
 KEY: Mapping[str, dict[str, Any]] = {
@@ -118,7 +120,8 @@ def map_figure(
         has_truth,
     )
     lines = [Line2D([], [], label=name, **style) for name, style in compress(KEY.items(), shown)]
-    columns = len(lines) if figure.get_figwidth() > 1.6 * len(lines) else 2
+    n_rows = -(-len(lines) // max(int(figure.get_figwidth() / KEY_WIDTH), 2))
+    columns = -(-len(lines) // n_rows)
     figure.legend(handles=lines, loc="outside lower center", ncols=columns, fontsize=SMALL, frameon=False)
     return figure
 
