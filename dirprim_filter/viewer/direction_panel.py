@@ -1,4 +1,4 @@
-"""Eq. 4 around the circle, of the vehicle in focus: its place gives the prior, its turn signal or course the cue."""
+"""Eq. 4 around the circle, of the vehicle in focus: its place gives the prior, its turn signal the cue."""
 
 from __future__ import annotations
 

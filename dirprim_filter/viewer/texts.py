@@ -25,7 +25,7 @@ ellipses: the smoothed estimates.
 blue west, magenta south.
 
 **White ring**: the vehicle that was least expected, or the one asked for. Its direction is plotted: the prior of its
-place, the cue (its turn signal, else its course of the last second), the posterior (Eq. 4), and its particles.
+place, the cue (its turn signal, a circle without one), the posterior (Eq. 4), and its particles.
 
 Layers are switched on and off in the panel on the left.
 """
