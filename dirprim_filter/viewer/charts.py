@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -49,25 +49,19 @@ def forecast_chart(table: ForecastTable) -> Figure:
 def tracking_chart(table: TrackingTable) -> Figure:
     """A panel for each kind of figure, a group of bars for each method, whiskers for the deviation of the runs."""
     methods = table.methods
-    return _bar_chart(
-        [m.name for m in methods],
-        {
-            title: {label: [(m.mean(name), m.std(name)) for m in methods] for label, name in bars.items()}
-            for title, bars in PANELS.items()
-        },
-    )
+    return _report_chart([m.name for m in methods], lambda name: [(m.mean(name), m.std(name)) for m in methods])
 
 
 def score_chart(table: ScoreTable) -> Figure:
     """A panel for each kind of figure, a group of bars for each tracker."""
     scores = table.scores
-    return _bar_chart(
-        [s.name for s in scores],
-        {
-            title: {label: [(getattr(s.report, name), 0.0) for s in scores] for label, name in bars.items()}
-            for title, bars in PANELS.items()
-        },
-    )
+    return _report_chart([s.name for s in scores], lambda name: [(getattr(s.report, name), 0.0) for s in scores])
+
+
+def _report_chart(names: list[str], figures: Callable[[str], list[tuple[float, float]]]) -> Figure:
+    """The figures of a report; `figures`: of a figure's name."""
+    panels = {title: {label: figures(name) for label, name in bars.items()} for title, bars in PANELS.items()}
+    return _bar_chart(names, panels)
 
 
 def _bar_chart(names: list[str], panels: Mapping[str, Bars]) -> Figure:

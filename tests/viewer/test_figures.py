@@ -149,13 +149,6 @@ def test_the_drawn_density_of_speed_is_the_share_that_moves(scene_map: Primitive
     assert [text.get_text() for text in figure.legends[0].get_texts()][1:] == ["60.0%: +17°, 8.0 ± 4.0 m/s"]
 
 
-def test_where_a_mode_bends_its_direction_is_of_the_place(scene_map: PrimitiveMap) -> None:
-    bend = np.zeros((4, 3, 2))
-    bend[0, 0, 0] = 0.1
-    theta, radius = lines_of(place_figure(replace(scene_map, bend=bend), position=(7.0, 5.0)).axes[0])
-    assert theta[np.argmax(radius)] == pytest.approx(np.pi / 2 + 0.2, abs=0.01)  # 2 m east of the centre
-
-
 def test_the_posterior_moves_towards_the_signal(scene_map: PrimitiveMap) -> None:
     means = {}
     for name, cue in (("left", TURN_LEFT), ("right", TURN_RIGHT)):
