@@ -112,28 +112,6 @@ def noise_of_neighbours(track_id, time_ns, position, moves, *, max_span_s):
     return np.median(np.abs(off)) / stats.norm.ppf(0.75) if off else 0.0
 
 
-def kalman_positions(measured, dt_s, *, noise_m, density, first_speed_std):
-    """A constant-velocity Kalman filter as a plain loop over matrices: means, covariances and log evidences."""
-    f = np.block([[np.eye(2), dt_s * np.eye(2)], [np.zeros((2, 2)), np.eye(2)]])
-    q = density * np.block(
-        [[dt_s**3 / 3 * np.eye(2), dt_s**2 / 2 * np.eye(2)], [dt_s**2 / 2 * np.eye(2), dt_s * np.eye(2)]]
-    )
-    h = np.eye(2, 4)
-    r = noise_m**2 * np.eye(2)
-    x = np.array([*measured[0], 0.0, 0.0])
-    p = np.diag([noise_m**2, noise_m**2, first_speed_std**2, first_speed_std**2])
-    means, covariances, evidences = [x], [p], [0.0]
-    for z in measured[1:]:
-        x, p = f @ x, f @ p @ f.T + q
-        s = h @ p @ h.T + r
-        evidences.append(stats.multivariate_normal.logpdf(z, h @ x, s))
-        gain = p @ h.T @ np.linalg.inv(s)
-        x, p = x + gain @ (z - h @ x), (np.eye(4) - gain @ h) @ p
-        means.append(x)
-        covariances.append(p)
-    return np.array(means), np.array(covariances), np.array(evidences)
-
-
 def kalman_known_velocity(measured, dt_s, *, velocity, noise_m, drift):
     """A Kalman filter of the position alone, moved at a known velocity: means, variances per axis, log evidences."""
     x, p = measured[0], noise_m**2

@@ -1,4 +1,4 @@
-"""The baselines against filterpy's filters and a plain loop over matrices."""
+"""The baselines against filterpy's filters."""
 
 import numpy as np
 import pytest
@@ -18,8 +18,7 @@ from dirprim_filter.filtering.kalman import (
 )
 from dirprim_filter.filtering.manoeuvre import acceleration_density
 from dirprim_filter.tracks import Tracks
-from oracles import kalman_positions
-from situations import TRUSTING, ring_traffic
+from situations import TRUSTING
 
 
 def run(frames, **knobs):
@@ -27,25 +26,6 @@ def run(frames, **knobs):
     kalman = ConstantVelocityKalman(acceleration_density=2.0, config=config)
     tracker = Tracker(kalman, config=config, tracking=TRUSTING, rng=np.random.default_rng(0))
     return Estimates.concatenate([tracker.step(frame) for frame in frames])
-
-
-def test_means_covariances_and_evidence_are_those_of_the_plain_loop():
-    tracks = ring_traffic(np.random.default_rng(2), n_vehicles=3, n_rows=40)
-    measured = tracks.position + np.random.default_rng(3).normal(0, 0.7, tracks.position.shape)
-    found = run(Detections(track_id=tracks.track_id, time_ns=tracks.time_ns, position=measured).frames())
-    for name in range(3):
-        rows, seen = found.track_id == name, measured[tracks.track_id == name]
-        mean, covariance, evidence = kalman_positions(
-            seen, 0.1, noise_m=0.7, density=2.0, first_speed_std=FIRST_SPEED_STD
-        )
-        np.testing.assert_allclose(found.position[rows], mean[:, :2], rtol=1e-9, atol=1e-9)
-        np.testing.assert_allclose(found.covariance[rows], covariance[:, :2, :2], rtol=1e-9, atol=1e-9)
-        np.testing.assert_allclose(found.log_evidence[rows], evidence, rtol=1e-9, atol=1e-9)
-        velocity = mean[:, 2:]
-        np.testing.assert_allclose(found.speed[rows], np.hypot(*velocity.T), rtol=1e-9, atol=1e-9)
-        np.testing.assert_allclose(found.direction[rows], np.arctan2(*velocity.T[::-1]), atol=1e-9)
-        other = kalman_positions(seen, 0.1, noise_m=0.8, density=2.0, first_speed_std=FIRST_SPEED_STD)[0]
-        assert np.abs(found.position[rows] - other[:, :2]).max() > 1e-3
 
 
 def test_after_the_gap_it_restarts_and_before_it_it_does_not():
@@ -136,7 +116,7 @@ def test_predictions_and_corrections_are_filterpys(model):
             ours.begin(slot, slot.astype(np.uint64), seen)
             continue
         ours.predict(slot, np.full(1, 0.5))
-        ours.weigh(slot, seen)
+        evidence = ours.weigh(slot, seen).log_density
         theirs.predict()
         if model == "constant turn":
             theirs.sigmas_f = theirs.points_fn.sigma_points(theirs.x, theirs.P)  # not those before the noise
@@ -144,3 +124,6 @@ def test_predictions_and_corrections_are_filterpys(model):
         found = ours.moments(slot)[0]
         np.testing.assert_allclose(found[:2], theirs.x[:2], atol=1e-5)
         np.testing.assert_allclose(found[[2, 3, 4]], theirs.P[[0, 0, 1], [0, 1, 1]], atol=1e-5)
+        assert found[7] == pytest.approx(np.hypot(*theirs.x[2:4]), abs=1e-5)
+        if model != "both":
+            assert evidence == pytest.approx(theirs.log_likelihood, abs=1e-5)

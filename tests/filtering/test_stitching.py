@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 
-from dirprim_filter.config import FilterConfig, TrackingConfig
+from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
-from dirprim_filter.estimates import EstimateList
 from dirprim_filter.filtering import ConstantVelocityKalman, ParticleFilter
-from dirprim_filter.filtering.smoothing import Smoother
 from dirprim_filter.filtering.smoothing.chain import Belief
 from dirprim_filter.filtering.smoothing.recorder import Recorder
+from filtering.test_smoothing import smoothed
 from situations import one_cell_map
 
 CONFIG = FilterConfig(n_particles=500)
@@ -27,21 +26,10 @@ def side_by_side(*, ahead_m):
 
 def tracked(seen, *, lag_s=None):
     """What the filter says without ids, and what the smoother says."""
-    found, later = EstimateList(), EstimateList()
-    smoother = Smoother(max_gap_s=CONFIG.max_gap_s, lag_s=lag_s, sinks=[later.write])
-    model = ConstantVelocityKalman(acceleration_density=0.2, config=CONFIG)
-    rng = np.random.default_rng(0)
-    tracker = smoother.tracker(0, model, config=CONFIG, tracking=TrackingConfig(), rng=rng)
-    frames = {int(frame.time_ns[0]): frame.without_ids() for frame in seen}
-    with smoother:
-        for i in range(N_FRAMES):
-            tracker.predict(frames.get(i * 100_000_000, Detections.none()), time_ns=i * 100_000_000)
-            tracker.weigh()
-            frame = tracker.frame()
-            found.write(frame)
-            smoother.write(frame)
-            tracker.resample()
-    return found.all(), later.all()
+    return smoothed(
+        Detections.concatenate(seen), model=ConstantVelocityKalman(acceleration_density=0.2, config=CONFIG),
+        with_ids=False, times=[i * 100_000_000 for i in range(N_FRAMES)], config=CONFIG, lag_s=lag_s,
+    )  # fmt: skip
 
 
 def test_pieces_of_a_vehicle_become_one_track_that_leads_through_the_gap():
