@@ -36,6 +36,8 @@ def test_the_index_tells_what_reading_tells(log):
     )  # fmt: skip
     assert (reported.is_checked, read.is_checked) == (False, True)
     assert summarise_by_index(path) is None  # a short log is read
+    few = summarise_by_index(path, topics="/topic1", from_bytes=0)  # the index knows the span of all topics alone
+    assert ([topic.name for topic in few.topics], few.start_ns, few.end_ns) == (["/topic1"], None, None)
 
 
 def test_an_index_that_is_not_whole_tells_nothing(log):
