@@ -73,18 +73,14 @@ def _groups(path: Path, names: AnyArray, truth: Tracks, one_of_many: bool) -> In
         if not (one_of_many and is_number.any()):
             return np.full(names.size, groups[0])
         return np.where(is_number, said, "0").astype(np.int64)
-    group = np.zeros(names.size, np.int64)
-    known = np.zeros(names.size, np.bool_)
-    for number in groups.tolist():
-        of = said == str(number)
-        group[of], known[of] = number, True
+    known = np.isin(said, groups.astype(np.str_))
     if not known.any() or not (known | (0 in groups)).all():
         name = names[~known][0] if not known.all() else "none"
         raise RecordingError(
             f"{path}: expected rows that say which of the truth's {groups.size} groups they are of, by a column "
             f"`group` or an id like {groups[-1]}/{name}, got {name}; or choose one group with --set group=NUMBER"
         )
-    return group
+    return np.where(known, said, "0").astype(np.int64)
 
 
 def _named(table: Columns) -> dict[str, AnyArray]:
@@ -96,7 +92,7 @@ def _named(table: Columns) -> dict[str, AnyArray]:
         "time_ns": table.nanoseconds(f"time_{unit}", unit=unit),
     }  # fmt: skip
     if (wrong := (columns["time_ns"] == NO_TIME) | ~np.isfinite(position).all(axis=1)).any():
-        table.fail(int(np.argmax(wrong)), "a time and a place", "an empty cell", "remove the line")
+        raise table.error(int(np.argmax(wrong)), "a time and a place", "an empty cell", "remove the line")
     if "group" in table.names:
         columns["group"] = table.whole_numbers("group")
     if all(name in table.names for name in COVARIANCE):
@@ -109,10 +105,10 @@ def _mot(table: Columns, truth: Tracks) -> dict[str, AnyArray]:
     if (wrong := (frame < 1) | (frame > instants.size)).any():
         row = int(np.argmax(wrong))
         expected = f"a frame from 1 to {instants.size}, the truth's instants"
-        table.fail(row, expected, str(frame[row]), "give the truth that was tracked, or a table with times")
+        raise table.error(row, expected, str(frame[row]), "give the truth that was tracked, or a table with times")
     position = table.numbers(("x_m", "y_m"))
     if not (known := np.isfinite(position).all(axis=1)).all() or (position == NOWHERE).all():
-        table.fail(
+        raise table.error(
             int(np.argmin(known)), "x and y in metres", "none", "give positions in the plane, not boxes of an image"
         )
     return {"track_id": table.texts("track_id"), "time_ns": instants[frame - 1], "position": position}

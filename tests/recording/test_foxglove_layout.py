@@ -20,14 +20,6 @@ PANELS = LAYOUT["configById"]
 WRITTEN = {value for name, value in vars(topic_names).items() if name.isupper()}
 
 
-def panels_in(tree):
-    return [tree] if isinstance(tree, str) else panels_in(tree["first"]) + panels_in(tree["second"])
-
-
-def test_every_panel_is_laid_out_once():
-    assert sorted(panels_in(LAYOUT["layout"])) == sorted(PANELS)
-
-
 def test_the_3d_panel_shows_topics_that_are_written_and_all_that_can_be_drawn(tmp_path):
     with writer.EstimateWriter(tmp_path / "a.mcap", metadata={}, particle_stride=1) as log:
         log.write_map_scene(a_map())

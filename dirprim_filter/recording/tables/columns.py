@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from datetime import UTC, datetime, timedelta
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -54,14 +54,10 @@ class Columns:
     def __len__(self) -> int:
         return int(self._table.num_rows)
 
-    def fail(self, row: int, expected: str, got: str, remedy: str) -> NoReturn:
-        """Raise the error of a row.
-
-        Raises:
-            TableError: always.
-        """
+    def error(self, row: int, expected: str, got: str, remedy: str) -> TableError:
+        """Of a row, to be raised."""
         place = f"row {row + 1}" if self._line is None else int(self._line[row])
-        raise TableError(self.path, place, expected, got, remedy)
+        return TableError(self.path, place, expected, got, remedy)
 
     def floats(self, name: str) -> FloatArray:
         """(n,) float64; NaN where there is none.
@@ -93,7 +89,7 @@ class Columns:
         if (wrong := np.isfinite(angle) & (np.abs(angle) > LARGEST_ANGLE)).any():
             row = int(np.argmax(wrong))
             way = "make it radians counter-clockwise from east, -pi to pi; degrees are multiplied by pi/180"
-            self.fail(row, f"radians, of one turn, as {name}", f"{angle[row]:g}", way)
+            raise self.error(row, f"radians, of one turn, as {name}", f"{angle[row]:g}", way)
         return angle
 
     def whole_numbers(self, name: str, *, missing: int | None = None) -> IntArray:
@@ -107,7 +103,7 @@ class Columns:
             return self._each(name, pc.utf8_trim_whitespace(column), _whole, "a whole number", missing)
         self._check_type(name, column, "whole numbers")
         if missing is None and column.null_count:
-            self.fail(pc.index(column.is_null(), True).as_py(), f"a whole number as {name}", "nothing", MEND)
+            raise self.error(pc.index(column.is_null(), True).as_py(), f"a whole number as {name}", "nothing", MEND)
         try:
             return np.asarray(column.cast(pa.int64()).fill_null(missing or 0).to_numpy(), np.int64)
         except pa.ArrowInvalid as error:
@@ -176,7 +172,7 @@ class Columns:
         known = np.isfinite(seconds)
         if (wrong := known & (np.abs(seconds) > MAX_SECONDS)).any():
             row = int(np.argmax(wrong))
-            self.fail(row, f"seconds as {name}", f"{seconds[row]:g}", "name whole nanoseconds time_ns")
+            raise self.error(row, f"seconds as {name}", f"{seconds[row]:g}", "name whole nanoseconds time_ns")
         whole = np.floor(np.where(known, seconds, 0.0))
         rest = np.rint((np.where(known, seconds, 0.0) - whole) * 1e9).astype(np.int64)
         return np.where(known, whole.astype(np.int64) * NS_PER_S + rest, NO_TIME)
@@ -191,11 +187,8 @@ class Columns:
             try:
                 value = parse(text) if text or missing is None else missing
             except ValueError as error:
-                row = int(np.argmax(coded.indices.to_numpy() == at))
-                try:
-                    self.fail(row, f"{what} as {name}", repr(text), error.args[1] if len(error.args) > 1 else MEND)
-                except TableError as failure:
-                    raise failure from error
+                row, (_, *way) = int(np.argmax(coded.indices.to_numpy() == at)), error.args
+                raise self.error(row, f"{what} as {name}", repr(text), *(way or [MEND])) from error
             found.append(missing if value is None and missing is not None else value)  # type: ignore[arg-type]
         return np.asarray(np.array(found)[coded.indices.to_numpy()])
 

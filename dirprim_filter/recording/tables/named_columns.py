@@ -111,7 +111,9 @@ def _cues(table: Columns, name: str) -> FloatArray:
     side = np.strings.lower(table.texts(name))
     if (wrong := ~np.isin(side, SIGNALS)).any():
         row = int(np.argmax(wrong))
-        table.fail(row, f"{', '.join(SIGNALS[:3])} as {name}", repr(str(side[row])), "mend the cell, or empty it")
+        raise table.error(
+            row, f"{', '.join(SIGNALS[:3])} as {name}", repr(str(side[row])), "mend the cell, or empty it"
+        )
     return signalled(side == "left", side == "right")
 
 
