@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import platform
 import re
 import shlex
@@ -110,7 +111,9 @@ def rounded(figure: Any) -> Any:
         return {name: rounded(number) for name, number in figure.items()}
     if isinstance(figure, list):
         return [rounded(number) for number in figure]
-    return float(f"{figure:.6g}") if isinstance(figure, float) else figure
+    if isinstance(figure, float):
+        return float(f"{figure:.6g}") if math.isfinite(figure) else None
+    return figure
 
 
 def commit_at_hand() -> str:

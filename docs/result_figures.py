@@ -8,7 +8,7 @@ import statistics
 from collections.abc import Callable, Mapping
 from typing import Any
 
-Figure = float | dict[str, float | None] | list[dict[str, float]] | str | None
+Figure = float | dict[str, float | None] | list[dict[str, float | None]] | str | None
 """A number; a difference with its interval, `value`, `low` and `high`; several, which are shown without it; a mean with
 its `deviation`; or a text."""
 Entries = Callable[[str], Mapping[str, Any]]
@@ -148,7 +148,9 @@ def shown(figure: Figure, digits: int) -> str:
     if figure is None or isinstance(figure, str):
         return (figure or "").replace(" / ", "/").replace(" to ", "-")
     if isinstance(figure, list):
-        return "/".join(_bold(_signed(of["value"], int(of["digits"])), of["low"], of["high"]) for of in figure)
+        return "/".join(
+            _bold(_signed(of["value"] or 0.0, int(of["digits"] or 0)), of["low"], of["high"]) for of in figure
+        )
     if not isinstance(figure, Mapping):
         return f"{figure:,.{digits}f}"
     value, low, high = (figure.get(name) for name in ("value", "low", "high"))
@@ -162,8 +164,8 @@ def shown(figure: Figure, digits: int) -> str:
     return text
 
 
-def _bold(text: str, low: float, high: float) -> str:
-    return f"**{text}**" if low > 0 or high < 0 else text
+def _bold(text: str, low: float | None, high: float | None) -> str:
+    return f"**{text}**" if low is not None and high is not None and (low > 0 or high < 0) else text
 
 
 def _signed(number: float, digits: int) -> str:

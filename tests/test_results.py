@@ -144,10 +144,11 @@ def test_figures_are_read_from_what_commands_print(maker):
     drift = figures.mechanisms(json.dumps({"rows": ablated}))["drift"]
     worth = maker.rounded(figures.worth("town", in_sight=(100.0, 1), HOTA=(1.0, 2))(drift))
     assert worth == [{"value": 10.0, "low": 5.0, "high": 20.0, "digits": 1}]
-    assert figures.shown([*worth, worth[0] | {"low": -1.0}], 0) == "**+10.0**/+10.0"
+    unsure = worth[0] | {"low": -1.0}, worth[0] | {"low": None, "high": None}
+    assert figures.shown([*worth, *unsure], 0) == "**+10.0**/+10.0/+10.0"
     assert figures.worth("village", in_sight=(100.0, 1))(drift) == []
     speed = figures.printed(step=r"whole +([\d.]+) ms +([\d,]+)")("ours, whole   2.5 ms 1,200")
     assert [figures.group(i)(speed["step"]) for i in range(3)] == [2.5, 1200.0, None]
     with pytest.raises(ValueError, match="step: nothing of the kind"):
         figures.printed(step="whole")("half")
-    assert maker.rounded({"a": 1 / 3, "b": None}) == {"a": 0.333333, "b": None}
+    assert maker.rounded({"a": 1 / 3, "b": None, "c": float("nan")}) == {"a": 0.333333, "b": None, "c": None}
