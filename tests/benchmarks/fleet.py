@@ -37,8 +37,10 @@ from dirprim_filter.store.store import Store
 from dirprim_filter.store.workers import Workers
 
 ROOT = Path(__file__).parents[2]
-ROWS, DISTINCT, SIDE = 100_000, 100, 7
-"""Of a recording; recordings that differ; and places in a row."""
+ROWS, SIDE = 100_000, 7
+"""Of a recording; and places in a row, of as many rows of them."""
+TO_LEARN = {"distinct": 32, "side": 4}
+"""Recordings that differ, and places in a row, where learning is measured, which reads whatever is there."""
 PLACE_M, ANYWHERE_M = 2048.0, 512.0
 """Between the middles of blocks with a place; and a place lies anywhere in its block, at most so far east and north."""
 DAY_NS = 86_400 * 10**9
@@ -55,11 +57,11 @@ def processor_s() -> float:
     return sum(os.times()[:4])
 
 
-def repeated(tracks: Tracks, n_rows: int, seed: int) -> Tracks:
+def repeated(tracks: Tracks, n_rows: int, seed: int, side: int = SIDE) -> Tracks:
     """So many rows of the same vehicles again and again, of each time a little elsewhere, one after the other."""
     n, rng = -(-n_rows // len(tracks)), np.random.default_rng(seed)
-    place, lasts = seed % SIDE**2, int(np.ptp(tracks.time_ns)) + 10**9
-    middle = PLACE_M * np.array(divmod(place, SIDE))
+    place, lasts = seed % side**2, int(np.ptp(tracks.time_ns)) + 10**9
+    middle = PLACE_M * np.array(divmod(place, side))
     middle += np.random.default_rng(place).uniform(-ANYWHERE_M, ANYWHERE_M, 2)
     parts = [
         replace(
@@ -102,7 +104,7 @@ def size(paths: list[str]) -> None:
         print(f"{path}: {len(of):,} rows, {found[0]} bytes each, of 1 cm {found[1]}; Delta's {', '.join(found[2:])}")
 
 
-def store_of_columns(path: Path, n_rows: int, *, distinct: int = 1 << 30) -> tuple[Store, float]:
+def store_of_columns(path: Path, n_rows: int, *, distinct: int = 1 << 30, side: int = SIDE) -> tuple[Store, float]:
     """A store of so many rows, in recordings of `ROWS`; -> it, and the processor time to write and commit them.
 
     Recordings after the first so many have the bytes of earlier ones, by links, under names of their own.
@@ -112,7 +114,7 @@ def store_of_columns(path: Path, n_rows: int, *, distinct: int = 1 << 30) -> tup
     written: list[list[File]] = []
     for i in range(-(-n_rows // ROWS)):
         if i < distinct:
-            tracks = repeated(log, ROWS, i)
+            tracks = repeated(log, ROWS, i, side)
             began_s = processor_s()
             files = store.write(Rows.of(tracks), log=f"/{i}", mark="0", status="whole")
             written.append(files)
@@ -164,7 +166,7 @@ def logs(n_logs: int) -> None:
 def learn(n_rows: int, n_workers: int) -> None:
     """Time and memory of learning."""
     with tempfile.TemporaryDirectory() as folder:
-        store, _ = store_of_columns(Path(folder) / "store", n_rows, distinct=DISTINCT)
+        store, _ = store_of_columns(Path(folder) / "store", n_rows, **TO_LEARN)
         before, began_s, began = most_mib(), time.monotonic(), processor_s()
         found = learn_from_store(store, workers=Workers(n_workers), tessellation="grid", cell_size=8.0)
         print(

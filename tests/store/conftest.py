@@ -17,7 +17,7 @@ def moto():
         port = free.getsockname()[1]
     command = [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", str(port)]
     played = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    for _ in range(200):
+    for _ in range(1200):  # a busy machine is slow to start it
         try:
             socket.create_connection(("127.0.0.1", port), timeout=1.0).close()
             break

@@ -5,7 +5,9 @@ import hashlib
 import numpy as np
 
 from dirprim_filter import Tracks, save_map, write_tracks
-from dirprim_filter.store import add_logs, find_logs
+from dirprim_filter.store import add_logs, find_logs, learn_from_store
+from dirprim_filter.store.config import StoreConfig
+from dirprim_filter.store.rows import Rows
 from dirprim_filter.store.store import Store
 
 GRID = {"tessellation": "grid", "cell_size": 32.0}
@@ -34,7 +36,7 @@ def street(seed, *, north=0.0, start=-60.0, length=120.0, n_vehicles=5, back=0.4
 def logs_of(folder, **tracks):
     """Logs by their names; -> their paths, as a store calls them."""
     for name, of in tracks.items():
-        write_tracks(of, folder / f"{name}.mcap")
+        write_tracks(of, folder / f"{name}.mcap", force=True)
     return {name: str(folder / f"{name}.mcap") for name in tracks}
 
 
@@ -45,10 +47,19 @@ def store_of(path, *logs):
     return added.store or Store.open(path)
 
 
-def bytes_of(primitive_map, folder):
-    """A hash of the file that a map is saved in."""
+def rows_stored(path, **rows):
+    """A store of rows, or of tracks, without logs: sooner made."""
+    store = Store.create(path, StoreConfig(), "map")
+    for name, each in rows.items():
+        files = store.write(each if isinstance(each, Rows) else Rows.of(each), log=name, mark="0", status="whole")
+        store.commit(lambda _, files=files: (files, []))
+    return store
+
+
+def map_bytes(store, folder, **options):
+    """A hash of the file that the map of a store is saved in."""
     path = folder / "bytes.mcap"
-    save_map(primitive_map, path, force=True)
+    save_map(learn_from_store(store, **(GRID | options)).primitive_map, path, force=True)
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 

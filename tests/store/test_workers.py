@@ -1,108 +1,82 @@
-"""Who does the tasks changes nothing: this process, processes of this machine, or a cluster that may be lost."""
+"""Who does the tasks changes nothing: this process, processes of this machine, or a cluster; and whoever is killed."""
 
 import json
-import os
 import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 from unittest.mock import patch
 
 import pytest
-from dying import once_killed
-from streets import GRID, bytes_of, logs_of, store_of, street
+from streets import GRID, logs_of, map_bytes, store_of, street
 
+from dirprim_filter.cli.main import run
 from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.store import add_logs, find_logs, learn_from_store, workers
 from dirprim_filter.store.workers import Workers
 
 distributed = pytest.importorskip("distributed")
-N_LOGS = 6
+psutil = pytest.importorskip("psutil")  # of distributed
 
 
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory):
-    """A store of a street across three blocks, by this process, its logs, and the bytes of its map."""
-    folder = tmp_path_factory.mktemp("whole")
-    path = logs_of(folder, **{f"log{i}": street(i, start=-1400.0, length=2800.0, n_vehicles=2) for i in range(N_LOGS)})
-    store = store_of(folder / "store", *path.values())
-    return store, list(path.values()), bytes_of(learn_from_store(store, **GRID).primitive_map, folder)
+def test_processes_of_this_machine_listen_to_it_alone_and_the_task_of_one_that_is_killed_is_done_by_another():
+    here = psutil.Process()
+    before, killed, heard = {each.pid for each in here.children(recursive=True)}, [], set()
+    for _ in Workers(2).each(time.sleep, [0.0, 0.2, 0.2, 0.2], [f"sleep-{n}" for n in range(4)]):
+        ours = [each for each in here.children(recursive=True) if each.pid not in before]
+        heard |= {c.laddr.ip for each in (here, *ours) for c in each.net_connections("tcp") if c.status == "LISTEN"}
+        if not killed:
+            killed = [each for each in ours if "spawn_main" in " ".join(each.cmdline())]
+            killed[0].kill()
+    assert len(killed) == 2
+    assert heard == {"127.0.0.1"}
 
 
-def listening():
-    """Addresses, in hexadecimal, on which processes of this machine listen for connections."""
-    lines = Path("/proc/net/tcp").read_text().splitlines()[1:]
-    return {tuple(line.split()[1].split(":")) for line in lines if line.split()[3] == "0A"}
+@pytest.fixture
+def cluster(tmp_path):
+    """A scheduler and two workers, as the documents say to start them, and where the scheduler is."""
+    at = tmp_path / "scheduler.json"
+    worker = ["worker", "--nthreads", "1", "--no-nanny"]
+    started = [
+        subprocess.Popen(
+            [sys.executable, "-m", f"distributed.cli.dask_{what}", *options, "--no-dashboard", "--scheduler-file", at],
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )
+        for what, *options in (["scheduler", "--host", "127.0.0.1", "--port", "0"], worker, worker)
+    ]  # fmt: skip
+    while not at.exists():
+        time.sleep(0.05)
+    yield *started, Workers(scheduler=json.loads(at.read_text())["address"])
+    for process in started:
+        process.kill()
+        process.wait()
 
 
-@pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="says who listens on Linux")
-def test_processes_of_this_machine_make_the_same_map_and_listen_to_it_alone(whole, tmp_path):
-    _, logs, expected = whole
-    before, seen = listening(), set()
-    several = Workers(2)
-    added = add_logs(tmp_path / "store", find_logs(logs), workers=several, progress=lambda *_: seen.update(listening()))
-    assert not [receipt.error for receipt in added.receipts if receipt.error]
-    opened = seen - before
-    assert opened
-    assert {address for address, _ in opened} == {"0100007F"}  # 127.0.0.1
-    found = learn_from_store(added.store, workers=several, **GRID)
-    assert found.n_fitted == found.n_blocks == 3
-    assert bytes_of(found.primitive_map, tmp_path) == expected
-
-
-def test_the_task_of_a_worker_that_is_killed_is_done_by_another(tmp_path):
-    tasks = [(tmp_path / "killed", number) for number in range(4)]
-    assert sorted(Workers(2).each(once_killed, tasks, [f"task-{n}" for n in range(4)])) == [0, 1, 2, 3]
-    assert (tmp_path / "killed").exists()
-
-
-def test_a_client_that_is_killed_goes_on_where_it_was(whole, tmp_path):
-    _, logs, expected = whole
-    store = store_of(tmp_path / "store", *logs)
-    work = "import sys; from dirprim_filter.cli.main import run; sys.exit(run(sys.argv[1:]))"
-    learn = ["learn", store.path, "-o", "map.mcap", "--tessellation", "grid", "--cell-size", "32"]
-    client = subprocess.Popen([sys.executable, "-c", work, *learn], cwd=tmp_path, start_new_session=True)
-    fits = tmp_path / "store" / "_fits"
-    while client.poll() is None and not list(fits.rglob("*.mcap")):
+def test_a_client_a_worker_and_a_scheduler_that_are_killed_change_no_byte(cluster, tmp_path, capsys):
+    scheduler, worker, _, several = cluster
+    logs = logs_of(tmp_path, **{f"log{i}": street(i, start=-1400.0, length=2800.0, n_vehicles=2) for i in range(4)})
+    store = add_logs(tmp_path / "store", find_logs(logs.values()), workers=several).store
+    alone = store_of(tmp_path / "alone", *logs.values())
+    program = "import sys; from dirprim_filter.cli.main import run; sys.exit(run(sys.argv[1:]))"
+    options = ["--tessellation", "grid", "--cell-size", "32", "--scheduler", several.scheduler]
+    learn = ["store", "learn", store.path, "-o", str(tmp_path / "map.mcap"), *options]
+    client = subprocess.Popen([sys.executable, "-c", program, *learn])
+    while client.poll() is None and not list((tmp_path / "store/_fits").rglob("*.mcap")):
         time.sleep(0.01)
-    os.killpg(client.pid, signal.SIGKILL)
+    client.kill()
     assert client.wait() == -signal.SIGKILL
     assert not (tmp_path / "map.mcap").exists()
-    found = learn_from_store(store, **GRID)
-    assert bytes_of(found.primitive_map, tmp_path) == expected
-
-
-def started(what, *options):
-    """A process of Dask."""
-    return subprocess.Popen(
-        [sys.executable, "-m", f"distributed.cli.dask_{what}", "--no-dashboard", *options], stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )  # fmt: skip
-
-
-def test_of_a_scheduler_that_is_killed_what_is_done_counts(whole, tmp_path):
-    _, logs, expected = whole
-    store, at = store_of(tmp_path / "store", *logs), tmp_path / "scheduler.json"
-    scheduler = started("scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(at))
-    worker = started("worker", "--scheduler-file", str(at), "--nthreads", "1", "--no-nanny", "--death-timeout", "30")
-    try:
-        while not at.exists():
-            time.sleep(0.05)
-        cluster = Workers(scheduler=json.loads(at.read_text())["address"])
-
-        def kill(*_):
-            scheduler.kill()
-
-        with pytest.raises(RecordingError, match="the scheduler was lost; what is done counts; run again"):
-            learn_from_store(store, workers=cluster, done=kill, **GRID)
-    finally:
-        for process in (worker, scheduler):
-            process.kill()
-            process.wait()
-    found = learn_from_store(store, **GRID)
-    assert found.n_fitted < found.n_blocks
-    assert bytes_of(found.primitive_map, tmp_path) == expected
+    assert run(learn) == 0
+    assert "3 of 3 blocks learned anew" not in capsys.readouterr().out
+    assert run(["learn", alone.path, "-o", str(tmp_path / "alone.mcap"), *options[:-2]]) == 0
+    assert (tmp_path / "map.mcap").read_bytes() == (tmp_path / "alone.mcap").read_bytes()
+    learn_from_store(store, workers=several, done=lambda *_: worker.kill(), **GRID)
+    with pytest.raises(RecordingError, match="the scheduler was lost; what is done counts; run again"):
+        learn_from_store(store, workers=several, done=lambda *_: scheduler.kill(), **GRID | {"cell_size": 40.0})
+    for cell_size, n_known in ((32.0, {3}), (40.0, {1, 2})):
+        found = learn_from_store(store, **GRID | {"cell_size": cell_size})
+        assert found.n_blocks - found.n_fitted in n_known
+        assert map_bytes(store, tmp_path, cell_size=cell_size) == map_bytes(alone, tmp_path, cell_size=cell_size)
 
 
 def test_no_cluster_and_one_without_workers_are_said_in_one_line():
