@@ -34,6 +34,7 @@ def test_a_file_is_one_noun_and_no_longer_than_a_reader_bears():
         ("dirprim_filter.primitives", ["sklearn", "rerun", "matplotlib", "mcap"]),
         ("dirprim_filter.recording", ["rerun", "matplotlib", "sklearn"]),
         ("dirprim_filter.replay, dirprim_filter.filtering.smoothing", ["filterpy", "scipy.stats", "rerun"]),
+        ("dirprim_filter.evaluation.tracking_experiment", ["filterpy", "scipy.stats"]),
         ("dirprim_filter.store.learning, dirprim_filter.primitives.learning", ["scipy.stats", "filterpy"]),
         ("dirprim_filter.arrays", ["numba", "scipy"]),
         ("tessellation", ["numpy"]),

@@ -15,11 +15,10 @@ import math
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from typing import Self
+from functools import cache
+from typing import Any, Self
 
 import numpy as np
-from filterpy.common import Q_continuous_white_noise
-from filterpy.kalman import MerweScaledSigmaPoints
 
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.config import FilterConfig
@@ -36,7 +35,6 @@ FIRST_TURN_STD = 0.2
 """rad/s, likewise."""
 SMALLEST_TURN = 1e-6
 """rad/s; slower than this is straight on."""
-SIGMA_POINTS = MerweScaledSigmaPoints(N_STATES, alpha=0.3, beta=2.0, kappa=0.0)
 
 GaussianMotion = Callable[[FloatArray, FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
 """A motion model: beliefs (v, 5), (v, 5, 5) moved on by (v,) seconds."""
@@ -70,13 +68,13 @@ class ConstantTurn:
 
     def __call__(self, mean: FloatArray, covariance: FloatArray, dt_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Beliefs (v, 5), (v, 5, 5) moved on by (v,) seconds."""
-        root = np.linalg.cholesky(SIGMA_POINTS.alpha**2 * N_STATES * covariance).swapaxes(1, 2)
+        root = np.linalg.cholesky(_sigma_points().alpha ** 2 * N_STATES * covariance).swapaxes(1, 2)
         points = turned(np.concatenate([0.0 * root[:, :1], root, -root], axis=1) + mean[:, None], dt_s[:, None])
-        later = SIGMA_POINTS.Wm @ points
+        later = _sigma_points().Wm @ points
         off = points - later[:, None]
         noise = _white_acceleration(self.acceleration_density, dt_s)
         noise[:, 4, 4] = self.turn_density * dt_s
-        return later, (off * SIGMA_POINTS.Wc[:, None]).swapaxes(1, 2) @ off + noise
+        return later, (off * _sigma_points().Wc[:, None]).swapaxes(1, 2) @ off + noise
 
 
 class KalmanBank:
@@ -330,11 +328,20 @@ def corrected(
 
 def _white_acceleration(density: float, dt_s: FloatArray) -> FloatArray:
     """(v,) -> (v, 5, 5)."""
+    from filterpy.common import Q_continuous_white_noise  # noqa: PLC0415 - it takes a second, also who tracks by a map
+
     lengths, row = np.unique(dt_s, return_inverse=True)
     noise = np.zeros((lengths.size, N_STATES, N_STATES))
     for own, dt in zip(noise, lengths, strict=True):
         own[:4, :4] = Q_continuous_white_noise(2, dt, density, block_size=2, order_by_dim=False)
     return noise[row]
+
+
+@cache
+def _sigma_points() -> Any:
+    from filterpy.kalman import MerweScaledSigmaPoints  # noqa: PLC0415 - likewise
+
+    return MerweScaledSigmaPoints(N_STATES, alpha=0.3, beta=2.0, kappa=0.0)
 
 
 def _log(probability: float) -> float:

@@ -25,30 +25,32 @@ MOST_NAMES = 1000
 
 
 class Gaps:
-    """The last times between two of some events."""
+    """The last times between two of some events.
+
+    Attributes:
+        seen_ns: of the last event; None before the first.
+        usual_ns: median, the lower one of an even number, and median of how far off it they are; 0 while unknown.
+    """
 
     def __init__(self) -> None:
         self.seen_ns: int | None = None
         self._gaps: deque[int] = deque(maxlen=REMEMBERED)
+        self.usual_ns = 0, 0
 
     def add(self, gap_ns: int) -> None:
         """One more, unless it is a pause."""
         if gap_ns <= MOST_NS:
+            is_same = len(self._gaps) == REMEMBERED and self._gaps[0] == gap_ns
             self._gaps.append(gap_ns)
+            if not is_same:  # most sensors are regular
+                usual = _median(list(self._gaps))
+                self.usual_ns = usual, _median([abs(gap - usual) for gap in self._gaps])
 
     def see(self, time_ns: int) -> None:
         """One more event."""
         if self.seen_ns is not None:
             self.add(time_ns - self.seen_ns)
         self.seen_ns = time_ns
-
-    @property
-    def usual_ns(self) -> tuple[int, int]:
-        """Median, the lower one of an even number, and median of how far off it they are; 0 while unknown."""
-        if not self._gaps:
-            return 0, 0
-        usual = _median(list(self._gaps))
-        return usual, _median([abs(gap - usual) for gap in self._gaps])
 
 
 class Intervals:
