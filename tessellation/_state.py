@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Generic
 
 import numpy as np
@@ -10,34 +11,19 @@ from tessellation._arrays import BoolArray, FloatArray, IntArray
 from tessellation.protocols import Cells, Members
 
 
+@dataclass(slots=True, kw_only=True, eq=False)
 class State(Generic[Cells]):
     """Cells, as fitted without each of the folds, and what they give to the rows held out."""
 
-    __slots__ = (
-        "cell",
-        "finished",
-        "fits",
-        "generators",
-        "members",
-        "objective",
-        "refused",
-        "score",
-        "signature",
-    )
-
-    def __init__(
-        self, *, generators: FloatArray, members: Members, cell: IntArray, signature: FloatArray,
-        fits: Cells, score: FloatArray, objective: float, finished: BoolArray, refused: FloatArray,
-    ) -> None:  # fmt: skip
-        self.generators = generators  # (n_cells, 2)
-        self.members = members
-        self.cell = cell  # (n,) of each row
-        self.signature = signature  # (n_cells,) the same for the same members
-        self.fits = fits  # cell c without fold f is number c * n_folds + f
-        self.score = score  # (n,) log density of each row as held out
-        self.objective = objective  # minus the weighted mean of the scores
-        self.finished = finished  # (n_cells,) cells that are known not to gain by a split
-        self.refused = refused  # (n,) sums of two signatures, of cells that are known not to gain by being one
+    generators: FloatArray  # (n_cells, 2)
+    members: Members
+    cell: IntArray  # (n,) of each row
+    signature: FloatArray  # (n_cells,) the same for the same members
+    fits: Cells  # cell c without fold f is number c * n_folds + f
+    score: FloatArray  # (n,) log density of each row as held out
+    objective: float  # minus the weighted mean of the scores
+    finished: BoolArray  # (n_cells,) cells that are known not to gain by a split
+    refused: FloatArray  # (n,) sums of two signatures, of cells that are known not to gain by being one
 
 
 def sums(value: FloatArray, start: IntArray) -> FloatArray:

@@ -26,14 +26,6 @@ def test_the_mixture_of_figure_2():
     np.testing.assert_allclose(np.exp(mixture.log_density(CIRCLE)), expected, rtol=1e-10)
 
 
-def test_padding_changes_nothing():
-    one = VonMisesMixture(weight=np.ones(1), mean_direction=np.ones(1), concentration=np.ones(1))
-    padded = VonMisesMixture(
-        weight=np.array([1.0, 0.0]), mean_direction=np.array([1.0, 0.0]), concentration=np.array([1.0, 500.0])
-    )
-    np.testing.assert_array_equal(one.log_density(CIRCLE), padded.log_density(CIRCLE))
-
-
 @pytest.mark.parametrize(
     ("changes", "message"),
     [

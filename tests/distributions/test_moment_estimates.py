@@ -20,10 +20,10 @@ def exact():
 
 def test_concentration_inverts_the_ratio_of_bessel_functions(exact):
     resultant, variance = exact
-    np.testing.assert_allclose(von_mises.circular_variance(CONCENTRATIONS), variance, rtol=1e-13)
-    # From R alone an error of one unit in its last place is one of 2 k 1e-16 in k.
+    np.testing.assert_allclose(von_mises.circular_variance(CONCENTRATIONS), variance, rtol=0, atol=1e-15)
+    # An error of one unit in the last place of R is one of 2 k 1e-16 in k.
     error = np.abs(von_mises.concentration_of(resultant) / CONCENTRATIONS - 1)
-    assert (error < 1e-13 + 4e-16 * CONCENTRATIONS).all()
+    assert (error < 1e-13 + 2e-15 * CONCENTRATIONS).all()
 
 
 def test_concentration_is_bounded_and_its_ends_are_exact():

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import stats
 
 from dirprim_filter import learn_primitives
 from dirprim_filter.config import LearningConfig
@@ -12,7 +11,6 @@ from dirprim_filter.distributions.angles import difference, wrap
 from dirprim_filter.distributions.von_mises import mean_resultant_length
 from dirprim_filter.primitives._modes import Modes
 from dirprim_filter.primitives.fitting import bounds_of, fit_all
-from dirprim_filter.recording import load_map, save_map
 from dirprim_filter.tracks import Tracks
 from situations import one_cell, one_cell_map, ring_traffic
 
@@ -87,11 +85,6 @@ def test_where_nothing_bends_flat_modes_are_preferred(n):
     assert np.mean(flat) >= 0.95
 
 
-def test_where_curved_modes_are_not_asked_for_none_is_found():
-    found = fitted(simulated(BENT, np.random.default_rng(0), n=1000), curved=False)
-    assert (found[:, 5:] == 0.0).all()
-
-
 def bent_map(bend=(0.05, -0.08), gain=(0.03, 0.02)):
     """One cell of 10 m around the origin with one curved mode; outside of it a flat one."""
     flat = one_cell_map(mean=3.1, concentration=60.0, speed=12.0, shape=40.0, side=SIDE)
@@ -101,19 +94,6 @@ def bent_map(bend=(0.05, -0.08), gain=(0.03, 0.02)):
 
 def places(n, rng):
     return rng.uniform(-SIDE / 2, SIDE / 2, (n, 2))
-
-
-def test_the_density_of_a_bent_mode_is_scipys_about_the_turned_mean_and_integrates_to_one():
-    curved, place = bent_map(), places(8, np.random.default_rng(0))
-    direction, step = np.linspace(-np.pi, np.pi, 200, retstep=True, endpoint=False)
-    speed = np.linspace(0.0, 60.0, 1201)
-    for x in place:
-        mean, mean_speed = 3.1 + 0.05 * x[0] - 0.08 * x[1], 12.0 * np.exp(0.03 * x[0] + 0.02 * x[1])
-        log_p = curved.log_density(x, direction[:, None], speed[1:])
-        expected = stats.vonmises.logpdf(direction, 60.0, loc=mean)[:, None]
-        expected = expected + stats.gamma.logpdf(speed[1:], 40.0, scale=mean_speed / 40.0)
-        np.testing.assert_allclose(log_p, expected, rtol=1e-9, atol=1e-8)
-        assert np.exp(log_p).sum() * step * (speed[1] - speed[0]) == pytest.approx(1.0, abs=1e-9)
 
 
 def test_the_primitive_is_linear_inside_a_cell_and_continuous():
@@ -132,15 +112,6 @@ def test_the_primitive_is_linear_inside_a_cell_and_continuous():
     np.testing.assert_allclose(columns(curved.primitive_at(np.zeros((1, 2))))[:, 0], [3.1, np.log(12.0)])
     np.testing.assert_array_equal(at_a.direction.concentration, 60.0)
     np.testing.assert_array_equal(at_a.speed.shape, 40.0)
-
-
-def test_samples_of_a_bent_mode_follow_its_density():
-    place = np.array([4.0, -4.0])
-    direction, speed = bent_map().sample(np.tile(place, (5000, 1)), rng=np.random.default_rng(2))
-    turned = difference(direction, 3.1 + 0.05 * 4.0 + 0.08 * 4.0)
-    assert stats.kstest(turned, stats.vonmises(60.0).cdf).pvalue > 1e-4
-    mean_speed = 12.0 * np.exp(0.03 * 4.0 - 0.02 * 4.0)
-    assert stats.kstest(speed, stats.gamma(40.0, scale=mean_speed / 40.0).cdf).pvalue > 1e-4
 
 
 def quarter_turn(position):
@@ -176,21 +147,6 @@ def test_others_vehicles_are_likelier_with_curved_primitives_than_with_flat_ones
     assert not flat.bend.any()
     curved, other = (m.log_density(test.position, test.direction, test.speed).mean() for m in (ring_map, flat))
     assert curved > other + 0.5
-
-
-def test_bend_and_gain_are_kept_bit_for_bit_in_a_file(ring_map, tmp_path):
-    rng = np.random.default_rng(0)
-    strange = replace(
-        ring_map,
-        bend=rng.normal(size=ring_map.bend.shape)
-        * np.logspace(-300, 2, ring_map.bend.size).reshape(ring_map.bend.shape),
-        gain=rng.normal(size=ring_map.gain.shape),
-    )
-    for i, kept in enumerate((ring_map, strange, bent_map())):
-        save_map(kept, tmp_path / f"{i}.mcap")
-        loaded = load_map(tmp_path / f"{i}.mcap")
-        assert loaded.bend.tobytes() == kept.bend.tobytes()
-        assert loaded.gain.tobytes() == kept.gain.tobytes()
 
 
 def test_a_bend_that_does_not_fit_the_modes_is_refused():

@@ -145,23 +145,6 @@ def test_rows_ten_times_denser_in_time_change_nothing_because_they_are_thinned()
     assert len(TrackRows.thinned(dense, interval_s=1e-3)) == len(dense)  # what would be without
 
 
-def test_rows_kept_at_other_instants_change_little():
-    sparse = ring_traffic(np.random.default_rng(9), dt_s=0.15, n_rows=70)  # kept every 0.45 s
-    dense = ring_traffic(np.random.default_rng(9), dt_s=0.015, n_rows=700)  # kept every 0.405 s
-    others = ring_traffic(np.random.default_rng(10))
-    query = others.position, others.direction, others.speed
-    of_sparse, of_dense = learned_ring(sparse).log_density(*query), learned_ring(dense).log_density(*query)
-    assert abs(of_dense.mean() - of_sparse.mean()) < 0.1
-
-
-def test_kept_rows_are_the_interval_apart_and_no_vehicle_is_lost(ring):
-    kept = TrackRows.thinned(ring, interval_s=0.4)
-    same = np.diff(kept.vehicle) == 0
-    assert np.diff(kept.time_ns)[same].min() >= 400_000_000
-    assert kept.n_vehicles == ring.n_tracks
-    assert len(TrackRows.thinned(ring, interval_s=0.1)) == len(ring)
-
-
 def test_modes_have_tails_of_the_share_asked_for(two_cells):
     """Four deviations off a mode of its own direction the density is that of the tail; without one it is e^-8."""
     at, off = np.array([-5.0, 5.0]), 0.3 + np.array([0.0, 4.0 / np.sqrt(60.0)])
@@ -209,8 +192,8 @@ def antipodal():
 def test_little_or_degenerate_data_give_a_finite_proper_map(tracks, modes):
     learned = learn_primitives(tracks, modes=modes, rng=np.random.default_rng(0))
     assert learned.tessellation.n_cells >= 1
-    assert learned.direction.concentration.max() <= 1e4
-    assert learned.speed.shape.max() <= 1e4
+    assert learned.direction.concentration.max() <= 1e4 * (1 + 1e-12)  # tables hold logarithms
+    assert learned.speed.shape.max() <= 1e4 * (1 + 1e-12)
     for place in (tracks.position[0], tracks.position[0] + 1e4):
         direction, speed = np.meshgrid(np.linspace(-np.pi, np.pi, 13), [0.0, 0.1, 1.0, 10.0, 50.0])
         assert np.isfinite(learned.log_density(place, direction, speed)).all()

@@ -1,7 +1,5 @@
 """What every division of the plane into cells keeps, whatever its shape."""
 
-from dataclasses import fields, is_dataclass
-
 import numpy as np
 import pytest
 
@@ -24,12 +22,6 @@ def voronoi(position):
 
 def lloyd(position):
     return VoronoiTessellation.lloyd(position, n_cells=40, rng=np.random.default_rng(1), reach=4.0)
-
-
-def made_of(cells):
-    """Bytes of the arrays that a tessellation is made from, and of those that these are made from."""
-    given = [getattr(cells, field.name) for field in fields(cells) if field.init]
-    return sum(g.nbytes if isinstance(g, np.ndarray) else made_of(g) if is_dataclass(g) else 8 for g in given)
 
 
 def hexagons(position):
@@ -155,12 +147,3 @@ def test_the_numbers_of_generators_are_those_of_their_cells():
     other = VoronoiTessellation.covering(position, generators=generators[order], reach=4.0)
     np.testing.assert_array_equal(one.cell_of(position), order[other.cell_of(position)])
     np.testing.assert_allclose(one.area[order], other.area)
-
-
-@pytest.mark.parametrize("twin", TWINS)
-def test_large_batches_on_threads_are_located_as_one_by_one(twin):
-    cells = twin(data())
-    position = np.random.default_rng(7).uniform(-80, 80, (200_001, 2))
-    found = cells.cell_of(position)
-    some = np.arange(0, len(position), 499)
-    np.testing.assert_array_equal(found[some], [cells.cell_of(position[i]) for i in some])
