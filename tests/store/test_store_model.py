@@ -24,7 +24,7 @@ from hypothesis.stateful import (
 )
 from streets import GRID, logs_of, map_bytes, rows_stored, store_of, street
 
-from dirprim_filter.store import add_logs, find_logs, keep, learn_from_store
+from dirprim_filter.store import add_logs, adding, find_logs, keep, learn_from_store
 from dirprim_filter.store.forgetting import forget, merge
 from dirprim_filter.store.keeping import month_of, whole
 from dirprim_filter.store.rows import Rows
@@ -128,12 +128,15 @@ class StoreModel(RuleBasedStateMachine):
         self.say["two"] = SAY["two"][other]
         shutil.copy(self.written["two"][other], self.path["two"])
 
-    @rule(names=NAMES, kill=KILLS)
-    def add(self, names, kill):
+    @rule(names=NAMES, kill=KILLS, every_s=st.sampled_from([0.0, np.inf]))
+    def add(self, names, kill, every_s):
+        """By one commit, or one for each log, as where there is one a second: then those before stay."""
         known = {name for name in names & self.holds.keys() if self.recording[name] == Rows.of(self.say[name]).digest}
-        with killed_at(kill):
+        with killed_at(kill), patch.object(adding, "EVERY_S", every_s):
             assert add_logs(self.at, find_logs([self.path[name] for name in names])).known == len(known)
-        self.settle(self.holds, self.holds | self.fresh(names - known))
+        new = sorted(names - known)
+        done = [self.holds | self.fresh(new[:n]) for n in range(len(new) + 1)]
+        self.settle(*(done[-1:] if kill is None else done if not every_s else [done[0], done[-1]]))
 
     @precondition(lambda self: self.holds)
     @rule(data=st.data(), kill=KILLS)
