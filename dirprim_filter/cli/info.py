@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Annotated
 
@@ -48,10 +48,10 @@ def info(
     from dirprim_filter.faults import Faults
     from dirprim_filter.recording.summary import summarise_by_index
 
-    by_index = not check and replace(reading, topics=None) == Reading()
+    by_index = not check and reading.given.keys() <= {"topics"}
     worst = losses.DONE
     for path in logs:
-        summary, faults = summarise_by_index(path, topics=reading.topics) if by_index else None, Faults()
+        summary, faults = summarise_by_index(path, topics=reading.given.get("topics")) if by_index else None, Faults()
         if summary is None:
             summary, faults = _whole(path, reading)
         if as_json:

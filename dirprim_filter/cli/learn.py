@@ -61,7 +61,7 @@ def learn(
     Example: dirprim learn recordings/roundabout_learn.mcap -o map.mcap
     """
     if any(map(_is_store, logs)):
-        if len(logs) > 1 or sensor is not None or reading != Reading():
+        if len(logs) > 1 or sensor is not None or reading.given:
             raise ValueError(
                 f"{logs[0]}: a store is learned from alone, and fixes how its logs are read; leave out the rest"
             )

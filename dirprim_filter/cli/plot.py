@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from dirprim_filter.cli.options import AT, FIGURE, WRITTEN, Force, named_file, say_if_outside
-
-if TYPE_CHECKING:
-    from dirprim_filter.arrays import FloatArray
 
 
 class Picture(StrEnum):
@@ -28,13 +25,6 @@ class Turn(StrEnum):
     RIGHT = "right"
 
 
-TAKES = {
-    Picture.MAP: {"--log", "--estimates", "--extent", "--width"},
-    Picture.PLACE: {"--log", "--at", "--cue", "--heading-deg"},
-}
-"""The options of each picture."""
-
-
 def plot(
     map_file: Annotated[Path, typer.Argument(help="A map that `dirprim learn` wrote.", exists=True, dir_okay=False)],
     output: Annotated[
@@ -45,7 +35,7 @@ def plot(
     ],
     figure: Annotated[
         Picture,
-        typer.Option(help=("map: petals coloured by mean speed. place: directions and speeds of one place, by mode.")),
+        typer.Option(help="map: petals coloured by mean speed. place: directions and speeds of one place, by mode."),
     ] = Picture.MAP,
     log: Annotated[Path | None, typer.Option("--log", help="Draw the tracks of this log as well.", exists=True)] = None,
     estimates: Annotated[
@@ -78,15 +68,11 @@ def plot(
 
     Example: dirprim plot map.mcap -o part.png --extent -40 -40 40 40 --width 3.5 --dpi 600
     """
-    options = {
-        "--log": log, "--estimates": estimates, "--at": at, "--cue": cue, "--heading-deg": heading_deg,
-        "--extent": extent, "--width": width,
-    }  # fmt: skip
-    for name, value in options.items():
-        if value is not None and name not in TAKES[figure]:
-            useful = ", ".join(picture.value for picture, taken in TAKES.items() if name in taken)
-            raise typer.BadParameter(f"has no meaning for --figure {figure.value}; it is for {useful}", param_hint=name)
-    box = None if extent is None else _corners(extent)
+    of_map = {"--estimates": estimates, "--extent": extent, "--width": width}
+    of_place = {"--at": at, "--cue": cue, "--heading-deg": heading_deg}
+    for name, value in (of_place if figure is Picture.MAP else of_map).items():
+        if value is not None:
+            raise typer.BadParameter(f"has no meaning for --figure {figure.value}", param_hint=name)
 
     import numpy as np
 
@@ -94,6 +80,9 @@ def plot(
     from dirprim_filter.recording import load_map, read_estimates, read_tracks
     from dirprim_filter.viewer.figures import map_figure, place_figure, save_figure
 
+    box = None if extent is None else np.reshape(extent, (2, 2))
+    if box is not None and not (np.isfinite(box).all() and (box[0] < box[1]).all()):
+        raise typer.BadParameter(f"expected west south east north, metres, got {extent}", param_hint="--extent")
     learned = load_map(map_file)
     if at is not None:
         say_if_outside(learned, at)
@@ -109,20 +98,3 @@ def plot(
         )  # fmt: skip
     save_figure(drawn, output, dpi=dpi, force=force)
     typer.echo(f"{output}")
-
-
-def _corners(extent: tuple[float, float, float, float]) -> FloatArray:
-    """(2, 2) metres, south-west and north-east.
-
-    Raises:
-        typer.BadParameter: the extent is empty or not finite.
-    """
-    import numpy as np
-
-    west, south, east, north = extent
-    if not (np.isfinite(extent).all() and west < east and south < north):
-        raise typer.BadParameter(
-            f"expected west south east north, metres, west < east and south < north, got {extent}",
-            param_hint="--extent",
-        )
-    return np.array([[west, south], [east, north]])

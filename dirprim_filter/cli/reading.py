@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import inspect
 import logging
-from collections.abc import Callable
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import wraps
 from pathlib import Path
@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Self, TypeVar, get_type_hints
 import typer
 
 from dirprim_filter.cli.options import End, Start, Strict, Topics, time_ns
-from dirprim_filter.cli.settings import READING, Settings, assignments, deal
+from dirprim_filter.cli.settings import READING, assignments, deal
 
 if TYPE_CHECKING:
     from dirprim_filter.recording.errors import RecordingError
@@ -48,48 +48,34 @@ Time = Annotated[
 
 OPTIONS = {"topics": Topics, "time_source": Time, "start": Start, "end": End, "strict": Strict}
 """Of reading."""
+DEFAULTS = {"topics": None, "time_source": TimeSource.HEADER, "start": None, "end": None, "strict": False}
+ASKED = {"start": "--start ", "end": "--end ", "labels": "labels=", "group": "group="}
+"""What chooses a part of a log, as it is typed."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Reading:
-    """Which of a log's messages are read, and how.
+    """Which of a log's messages are read, and how: `OPTIONS` and the settings `READING`, where they are given.
 
-    Attributes:
-        topics: name or regular expression; None: the best available.
-        time_source: which time of a message counts.
-        start: as `time_ns` reads it.
-        end: the same, exclusive.
-        strict: damage is an error.
-        frame: of the positions; None: the root of the log's transforms.
-        fields: where the objects of an unknown schema are, as `id=.objects[].id,x=.objects[].x,...`.
-        origin: latitude,longitude, for satellite fixes; None: the first fix.
-        labels: a regular expression of classes; None: all.
-        group: one of the log's; None: all.
+    Raises:
+        BadParameter: the group is no number.
     """
 
-    topics: str | None = None
-    time_source: TimeSource = TimeSource.HEADER
-    start: str | None = None
-    end: str | None = None
-    strict: bool = False
-    frame: str | None = None
-    fields: str | None = None
-    origin: str | None = None
-    labels: str | None = None
-    group: int | None = None
+    given: Mapping[str, Any] = field(default_factory=dict)
 
-    @classmethod
-    def of(cls, options: dict[str, Any], settings: Settings) -> Self:
-        """The options and, taken out of the settings, those of reading.
-
-        Raises:
-            BadParameter: the group is no number.
-        """
-        texts: dict[str, Any] = {name: settings.pop(name) for name in READING if name in settings}
-        group = texts.pop("group", None)
-        if group is not None and not group.isdecimal():
+    def __post_init__(self) -> None:
+        group = self.given.get("group")
+        if group is not None and not str(group).isdecimal():
             raise typer.BadParameter(f"group: expected its number in `dirprim info`, got {group!r}", param_hint="--set")
-        return cls(**options, **texts, group=None if group is None else int(group))
+
+    @property
+    def group(self) -> int | None:
+        """The one that is read; None: all."""
+        return int(self.given["group"]) if "group" in self.given else None
+
+    def only(self, *names: str) -> Self:
+        """The same with no more than these options."""
+        return type(self)({name: value for name, value in self.given.items() if name in names})
 
     def tracks(self, logs: list[Path]) -> TrackResult:
         """The tracks of logs, and what was lost; reports implausible vehicles. On a terminal, a bar for each log.
@@ -119,9 +105,7 @@ class Reading:
             raise self._nothing_left([log], losses)
 
     def _asked(self) -> str:
-        """The options that choose a part of a log."""
-        asked = {"--start ": self.start, "--end ": self.end, "labels=": self.labels, "group=": self.group}
-        return "".join(f" {option}{value}" for option, value in asked.items() if value is not None)
+        return "".join(f" {typed}{self.given[name]}" for name, typed in ASKED.items() if name in self.given)
 
     def _nothing_left(self, logs: list[Path], losses: Losses) -> RecordingError:
         from dirprim_filter.recording.errors import RecordingError
@@ -139,8 +123,7 @@ class Reading:
 
     def said(self) -> dict[str, object]:
         """The options as an output's metadata repeats them."""
-        values = {field.name: getattr(self, field.name) for field in fields(self)}
-        return values | {"time_source": self.time_source.value, "strict": self.strict or None}
+        return {"time_source": TimeSource.HEADER.value, **self.given}
 
     def options(self) -> ReadOptions:
         """The same for the library.
@@ -150,18 +133,12 @@ class Reading:
         """
         from dirprim_filter.recording.reader import FieldMapping, Origin, ReadOptions
 
+        given = dict(self.given)
+        start, end, fields, origin = (given.pop(name, None) for name in ("start", "end", "fields", "origin"))
         return ReadOptions(
-            topics=self.topics,
-            time_source=self.time_source.value,
-            frame=self.frame,
-            mapping=FieldMapping.parse(self.fields) if self.fields else None,
-            origin=Origin.parse(self.origin) if self.origin else None,
-            labels=self.labels,
-            group=self.group,
-            start_ns=time_ns(self.start),
-            end_ns=time_ns(self.end),
-            strict=self.strict,
-        )
+            mapping=FieldMapping.parse(fields) if fields else None, origin=Origin.parse(origin) if origin else None,
+            start_ns=time_ns(start), end_ns=time_ns(end), **given | {"group": self.group},
+        )  # fmt: skip
 
 
 def reads_logs(*own: str) -> Callable[[Callable[..., Result]], Callable[..., Result]]:
@@ -181,16 +158,19 @@ def reads_logs(*own: str) -> Callable[[Callable[..., Result]], Callable[..., Res
             for name, parameter in inspect.signature(command).parameters.items()
             if name not in ("reading", "settings")
         ]
-        defaults = {field.name: field.default for field in fields(Reading)} | {"given": None}
         taken += [
-            inspect.Parameter(name, named, default=defaults[name], annotation=of)
+            inspect.Parameter(name, named, default=DEFAULTS.get(name), annotation=of)
             for name, of in (OPTIONS | {"given": given_as}).items()
         ]
 
         @wraps(command)
         def read(**given: Any) -> Result:
             settings = assignments(given.pop("given") or [])
-            reading = Reading.of({name: given.pop(name) for name in OPTIONS}, settings)
+            options = {name: given.pop(name) for name in OPTIONS}
+            reading = Reading(
+                {name: str(of) if name == "time_source" else of for name, of in options.items() if of != DEFAULTS[name]}
+                | {name: settings.pop(name) for name in READING if name in settings}
+            )
             if own:
                 return command(reading=reading, settings=settings, **given)
             deal(settings)

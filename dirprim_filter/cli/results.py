@@ -43,7 +43,7 @@ def report(
     said = {
         "format": f"dirprim {command}", "format_version": FORMAT_VERSION, "version": version("dirprim-filter"),
         "inputs": [{"name": path.name, "sha256": checksum(path)} for path in inputs],
-        "reading": {name: value for name, value in reading.said().items() if value is not None},
+        "reading": reading.said(),
         CONFIG_KEY: settings,
     }  # fmt: skip
     typer.echo(json.dumps(_plain({**table, **said})))

@@ -31,7 +31,7 @@ def test_a_part_of_the_map_in_a_given_width_and_resolution(here):
 @pytest.mark.parametrize(
     ("options", "code", "said"),
     [
-        ("--at 1 2", USAGE, "--at: has no meaning for --figure map; it is for place"),
+        ("--at 1 2", USAGE, "--at: has no meaning for --figure map"),
         ("--figure pie", USAGE, "pie"),
         ("--figure place --width 4", USAGE, "--width: has no meaning for --figure place"),
         ("--extent 10 0 -10 5", USAGE, "expected west south east north"),

@@ -236,7 +236,7 @@ def test_every_command_reads_it(tmp_path, capsys, name):
     assert topic["messages"] == N
     assert topic["tracks"] == (None if options == NAMED else 1)
     asked = {option.removeprefix("--"): value for option, value in zip(options[::2], options[1::2], strict=True)}
-    tracks = Reading(**asked).tracks([log]).tracks
+    tracks = Reading(asked).tracks([log]).tracks
     assert set(tracks.track_id.tolist()) <= {"car", "/car", "/car/0", 7}
     np.testing.assert_allclose(tracks.position, PLACE, atol=0.05)  # fixes are written by a sphere
     np.testing.assert_array_equal(tracks.time_ns, TIMES)
