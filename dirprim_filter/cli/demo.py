@@ -37,6 +37,8 @@ WITH_MAP, WITHOUT_MAP, CONSTANT_VELOCITY = "with the map", "without the map", "c
 """The ways that are compared."""
 TRAIL_NS = 5_000_000_000
 """Of the way that vehicles have come, in the picture."""
+LONGEST_S = 900.0
+"""The second process is waited for; one that was killed would never answer."""
 N_FITTED = 20
 """Vehicles that constant velocity is fitted to."""
 
@@ -103,7 +105,7 @@ def demo(
         save_map(learned, outputs["map.mcap"], metadata=provenance("demo", inputs=[learning], seed=seed), force=force)
         write_layout(learned, outputs["layout.json"], force=force)
         if compiled is not None:
-            compiled.wait()
+            compiled.wait(LONGEST_S)
         typer.echo(f"tracking {tracking.name}: {truth.n_tracks} vehicles for 90 s, three ways ...", err=True)
         table = run.track_all_ways(learned, tracks, truth, rivals, outputs, force=force)
     typer.echo(f"\nlearned: {map_text(learned)}; tracked: {truth.n_tracks} vehicles\n")
@@ -202,7 +204,7 @@ class Run:
             shown.log_truth(truth)
             forecaster = Forecaster(learned, [written, shown], config=config, rng=self.rng(1))
             found = {WITH_MAP: self.by(learned, tracks, [written, shown, forecaster, instant])}
-            found |= {name: rivals[name].get() for name in (WITHOUT_MAP, CONSTANT_VELOCITY)}
+            found |= {name: rivals[name].get(LONGEST_S) for name in (WITHOUT_MAP, CONSTANT_VELOCITY)}
             table = self._table(found, truth)
             head, *body = (" | ".join(row) for row in table)
             rule = "|".join(["---"] * len(table[0]))
