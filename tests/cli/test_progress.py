@@ -61,9 +61,11 @@ def test_the_long_commands_tell_of_their_steps(here):
         with redirect_stderr(Terminal()) as shown:
             assert dirprim(command) == DONE
         assert re.search(reported, text_of(shown)), command
-    with redirect_stderr(Terminal()) as shown, learning_progress() as tell:
-        tell.stage(0)
-        tell.progress(18, -0.625)
-        tell.tiles(3, 7)
+    with redirect_stderr(Terminal()) as shown:
+        with learning_progress() as tell:
+            tell.stage(0)
+            tell.progress(18, -0.625)
+        with learning_progress() as tell:
+            tell.tiles(3, 7)
     assert "18, log density 0.625" in text_of(shown)
     assert "4/4 3 of 7 tiles" in text_of(shown)
