@@ -15,9 +15,9 @@ from dirprim_filter.drawing.names import short_name
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.viewer.focus import BIN_DEG, Look
 
-ANGLES = np.linspace(0.0, TWO_PI, 289)
-SHARPEST = 1500.0
-"""Concentrations are drawn up to this one, a standard deviation of 1.5 degrees: narrower peaks fall between angles."""
+ANGLES = np.linspace(0.0, TWO_PI, 181)
+SHARPEST = 800.0
+"""Concentrations are drawn up to this one, a standard deviation of 2 degrees: narrower peaks fall between angles."""
 COLORS = {
     "belief": (120, 128, 145), "prior": (230, 159, 0), "cue": (86, 180, 233), "posterior": (255, 255, 255),
 }  # fmt: skip
