@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
-from dirprim_filter.columns import ArrayTable, check_sizes, groups, is_held, optional, required
+from dirprim_filter.columns import ArrayTable, check_sizes, chosen, groups, is_held, optional, required
 from dirprim_filter.track_ids import as_texts, world_names
 from dirprim_filter.tracks import Tracks
 
@@ -71,6 +71,12 @@ class Detections(ArrayTable):
     @staticmethod
     def _as_ids(value: AnyArray) -> AnyArray:
         return as_texts(value)
+
+    def __getitem__(self, rows: BoolArray | IntArray | slice) -> Detections:
+        """The chosen rows, by mask, indices or slice; not validated again: a tracker takes rows ten times a frame."""
+        some = object.__new__(Detections)
+        some._set({f.name: chosen(getattr(self, f.name), rows) for f in fields(self)})
+        return some
 
     @classmethod
     def of(cls, tracks: Tracks) -> Detections:
