@@ -13,7 +13,6 @@ from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.decoding.field_columns import MAX_NAME_LENGTH, NO_TIME, signed
 from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError
 from dirprim_filter.recording.losses import INVALID, UNPLACED, UNTIMED, Losses
-from dirprim_filter.recording.name_patterns import matching
 from dirprim_filter.recording.objects.options import ReadOptions
 from dirprim_filter.recording.rows import Rows
 from dirprim_filter.recording.schemas.decoders import Decoders, batches, by_schema
@@ -36,7 +35,6 @@ class Observations:
         self._scan = scan
         self._options = options
         self._decoders = Decoders(options.mapping)
-        self._is_label = None if options.labels is None else matching(options.labels, of="labels")
         self._frame = FrameChange(scan.log, options.frame, options.origin, strict=options.strict)
         topics = {c.topic for c in scan.log.channels() if scan.is_wanted(c.topic) and self._decoders.reads(c)}
         self._are_several = len(topics) > 1
@@ -95,7 +93,6 @@ class Observations:
         if len(parts) > 1:
             rows = rows[np.argsort(rows.message, kind="stable")]
         rows = rows[self._wanted(rows)]
-        rows = rows[self._valid(rows)]
         with np.errstate(all="ignore"):  # transforms of any origin; what is not finite is left out below
             rows, placed = self._frame.apply(rows)
         self.losses.drop(UNPLACED, ~placed)
@@ -123,24 +120,12 @@ class Observations:
     def _wanted(self, rows: Rows) -> BoolArray:
         timed = rows.time_ns != NO_TIME
         self.losses.drop(UNTIMED, np.unique(rows.message[~timed]).size)
-        wanted: BoolArray = timed
-        if self._options.start_ns is not None:
-            wanted = wanted & (rows.time_ns >= self._options.start_ns)
-        if self._options.end_ns is not None:
-            wanted = wanted & (rows.time_ns < self._options.end_ns)
-        if self._is_label is not None:
-            names, of = np.unique(rows.label, return_inverse=True)
-            wanted = wanted & np.array([self._is_label(name) for name in names.tolist()], np.bool_)[of]
-        if self._options.group is not None:
-            wanted = wanted & (rows.group == self._options.group)
-        return wanted
-
-    def _valid(self, rows: Rows) -> BoolArray:
+        wanted = timed & self._options.wants(rows.time_ns, rows.group, rows.label)
         valid = _is_near(rows.position)
         if rows.track_id.dtype.itemsize // 4 > MAX_NAME_LENGTH:
             valid &= np.asarray(np.strings.str_len(rows.track_id) <= MAX_NAME_LENGTH)
-        self.losses.drop(INVALID, ~valid)
-        return valid
+        self.losses.drop(INVALID, wanted & ~valid)
+        return np.asarray(wanted & valid)
 
 
 def _by_topic(messages: MessageColumns, rows: Rows) -> AnyArray:

@@ -5,6 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal, Self
 
+import numpy as np
+
+from dirprim_filter.arrays import AnyArray, BoolArray, IntArray
+from dirprim_filter.recording.name_patterns import matching
 from dirprim_filter.recording.schemas.family import FieldMapping
 from dirprim_filter.recording.transforms.geodesy import Origin
 
@@ -57,6 +61,22 @@ class ReadOptions:
             int(at) + (first_ns or 0) if isinstance(at, FromStart) else at for at in (self.start_ns, self.end_ns)
         )
         return replace(self, start_ns=start_ns, end_ns=end_ns)
+
+    def wants(self, time_ns: IntArray, group: IntArray, label: AnyArray) -> BoolArray:
+        """(n,) which rows are of the wanted time, group and labels; times are the log's own, as `of_log` makes them.
+
+        Raises:
+            ValueError: `labels` is no regular expression.
+        """
+        wanted = np.ones(time_ns.size, np.bool_) if self.group is None else group == self.group
+        if self.start_ns is not None:
+            wanted &= time_ns >= self.start_ns
+        if self.end_ns is not None:
+            wanted &= time_ns < self.end_ns
+        if self.labels is not None:
+            names, of = np.unique(label, return_inverse=True)
+            wanted &= np.array([*map(matching(self.labels, of="labels"), names.tolist())], np.bool_)[of]
+        return wanted
 
 
 EVERYTHING = ReadOptions()

@@ -5,13 +5,13 @@ Source: dirprim.proto. Columns travel as packed doubles, so numbers come back bi
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from google.protobuf.message import DecodeError, Message
 
-from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.recording.schemas import dirprim_pb2
@@ -22,16 +22,19 @@ from dirprim_filter.tracks import Tracks
 MAP_FRAME = "map"
 """The frame_id of all that we write: local metres, x east, y north."""
 NANOSECONDS = 1_000_000_000
-_PLACE = ("x", "y")
-_COVARIANCE = ("covariance_xx", "covariance_xy", "covariance_yy")
-_UPPER = [0, 1, 3]
-"""Where these are in a matrix of 2 x 2."""
-_ESTIMATED = (
-    "direction", "direction_resultant", "speed", "speed_std", "effective_sample_size", "log_evidence", "existence",
-    "unseen_s", "follows_map",
-)  # fmt: skip
+FIELDS: dict[str, tuple[str, ...]] = {
+    "position": ("x", "y"), "covariance": ("covariance_xx", "covariance_xy", "covariance_yy"),
+    "size": ("length", "width", "height"), "cue": ("cue_turn", "cue_concentration"),
+    **{name: (name,) for name in (
+        "heading", "direction", "direction_resultant", "speed", "speed_std", "effective_sample_size", "log_evidence",
+        "existence", "unseen_s", "follows_map",
+    )},
+}  # fmt: skip
+"""What a message calls the columns of ours."""
 _LATER = ("existence", "unseen_s", "follows_map")
 """Logs of before they were written have none of them."""
+_UPPER = [0, 1, 3]
+"""Where the covariances are in a matrix of 2 x 2."""
 
 
 def encode_observations(
@@ -45,21 +48,12 @@ def encode_observations(
         time_ns: its time.
         labels: what vehicles are, by their ids.
     """
-    columns = _columns(_PLACE, observed.position[rows]) | _known(
-        ("direction", "speed"), np.column_stack([observed.direction[rows], observed.speed[rows]])
-    )
-    columns |= _known(("length", "width", "height"), observed.size[rows])
-    if isinstance(observed, Tracks):
-        columns |= _known(("heading",), observed.heading[rows, None])
-    else:
-        columns |= _known(_COVARIANCE, observed.covariance[rows].reshape(-1, 4)[:, _UPPER])
-        columns |= _known(("cue_turn", "cue_concentration"), observed.cue[rows])
+    columns = _columns(observed, rows)
     if isinstance(observed, Tracks) or observed.group.any():
         columns["group"] = observed.group[rows].tolist()
-    names = observed.track_id[rows]
     if labels:
-        columns["label"] = [labels.get(name, "") for name in names.tolist()]
-    message = dirprim_pb2.Observations(frame_id=MAP_FRAME, track_id=as_texts(names).tolist(), **columns)
+        columns["label"] = [labels.get(name, "") for name in observed.track_id[rows].tolist()]
+    message = dirprim_pb2.Observations(frame_id=MAP_FRAME, **columns)
     _set_time(message, time_ns)
     return message
 
@@ -72,21 +66,20 @@ def encode_estimates(estimates: Estimates, time_ns: int) -> dirprim_pb2.TrackEst
     """
     if (estimates.time_ns != time_ns).any():
         raise ValueError(f"estimates: expected all at {time_ns} ns, got {np.unique(estimates.time_ns)} ns")
-    columns = _columns(_PLACE, estimates.position)
-    columns |= _columns(_COVARIANCE, estimates.covariance.reshape(-1, 4)[:, _UPPER])
-    columns |= {name: getattr(estimates, name).tolist() for name in _ESTIMATED}
-    message = dirprim_pb2.TrackEstimates(frame_id=MAP_FRAME, track_id=as_texts(estimates.track_id).tolist(), **columns)
+    message = dirprim_pb2.TrackEstimates(frame_id=MAP_FRAME, **_columns(estimates, np.arange(len(estimates))))
     _set_time(message, time_ns)
     return message
 
 
-def _columns(names: Sequence[str], values: AnyArray) -> dict[str, Any]:
-    return dict(zip(names, values.T.tolist(), strict=True))
-
-
-def _known(names: Sequence[str], values: FloatArray) -> dict[str, Any]:
-    """The columns, (n, k), unless nothing is known of any row."""
-    return {} if np.isnan(values).all() else _columns(names, values)
+def _columns(values: Tracks | Detections | Estimates, rows: IntArray) -> dict[str, Any]:
+    """The ids, and of each field the columns, unless nothing is known of any row."""
+    columns: dict[str, Any] = {"track_id": as_texts(values.track_id[rows]).tolist()}
+    for name, of in FIELDS.items():
+        if (field := getattr(values, name, None)) is not None:
+            flat = field[rows].reshape(rows.size, int(np.prod(field.shape[1:])))
+            flat = flat[:, _UPPER] if name == "covariance" else flat
+            columns |= {} if np.isnan(flat).all() else dict(zip(of, flat.T.tolist(), strict=True))
+    return columns
 
 
 def _set_time(message: Any, time_ns: int) -> None:
@@ -109,14 +102,16 @@ def decode_estimates(data: bytes) -> Estimates:
     n, time_ns = len(message.track_id), message.timestamp.seconds * NANOSECONDS + message.timestamp.nanos
     if not -(2**63) <= time_ns < 2**63:
         raise DecodeError(f"timestamp: expected nanoseconds within int64, got {message.timestamp.seconds} s")
-    estimated = (name for name in _ESTIMATED if name not in _LATER or getattr(message, name))
+    columns = {
+        name: np.column_stack([_floats(message, one, n) for one in of])
+        for name, of in FIELDS.items()
+        if name in Estimates.__dataclass_fields__ and (name not in _LATER or getattr(message, name))
+    }
+    columns = {name: matrices(of) if name == "covariance" else of for name, of in columns.items()}
+    columns = {name: of[:, 0] if of.shape[1:] == (1,) else of for name, of in columns.items()}
     try:
         return Estimates(
-            track_id=np.array(message.track_id, dtype=np.str_),
-            time_ns=np.full(n, time_ns, np.int64),
-            position=np.column_stack([_floats(message, name, n) for name in _PLACE]),
-            covariance=matrices(np.column_stack([_floats(message, name, n) for name in _COVARIANCE])),
-            **{name: _floats(message, name, n) for name in estimated},
+            track_id=np.array(message.track_id, dtype=np.str_), time_ns=np.full(n, time_ns, np.int64), **columns
         )
     except ValueError as error:
         raise DecodeError(f"dirprim.TrackEstimates: {error}") from error

@@ -121,6 +121,6 @@ def columns_of(path: str | Path) -> Columns:
         table = read(path, memory_map=True)
         table.validate(full=True)  # else offsets beyond their buffers are followed
         return Columns(path, table)
-    except (pa.ArrowException, OSError) as error:
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:  # names of columns are texts too
         got = str(error).partition("\n")[0]
         raise TableError(path, "", "a Parquet, Feather or Arrow file", got, "write the table anew") from error

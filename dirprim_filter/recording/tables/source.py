@@ -34,18 +34,11 @@ def read_table(path: Path, options: ReadOptions) -> Table:
         raise RecordingError(f"{path}: expected a table of which all is read, left out {table.losses}; mend the rows")
     rows: list[Tracks | Detections] = [table.tracks, *table.detections.values()]
     options = options.of_log(min((int(part.time_ns.min()) for part in rows if len(part)), default=None))
-    is_topic, is_label = (
-        (lambda _: True) if names is None else matching(names, of=what)
-        for names, what in ((options.topics, "topics"), (options.labels, "labels"))
-    )
+    is_topic = (lambda _: True) if options.topics is None else matching(options.topics, of="topics")
 
     def wanted(rows: Tracks | Detections) -> BoolArray:
-        mask = np.ones(len(rows), np.bool_) if options.group is None else rows.group == options.group
-        mask &= rows.time_ns >= (-(1 << 63) if options.start_ns is None else options.start_ns)
-        mask &= rows.time_ns < ((1 << 63) - 1 if options.end_ns is None else options.end_ns)
-        if options.labels is not None:
-            mask &= np.fromiter((is_label(table.labels.get(name, "")) for name in rows.track_id.tolist()), np.bool_)
-        return np.asarray(mask)
+        label = np.array([table.labels.get(name, "") for name in rows.track_id.tolist()] if options.labels else "")
+        return options.wants(rows.time_ns, rows.group, np.broadcast_to(label, len(rows)))
 
     named = {f"{DETECTIONS}/{name}".rstrip("/"): seen for name, seen in table.detections.items()}
     detections = {topic: seen[wanted(seen)] for topic, seen in named.items() if is_topic(topic)}
