@@ -78,26 +78,6 @@ def test_osi_rows_are_those_of_the_stock_decoder(name):
         np.testing.assert_allclose(velocity[order], [row[3] for row in rows], atol=1e-2)
 
 
-@pytest.mark.parametrize("name", OSI_LOGS)
-def test_osi_direction_and_speed_agree_with_where_the_vehicles_go(name):
-    """Integrated over a track, velocity leads from its first position to its last."""
-    tracks = read_tracks(osi_log(name))
-    velocity = tracks.speed[:, None] * np.stack([np.cos(tracks.direction), np.sin(tracks.direction)], -1)
-    for vehicle in np.unique(tracks.track_id):
-        rows = tracks.track_id == vehicle
-        seconds = np.diff(tracks.time_ns[rows])[:, None] * 1e-9
-        travelled = np.sum(seconds * (velocity[rows][1:] + velocity[rows][:-1]) / 2, axis=0)
-        moved = tracks.position[rows][-1] - tracks.position[rows][0]
-        assert np.linalg.norm(travelled - moved) < 0.3 + 0.03 * np.linalg.norm(moved)
-
-
-def test_standing_osi_vehicles_point_where_their_body_does():
-    tracks = read_tracks(osi_log("testBrakeAndIndicatorLights"))
-    standing = tracks.speed < 1e-6
-    assert standing.any()
-    np.testing.assert_allclose(tracks.direction[standing], 1.5708, atol=0.1)
-
-
 def test_the_stream_gives_the_same_rows_as_the_tracks():
     path = osi_log("omega_prime/osi_centerline_example")
     stream = stream_detections(path)

@@ -40,18 +40,6 @@ def scanned(path):
         return rows, log.damage
 
 
-def test_a_chunk_whose_header_begins_too_late_is_mended(tmp_path):
-    """The Summary section knows when it begins, so nothing is lost."""
-    data = bytearray(log_bytes(SENT, chunk_size=1000))
-    at = [start for opcode, start, _ in records(bytes(data)) if opcode == CHUNK][3] + 9
-    data[at : at + 8] = (2**49).to_bytes(8, "little")
-    (tmp_path / "a.mcap").write_bytes(data)
-    assert recover(tmp_path / "a.mcap", tmp_path / "b.mcap").lost == 0
-    with scan(tmp_path / "b.mcap") as log:
-        assert sum(1 for _ in log) == len(SENT)
-        assert log.damage == []
-
-
 def test_the_summary_tells_what_is_there(tmp_path):
     buffer = io.BytesIO()
     writer = Writer(buffer, chunk_size=300)

@@ -1,12 +1,11 @@
 """Folders of rosbag2 as one recording: split MCAP files as one file would, bags in SQLite as rosbags reads them."""
 
 import json
-import shutil
 import sqlite3
 
 import numpy as np
 import pytest
-from mcap_files import DATA, log_bytes
+from mcap_files import log_bytes
 from rosbags.rosbag1 import Writer as OldWriter
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
@@ -211,13 +210,3 @@ def test_a_file_that_is_no_bag_is_told_in_one_line(tmp_path, data):
     with pytest.raises(RecordingError, match=r"a\.db3: expected a bag that rosbags can read, got ") as caught:
         scan(tmp_path / "a.db3")
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.skipif(not DATA.exists(), reason=f"real data are not at {DATA}")
-@pytest.mark.parametrize("name", ["rosbag2_py__test__resources__mcap__wbag__wbag"])
-def test_a_real_split_recording_has_all_messages_of_its_files(tmp_path, name):
-    files = sorted((DATA / "mcap_rosbag2").glob(f"{name}_*.mcap"))
-    assert len(files) > 1
-    names = [shutil.copy(file, tmp_path / file.name).name for file in files]
-    apart = [row for file in files for row in rows(scan(file))]
-    assert rows(scan(described(tmp_path, names))) == sorted(apart, key=lambda row: row[1])

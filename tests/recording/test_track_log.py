@@ -8,8 +8,6 @@ import pytest
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf.message import DecodeError
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap_files import columns_of
 from mcap_protobuf.schema import build_file_descriptor_set
@@ -206,29 +204,6 @@ def test_after_a_kill_all_but_the_last_chunk_is_in_the_partial_file(tmp_path):
         assert [m.log_time_ns for m in left] == list(range(0, 9_900_000_000, 100_000_000))
         assert left.damage
         left.close()
-
-
-finite = st.floats(allow_nan=False, allow_infinity=False)
-names = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=5)  # numpy ends a text at its last NUL
-
-
-@settings(max_examples=50, deadline=None)
-@given(
-    rows=st.lists(st.tuples(names, finite, finite, st.integers(-(2**63), 2**63 - 1)), max_size=5),
-    time_ns=st.integers(-(2**63), 2**63 - 1),
-)
-def test_any_numbers_survive_the_message(rows, time_ns):
-    message = dirprim_pb2.Observations()
-    message.track_id.extend(row[0] for row in rows)
-    message.x.extend(row[1] for row in rows)
-    message.y.extend(row[2] for row in rows)
-    message.group.extend(row[3] for row in rows)
-    message.timestamp.seconds, message.timestamp.nanos = divmod(time_ns, 10**9)
-    frame = decode_observations(message.SerializeToString())
-    assert frame.stamp_ns.tolist() == [time_ns] * len(rows)
-    assert list(frame.track_id) == [row[0] for row in rows]
-    assert frame.position.tolist() == [[row[1], row[2]] for row in rows]
-    assert frame.group.tolist() == [row[3] for row in rows]
 
 
 def test_columns_of_unlike_lengths_are_refused():

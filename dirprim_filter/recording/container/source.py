@@ -22,7 +22,7 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, BinaryIO, cast
 
-from dirprim_filter.recording.container.errors import NoRoomError, NotMcapError, RecordingError
+from dirprim_filter.recording.container.errors import NoRoomError, NotMcapError, RecordingError, one_line
 from dirprim_filter.recording.container.file_bytes import FileBytes, PipeBytes, RemoteBytes
 from dirprim_filter.recording.container.other_formats import READ_BYTES
 from dirprim_filter.recording.container.records import MAGIC
@@ -199,7 +199,7 @@ def _remote(name: str, url: str) -> _Remote | _Copy:
         except FileNotFoundError:
             raise
         except (OSError, ValueError, TypeError, RecordingError) as error:  # no parts, or no length
-            logger.info("%s: copied whole: %s", name, error)
+            logger.info("%s", one_line(f"{name}: copied whole: {error}"))
             with files.open(place, "rb", block_size=0) as stream:
                 return _Copy(name, iter(partial(stream.read, READ_AT_ONCE), b""))
         return remote
