@@ -139,20 +139,17 @@ def paced(
     """
     if not rate > 0:
         raise ValueError(f"rate: expected more than 0 seconds of the log each second, got {rate}")
-    return _paced(frames, rate, clock, sleep)
+    begun: list[tuple[int, float]] = []
 
-
-def _paced(
-    frames: Iterable[TrackedFrame], rate: float, clock: Callable[[], float], sleep: Callable[[float], None]
-) -> Iterator[TrackedFrame]:
-    begun: tuple[int, float] | None = None
-    for frame in frames:
-        if begun is None:
-            begun = (frame.time_ns, clock())
-        wait = begun[1] + (frame.time_ns - begun[0]) / SECOND_NS / rate - clock()
+    def when_due(frame: TrackedFrame) -> TrackedFrame:
+        if not begun:
+            begun.append((frame.time_ns, clock()))
+        wait = begun[0][1] + (frame.time_ns - begun[0][0]) / SECOND_NS / rate - clock()
         if wait > 0:
             sleep(wait)
-        yield frame
+        return frame
+
+    return map(when_due, frames)
 
 
 def _moved(seen: Detections, last: dict[str, tuple[int, FloatArray]]) -> Estimates:
