@@ -26,9 +26,9 @@ def test_the_3d_panel_shows_topics_that_are_written_and_all_that_can_be_drawn(tm
         log.write(a_frame(5))
     shown = PANELS["3D!map"]["topics"]
     assert set(shown) <= WRITTEN
-    drawn = {topic_names.MAP_SCENE, f"{topic_names.ESTIMATES}/scene", topic_names.PARTICLES, topic_names.FORECAST}
+    drawn = {topic_names.MAP_SCENE, topic_names.ESTIMATES_SCENE, topic_names.PARTICLES, topic_names.FORECAST}
     assert drawn <= set(shown)
-    assert {name for name, topic in shown.items() if not topic["visible"]} == {f"{topic_names.SMOOTHED}/scene"}
+    assert {name for name, topic in shown.items() if not topic["visible"]} == {topic_names.SMOOTHED_SCENE}
     (cloud,) = messages(tmp_path / "a.mcap", topic_names.PARTICLES)
     assert shown[topic_names.PARTICLES]["colorMode"] == "rgba-fields"
     assert {"red", "green", "blue", "alpha"} <= {field.name for field in PointCloud.FromString(cloud.data).fields}

@@ -74,12 +74,11 @@ class Log(AbstractContextManager["Log"]):
 
     def __init__(self, path: str | PathLike[str], *, live: bool = False) -> None:
         self.path = Path(path)
-        self._channels: list[Channel] = []
-        self._numbers: dict[Channel, int] = {}
+        channels: list[Channel] = []
+        numbers: dict[Channel, int] = {}
         files = log_files(path, live=live)
         self.files = [
-            LogFile(file.name if len(files) > 1 else "", bytes_of, self._channels, self._number)
-            for file, bytes_of in files
+            LogFile(file.name if len(files) > 1 else "", bytes_of, channels, numbers) for file, bytes_of in files
         ]
         self.is_live = any(file.bytes_of.is_live for file in self.files)
         if self.is_live:
@@ -96,12 +95,6 @@ class Log(AbstractContextManager["Log"]):
     def channels(self) -> list[Channel]:
         """All channels, from the summary where it repeats them, else from within the chunks."""
         return list(dict.fromkeys(channel for file in self.files for channel in file.channels()))
-
-    def _number(self, channel: Channel) -> int:
-        if channel not in self._numbers:
-            self._numbers[channel] = len(self._channels)
-            self._channels.append(channel)
-        return self._numbers[channel]
 
     def message_counts(self) -> Counter[str] | None:
         """Messages by topic, as the Summary sections of all files say; None where one is missing or damaged.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import ChainMap
-from collections.abc import Callable, Iterator, Mapping, MutableMapping
+from collections.abc import Iterator, Mapping, MutableMapping
 from contextlib import suppress
 from dataclasses import replace
 
@@ -41,17 +41,15 @@ class LogFile:
         name: of the file, where the log has several; else empty.
         bytes_of: what it holds.
         channels: of all the log's files; grows as chunks are read.
-        number: gives the place of a channel among them.
+        numbers: of each, its place among them.
 
     Attributes:
         outline: where everything stands in it, and what of that is broken; of a live pipe as far as it has come.
     """
 
-    def __init__(
-        self, name: str, bytes_of: FileBytes, channels: list[Channel], number: Callable[[Channel], int]
-    ) -> None:
+    def __init__(self, name: str, bytes_of: FileBytes, channels: list[Channel], numbers: dict[Channel, int]) -> None:
         self.bytes_of = bytes_of
-        self._name, self._all, self._number = name, channels, number
+        self._name, self._all, self._all_numbers = name, channels, numbers
         self.outline = Outline(bytes_of)
         self._kept: dict[int, tuple[bytes, Damage | None]] = {}
         summary = self.outline.summary
@@ -152,7 +150,10 @@ class LogFile:
             if one not in channels:
                 self._look_everywhere()
             found = channels.get(one)
-            lookup[one] = UNKNOWN if found is None else self._number(found)
+            if found is not None and found not in self._all_numbers:
+                self._all_numbers[found] = len(self._all)
+                self._all.append(found)
+            lookup[one] = UNKNOWN if found is None else self._all_numbers[found]
         return np.asarray(lookup[channel_id])
 
     def _take(

@@ -31,7 +31,7 @@ class MessageColumns:
         stop: (n,) int64, the byte after them.
         position: (n,) int32, of the chunk in the log that each is of.
         contents: what the data are slices of.
-        channels: of the iteration that these are of; the list grows as it meets more.
+        channels: of the log; the list grows as more are met.
     """
 
     log_time_ns: AnyArray

@@ -165,17 +165,14 @@ class _Pipe(_Copy):
             block = self._stream.read1(READ_AT_ONCE)
             self._size += len(block) if block else float("inf")
             self.write(block)
+            if not block and self._stream is not sys.stdin.buffer:
+                self._stream.close()
 
     def bytes_of(self, *, live: bool) -> FileBytes:
         if live:
             return PipeBytes(os.dup(self.file.fileno()), self.wait)
         self.wait(1 << 63)
         return super().bytes_of(live=False)
-
-    def __del__(self) -> None:
-        super().__del__()
-        if self._stream is not sys.stdin.buffer:
-            self._stream.close()
 
 
 class _Remote:
