@@ -112,16 +112,14 @@ def store_of_columns(path: Path, n_rows: int, *, distinct: int = 1 << 30, side: 
     log = replace(tracks := read_tracks(ROOT / "recordings/roundabout_learn.mcap"), track_id=tracks.vehicle)
     store, took_s = Store.create(path, StoreConfig(), "map"), 0.0
     written: list[list[File]] = []
-    for i in range(-(-n_rows // ROWS)):
-        if i < distinct:
-            tracks = repeated(log, ROWS, i, side)
-            began_s = processor_s()
-            files = store.write(Rows.of(tracks), log=f"/{i}", mark="0", status="whole")
-            written.append(files)
-        else:
-            files, began_s = [linked(path, file, i) for file in written[i % distinct]], processor_s()
-        store.commit(lambda _, files=files: (files, []))
+    for i in range(min(distinct, -(-n_rows // ROWS))):
+        tracks = repeated(log, ROWS, i, side)
+        began_s = processor_s()
+        written.append(store.write(Rows.of(tracks), log=f"/{i}", mark="0", status="whole"))
+        store.commit(lambda _: (written[-1], []))
         took_s += processor_s() - began_s
+    copies = [linked(path, file, i) for i in range(distinct, -(-n_rows // ROWS)) for file in written[i % distinct]]
+    store.commit(lambda _: (copies, []))
     return store, took_s
 
 
