@@ -379,10 +379,17 @@ def of_offsets_beyond_its_texts():
     return sink.getvalue().to_pybytes()
 
 
+def of_names_that_are_no_text():
+    sink = pa.BufferOutputStream()
+    pa.parquet.write_table(pa.table({"time_s": [0.0], "some_name": [1]}), sink, store_schema=False)
+    return sink.getvalue().to_pybytes().replace(b"some_name", b"some\xecname")
+
+
 @pytest.mark.parametrize(
     "data",
-    [b"PAR1" + bytes(50) + b"PAR1", b"ARROW1\0\0" + bytes(50), b"PAR1", b"", of_offsets_beyond_its_texts()],
-)
+    [b"PAR1" + bytes(50) + b"PAR1", b"ARROW1\0\0" + bytes(50), b"PAR1", b"", of_offsets_beyond_its_texts(),
+     of_names_that_are_no_text()],
+)  # fmt: skip
 def test_a_broken_arrow_file_is_told_in_one_line(tmp_path, data):
     (tmp_path / "t.parquet").write_bytes(data)
     with pytest.raises(TableError, match="expected a Parquet, Feather or Arrow file, got") as caught:
