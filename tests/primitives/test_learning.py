@@ -215,14 +215,6 @@ def test_standing_vehicles_come_out_as_a_mode_without_direction_near_speed_zero(
     assert len(own_modes(learned, (1.0, 1.0))) == 0
 
 
-def test_opposite_directions_come_out_as_two_modes_of_half_the_weight():
-    found = own_modes(learn_primitives(antipodal(), rng=np.random.default_rng(0)), (1.0, 1.0))
-    found = found[np.argsort(found[:, 1])]
-    np.testing.assert_allclose(found[:, 0], 0.5, atol=1e-6)
-    np.testing.assert_allclose(found[:, 1], [0.5 - np.pi, 0.5], atol=1e-6)
-    np.testing.assert_allclose(found[:, 4], 7.0, rtol=1e-6)
-
-
 def test_no_rows_are_refused(ring):
     with pytest.raises(ValueError, match="tracks: expected at least one row, got none"):
         learn_primitives(ring[:0], rng=np.random.default_rng(0))
@@ -276,14 +268,6 @@ def test_held_out_vehicles_are_likelier_with_the_places_than_without(ring, most)
     with_places = learned.log_density(*query).mean()
     without = learned.without_places().log_density(*query).mean()
     assert with_places > without + 0.5
-
-
-def test_n_cells_gives_the_nearest_number_found_where_sizes_skip_the_one_asked_for():
-    scattered = np.random.default_rng(198).uniform(-40, 40, (30, 2))
-    position = np.concatenate([scattered, np.round(scattered / 20) * 20])  # some on corners of squares
-    tracks = rows_of(np.zeros(60), np.full(60, 5.0), position=position)
-    learned = learn_primitives(tracks, n_cells=18, rng=np.random.default_rng(0))
-    assert learned.tessellation.n_cells == pytest.approx(18, rel=0.2)
 
 
 def test_a_map_lives_in_any_cells(ring, ring_map):

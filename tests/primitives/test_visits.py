@@ -172,13 +172,3 @@ def test_groups_are_those_of_the_slow_twin(opens_at, most):
         n_groups = dp_means(feature, order, opens_at, most, label)
         np.testing.assert_array_equal(label, slow_dp_means(feature, order, opens_at, most))
         assert label.max() < n_groups <= most
-
-
-def test_groups_far_apart_are_found_and_near_ones_are_not_told_apart():
-    rng = np.random.default_rng(7)
-    truth = rng.integers(0, 3, 300)
-    feature = rng.normal(0, 0.2, (300, 2)) + 5.0 * truth[:, None]
-    label = np.empty(300, np.int64)
-    assert dp_means(feature, rng.permutation(300), 1.0, 32, label) == 3
-    assert len({(a, b) for a, b in zip(label, truth, strict=True)}) == 3
-    assert dp_means(feature - 5.0 * truth[:, None], rng.permutation(300), 1.0, 32, label) == 1

@@ -79,14 +79,6 @@ def test_ties_go_to_the_first(corners, scale, offset):
     np.testing.assert_array_equal(cells.cell_of(position), nearest(generators, position))
 
 
-def test_a_thousand_generators_at_one_distance_are_told_apart():
-    angle = np.arange(1000) * (np.pi / 500)
-    generators = np.column_stack([np.cos(angle), np.sin(angle)])
-    cells = VoronoiTessellation(generators=generators, region=one_square(-2, 2))
-    position = np.random.default_rng(0).normal(0, 1e-6, (500, 2))
-    np.testing.assert_array_equal(cells.cell_of(position), nearest(generators, position))
-
-
 def test_the_region_is_what_lies_near_the_data_and_no_more():
     rng = np.random.default_rng(2)
     data = rng.normal(0, 100, (60, 2))
