@@ -82,6 +82,7 @@ class Due(NamedTuple):
     """
 
     every: float  # one of so many particles
+    leaves: float  # of those due by chance, the share that goes its own way
     next: FloatArray  # (2,) the particle drawn, and the first of those from which the one after it is drawn
     cell: IntArray  # (BLOCK,) where they are now
     which: IntArray  # (2 BLOCK,) those that pass, then those due by chance
@@ -109,7 +110,7 @@ def move(
     n, weight = speed.size, np.empty((table.most, LANES), np.float32)
     n_steps = max(1, math.ceil(dt_s / table.step_s - 1e-9))
     step = step_of(table, dt_s / n_steps)
-    due = _due(step.h)
+    due = _due(table, step.h)
     normal, room = np.empty(2 * n), np.empty((PIECES, BLOCK))
     for _ in range(n_steps):
         random.fill_normals(normal, state)
@@ -127,10 +128,12 @@ def move(
 
 
 @njit(**EXACT)
-def _due(h: float) -> Due:
+def _due(table: MotionTable, h: float) -> Due:
     """None yet."""
     which, end = np.empty(2 * BLOCK, np.int64), np.empty(2, np.int64)
-    return Due(1.0 / (1.0 - math.exp(-h / JUMP_S)), np.empty(2), np.empty(BLOCK, np.int64), which, end)
+    every = 1.0 / (1.0 - math.exp(-h / JUMP_S))
+    leaves = every * (1.0 - math.exp(-table.own_way_rate * h))
+    return Due(every, leaves, np.empty(2), np.empty(BLOCK, np.int64), which, end)
 
 
 @njit(**EXACT | UNCOUNTED)
@@ -223,7 +226,7 @@ def _change(table: MotionTable, block: Block, due: Due, weight: SingleArray, sta
         passes, theta, v, after = k < end[0], direction[p], block.speed[p], -1
         if passes:
             after = go_over(table, before, now, v, state)
-        elif table.own_way_rate > 0.0 and v >= STANDING_BELOW and random.uniform(state) < table.own_way_rate * JUMP_S:
+        elif due.leaves > 0.0 and v >= STANDING_BELOW and random.uniform(state) < due.leaves:
             after = len(table.row) + OWN_WAY
         elif begin[-1] <= before:
             after = leave_places(table, before, v, weight, state)
