@@ -30,6 +30,7 @@ SHORTER = {
 WITHOUT_BLOCKS = {"method.md", "results.md"}  # and its figures are of logs that do not ship
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", [page for page in PAGES if page.name not in WITHOUT_BLOCKS], ids=lambda p: p.name)
 def test_every_block_of_a_page_runs(page, short_recordings, tmp_path, monkeypatch, capsys):
     (tmp_path / "recordings").symlink_to(short_recordings)
@@ -71,6 +72,7 @@ def follow(line):
             assert Path(value).stat().st_size > 0, line
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("notebook", sorted((ROOT / "docs" / "notebooks").glob("*.ipynb")), ids=lambda p: p.name)
 def test_every_cell_of_a_notebook_runs(notebook, short_recordings, tmp_path, monkeypatch):
     (tmp_path / "recordings").symlink_to(short_recordings)

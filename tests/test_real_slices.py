@@ -67,6 +67,7 @@ def rows_of(name, group):
     return rows[rows["group"] == group]
 
 
+@pytest.mark.slow
 def test_detections_without_ids_become_tracks_of_both_boats(tmp_path):
     """A map of another scenario; tracks are nearer to the boats than the detections that are of boats."""
     arguments = ["learn", DATA / "boats_truth.csv", "-o", tmp_path / "map.mcap", "--set", "group=4"]

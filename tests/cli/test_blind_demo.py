@@ -103,6 +103,7 @@ def test_who_is_too_far_off_follows_none(truth, confused):
     assert ((followers(confused, truth) == "") == (off > 2.5)).all()
 
 
+@pytest.mark.slow
 def test_the_demo_of_the_blind_scene(tmp_path, short_recordings, monkeypatch, capsys):
     monkeypatch.setattr("dirprim_filter.cli.demo.recordings_folder", lambda: short_recordings)
     assert run(["demo", "--scene", "blind", "-o", str(tmp_path / "demo")]) == 0

@@ -32,6 +32,7 @@ def rough(monkeypatch):
     monkeypatch.setattr(self_calibration, "MOST_STEPS", 5)
 
 
+@pytest.mark.slow
 def test_a_log_is_calibrated(here, capsys):
     assert dirprim("calibrate log.mcap --truth log.mcap -o sensor.toml") == DONE
     said = capsys.readouterr().out

@@ -150,6 +150,7 @@ def test_a_vehicles_estimates_do_not_change_when_others_are_removed(few, here):
         np.testing.assert_array_equal(getattr(among, field)[rows], getattr(alone, field))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ids", ["", "--no-ids"])
 def test_groups_of_a_log_are_tracked_each_by_itself(few, here, capsys, ids):
     groups = {2: few[few.track_id % 2 == 0], 7: few[few.track_id % 2 == 0], 0: few[few.track_id % 2 == 1]}
@@ -289,18 +290,20 @@ def test_ids_that_are_no_numbers_stay_as_they_are(few, here):
     assert set(read_estimates("out").track_id) == set(named.track_id)
 
 
-def test_lankershim_from_table_to_estimates(real_data, here):
-    assert dirprim("convert -o truth.mcap", real_data / "lankershim" / "lankershim.csv") == DONE
+@pytest.mark.slow
+def test_a_real_junction_from_table_to_estimates(here):
+    assert dirprim("convert -o truth.mcap", Path(__file__).parents[1] / "data" / "junction.csv") == DONE
     truth = read_tracks("truth.mcap")
     some = np.isin(truth.track_id, np.unique(truth.track_id)[::20])
     csv_of(truth[some], "noisy.csv", noise_m=0.5)
-    assert dirprim("learn truth.mcap -o own.mcap --set group=2 --tessellation grid") == DONE
+    assert dirprim("learn truth.mcap -o own.mcap --set group=15 --tessellation grid") == DONE
     assert dirprim("track noisy.csv --map own.mcap -o out.mcap --set clutter_density=1e-9") == DONE
     result = report(read_estimates("out.mcap"), truth[some])
     assert result.reported == 1.0  # every vehicle, at every time
     assert result.rmse < 0.5 * np.sqrt(2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     [
@@ -317,6 +320,7 @@ def test_logs_of_asam_osi_straight_away(name, real_data, here, capsys):
     assert set(read_estimates("out.mcap").track_id) == set(read_tracks(log).track_id)
 
 
+@pytest.mark.slow
 def test_the_demo_opens_everywhere(here, short_recordings, monkeypatch, capsys):
     """With the stock reader and its CRCs, with rerun's importer, and by rerun's own check."""
     from mcap.reader import make_reader

@@ -80,6 +80,7 @@ def shown(interval):
     return f"{interval['value']:.3f} ({interval['low']:.3f} to {interval['high']:.3f})"
 
 
+@pytest.mark.slow
 def test_density_tells_people_and_machines_the_same(log, capsys):
     lines, table = both(DENSITY, capsys)
     assert lines[0].startswith("80 rows held out of 80, 8 vehicles, by vehicle, 2 folds")
@@ -116,6 +117,7 @@ def test_cues_tells_people_and_machines_the_same(log, capsys):
     assert f"with the signal {reported['turn_signal']['rmse_after'] * 180 / 3.14159265:.1f} deg" in lines[-1]
 
 
+@pytest.mark.slow
 def test_tracking_tells_people_and_machines_the_same_and_can_be_had_again(log, capsys):
     lines, table = both(TRACKING, capsys)
     assert "10% missed, 0.5 false per frame, no ids; map learned from others, held out by vehicle" in lines[0]
@@ -164,6 +166,7 @@ def test_an_experiment_file_is_followed_and_a_wrong_one_is_one_line(log, capsys)
         assert said in error
 
 
+@pytest.mark.slow
 def test_forecast_tells_people_and_machines_the_same_and_can_be_had_again(log, capsys):
     lines, table = both(FORECAST, capsys)
     assert lines[0] == "8 vehicles held out by vehicle, 2 folds, 1 seed; 20 futures each"

@@ -223,6 +223,7 @@ def test_a_truth_at_other_instants_is_interpolated_and_the_output_says_so(own, f
         assert other[name] == pytest.approx(own_[name], rel=0.03, abs=0.03), name
 
 
+@pytest.mark.slow
 def test_what_was_smoothed_is_scored_and_exported_beside(few, here, capsys):
     track = "track log.mcap --map map.mcap --particles 100"
     assert dirprim(f"{track} -o s.mcap --smooth") == DONE

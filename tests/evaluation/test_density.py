@@ -90,6 +90,7 @@ def on_the_ring(ring):
         return evaluate_density(ring, n_folds=2, interval_s=0.6, methods=methods, rng=np.random.default_rng(4))
 
 
+@pytest.mark.slow
 def test_on_a_ring_all_that_knows_the_place_beats_what_does_not(on_the_ring):
     score = {row.name: row for row in on_the_ring.methods}
     assert on_the_ring.split_by == "vehicle"
@@ -157,6 +158,7 @@ def test_where_the_place_tells_nothing_the_primitive_gains_nothing():  # the neg
     assert primitive.direction.mean_log.value < nothing.direction.mean_log.value + 0.01
 
 
+@pytest.mark.slow
 def test_random_rows_leak_what_held_out_vehicles_do_not():
     rng = np.random.default_rng(6)
     course = rng.uniform(-np.pi, np.pi, 12)  # each drives its own way through its own square: nobody tells of another

@@ -134,6 +134,7 @@ def in_groups(n_groups):
     return Tracks.concatenate(copies)
 
 
+@pytest.mark.slow
 def test_a_groups_figures_are_the_same_whatever_other_groups_the_log_holds(traffic, ring_map):
     experiment = TrackingExperiment(
         n_seeds=2, gap_s=2.0, with_ids=False, miss_rate=0.1, false_per_frame=1.0, methods=("constant velocity",),

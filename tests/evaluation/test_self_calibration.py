@@ -158,6 +158,7 @@ def test_what_tells_nothing_of_a_sensor_is_refused():
         self_calibrate(few, rng=np.random.default_rng(0))
 
 
+@pytest.mark.slow
 def test_detections_that_a_filter_left_are_taken_to_be_late_and_off(monkeypatch):
     monkeypatch.setattr(self_calibration, "MOST_STEPS", 60)
     lasting = AxisError(spread_m=0.3, correlated_share=0.999, correlation_s=1.0)

@@ -52,6 +52,7 @@ def test_a_vehicle_never_follows_itself():
     assert (radius[0] > own + 5.0).all()  # straight on: there is nobody else
 
 
+@pytest.mark.slow
 def test_the_search_ends_between_settings_that_are_no_better_wherever_it_begins():
     """Both beginnings are far off, on either side: a fixed grid about them would end on its bound."""
     ring = ring_traffic(np.random.default_rng(0), n_vehicles=40)

@@ -53,6 +53,7 @@ def value_strategy(kind, inner):
     return st.lists(one, max_size=3)
 
 
+@pytest.mark.slow
 @settings(max_examples=80, deadline=None)
 @given(data=st.data())
 def test_cdr_of_any_definition_reads_as_rosbags_wrote_it(data):

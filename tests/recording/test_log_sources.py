@@ -164,6 +164,7 @@ def test_a_log_of_one_time_stays_in_the_order_of_the_file_without_being_held(tmp
     assert [m.data for m in first] + [m.data for m in messages] == [row[2] for row in sent]
 
 
+@pytest.mark.slow
 def test_memory_stays_bounded_when_everything_overlaps(tmp_path):
     """100 MB of contents, every chunk over the whole time: a process of its own stays within 70 MB more."""
     code = """

@@ -5,7 +5,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 
+
+@pytest.mark.slow
 def test_harmed_maps_are_refused_or_read_and_used(tmp_path):
     folder = Path(__file__).parent
     environment = os.environ | {

@@ -39,6 +39,7 @@ def test_of_a_broken_table_each_row_is_read_or_counted(tmp_path, form):
     assert 0 < sum(refused) < len(refused)
 
 
+@pytest.mark.slow
 def test_no_index_of_a_kernel_leaves_its_array(tmp_path):
     """The kernels compiled with checks of bounds, which normal ones do without: an index beyond raises."""
     command = [sys.executable, Path(__file__).parents[1] / "benchmarks/fuzz_payloads.py", "40"]

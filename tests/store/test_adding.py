@@ -77,6 +77,7 @@ def test_logs_that_do_not_fit_are_named_and_stop_no_other(tmp_path):
             merge(refuses, added.store)
 
 
+@pytest.mark.slow
 def test_many_who_begin_add_and_forget_at_once_lose_nothing(place, tmp_path):
     path = logs_of(tmp_path, **{f"log{i}": street(i, n_vehicles=1) for i in range(4)})
     together = threading.Barrier(len(path))

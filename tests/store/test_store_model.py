@@ -205,6 +205,7 @@ def written(tmp_path_factory):
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("remote", "examples", "steps"), [(False, 20, 8), (True, 2, 5)])
 def test_a_store_holds_what_a_dict_would_and_its_map_follows_from_that(request, written, remote, examples, steps):
     root = request.getfixturevalue("bucket") if remote else ""

@@ -19,6 +19,7 @@ distributed = pytest.importorskip("distributed")
 psutil = pytest.importorskip("psutil")  # of distributed
 
 
+@pytest.mark.slow
 def test_processes_of_this_machine_listen_to_it_alone_and_the_task_of_one_that_is_killed_is_done_by_another():
     here = psutil.Process()
     before, killed, heard = {each.pid for each in here.children(recursive=True)}, [], set()
@@ -52,6 +53,7 @@ def cluster(tmp_path):
         process.wait()
 
 
+@pytest.mark.slow
 def test_a_client_a_worker_and_a_scheduler_that_are_killed_change_no_byte(cluster, tmp_path, capsys):
     scheduler, worker, _, several = cluster
     logs = logs_of(tmp_path, **{f"log{i}": street(i, start=-1400.0, length=2800.0, n_vehicles=2) for i in range(4)})

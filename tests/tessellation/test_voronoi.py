@@ -56,6 +56,7 @@ def test_the_nearest_generator_has_the_position(name, offset):
     np.testing.assert_array_equal(cells.cell_of(position), nearest(generators, position))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("n", "spread"), [(10, 30.0), (1000, 100.0), (100_000, 100.0), (100_000, 3.0)])
 def test_many_positions_agree_with_a_k_d_tree(n, spread):
     rng = np.random.default_rng(1)

@@ -173,6 +173,7 @@ print(len(shown.stream.failures))
 """
 
 
+@pytest.mark.slow
 def test_a_disk_that_is_full_is_a_failure_and_a_part_never_takes_the_name(tmp_path: Path) -> None:
     ended = subprocess.run(
         [sys.executable, "-c", FULL_DISK, tmp_path / "run.rrd"], capture_output=True, text=True, check=True

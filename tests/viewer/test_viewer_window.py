@@ -95,6 +95,7 @@ def test_a_vehicle_heading_north_east_goes_up_and_right(
     assert up > 5
 
 
+@pytest.mark.slow
 def test_every_kind_of_recording_opens_without_a_complaint(
     tmp_path: Path, scene_map: PrimitiveMap, scene_frames: list[TrackedFrame], scene_tracks: Tracks,
     viewer: ViewerClient,
