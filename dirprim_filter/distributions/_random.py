@@ -130,7 +130,7 @@ def wrapped_cauchy(k: FloatArray) -> tuple[FloatArray, FloatArray]:
     and q = (1 - rho) / (1 + rho), their test takes c = k (r - cos(turn)) = b + k (1 - cos(turn)): in q and in
     b = k (1 - rho)^2 / (2 rho), rationalised, nothing cancels, from k = 0 (always accepted) to the largest.
     """
-    root = np.sqrt(1.0 + 4.0 * k * k)
+    root = np.hypot(1.0, 2.0 * k)  # whose square may overflow: the loop of `draw_turn` would never end
     wide = np.sqrt(2.0 + 2.0 * root)
     near = 1.0 + 1.0 / (root + 2.0 * k) + wide
     return near / (1.0 + root + wide + 2.0 * k), near * near / (4.0 * (1.0 + root + wide))

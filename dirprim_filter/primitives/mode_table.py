@@ -14,6 +14,8 @@ from dirprim_filter.primitives import _map_kernels
 from dirprim_filter.primitives._modes import Modes
 
 NOTHING = np.empty(0)
+SHARPEST = 1e300
+"""Of concentrations: some times as many are still numbers."""
 
 
 class ModeTable(NamedTuple):
@@ -28,6 +30,7 @@ class ModeTable(NamedTuple):
         """The table of (n_cells, K) modes, of which those of weight 0 are left out."""
         used = modes.weight > 0
         weight, mean, concentration, shape, rate, *slopes = (column[used] for column in modes)
+        concentration = np.minimum(concentration, SHARPEST)
         mode = np.column_stack([
             np.log(weight), -von_mises.log_normaliser(concentration), mean, 2.0 * concentration,
             shape * np.log(rate) - gammaln(shape), shape, rate, *slopes, np.cumsum(modes.weight, axis=1)[used],

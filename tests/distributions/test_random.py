@@ -46,6 +46,7 @@ def drawn(kind, n, a=0.0, key=11):
         (3, 0.5, stats.vonmises(0.5)),
         (3, 9e3, stats.vonmises(9e3)),
         (3, 1e6, stats.norm(scale=1e-3)),
+        (3, 1e300, stats.norm(scale=1e-150)),
     ],
 )
 def test_samplers_follow_their_law_and_no_neighbouring_one(kind, a, law):
