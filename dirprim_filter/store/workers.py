@@ -76,7 +76,7 @@ class Workers:
         dask, distributed = self._dask()
         with ExitStack() as stack:
             stack.enter_context(dask.config.set(SETTINGS))
-            client = stack.enter_context(self._client(distributed, min(self.n, len(tasks)), stack))
+            client = self._client(distributed, min(self.n, len(tasks)), stack)
             futures = client.map(work, tasks, key=list(keys), retries=RETRIES)
             for future in distributed.as_completed(futures):
                 try:
@@ -100,9 +100,11 @@ class Workers:
                 n_workers=n, threads_per_worker=1, host="127.0.0.1", dashboard_address="127.0.0.1:0",
                 scheduler_kwargs={"dashboard": False}, silence_logs=logging.CRITICAL,
             ))  # fmt: skip
-            return distributed.Client(cluster)
+            return stack.enter_context(distributed.Client(cluster))
         try:
-            client = distributed.Client(self.scheduler, timeout=PATIENCE_S)
+            # A Client that cannot connect is never closed, and its finaliser deadlocks a later one: connect first.
+            distributed.utils.LoopRunner().run_sync(self._connect, distributed)
+            client = stack.enter_context(distributed.Client(self.scheduler, timeout=PATIENCE_S))
             client.wait_for_workers(1, timeout=PATIENCE_S)
         except (OSError, ValueError) as error:
             raise RecordingError(
@@ -110,6 +112,11 @@ class Workers:
                 f"scheduler` and `dask worker {self.scheduler} --nthreads 1`"
             ) from error
         return client
+
+    async def _connect(self, distributed: Any) -> None:
+        arguments = distributed.Security().get_connection_args("client")
+        comm = await distributed.comm.connect(self.scheduler, timeout=PATIENCE_S, **arguments)
+        await comm.close()
 
     def _dask(self) -> tuple[Any, Any]:
         try:

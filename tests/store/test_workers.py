@@ -1,5 +1,6 @@
 """Who does the tasks changes nothing: this process, processes of this machine, or a cluster; and whoever is killed."""
 
+import gc
 import json
 import signal
 import subprocess
@@ -90,6 +91,9 @@ def test_no_cluster_and_one_without_workers_are_said_in_one_line():
             list(Workers(scheduler=address).each(str, [1], ["one"]))
         assert address in str(error.value)
         assert "\n" not in str(error.value)
+        # An open client's finaliser, run while another starts, waits for ever for the lock that this one holds.
+        clients = [each for each in gc.get_objects() if isinstance(each, distributed.Client)]
+        assert {each.status for each in clients} <= {"closed"}
     assert list(Workers(scheduler="nowhere").each(str, [], [])) == []
     with pytest.raises(ValueError, match="expected one of them"):
         Workers.of(100, 2, "tcp://127.0.0.1:9")
