@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import pickle
 import subprocess
 import sys
 import time
@@ -31,7 +30,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent))
 
 import ablation_scenes
-from ablation_scenes import SCENES, Outcome
+from ablation_scenes import SCENES, Figure, Outcome
 
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.evaluation.intervals import (
@@ -138,18 +137,40 @@ def run(scene: str, part: str, seed: int) -> dict[str, Outcome]:
 def kept_run(task: tuple[str, str, int, Path | None]) -> tuple[str, dict[str, Outcome], float]:
     """The same, from where it was kept, or kept there, and the processor's seconds that it took."""
     scene, part, seed, folder = task
-    path = None if folder is None else folder / f"{scene.replace(' ', '_')}_{part}_{seed}.pickle"
+    path = None if folder is None else folder / f"{scene.replace(' ', '_')}_{part}_{seed}.npz"
     if path is not None and path.exists():
-        return scene, *pickle.loads(path.read_bytes())  # noqa: S301  our own
+        return scene, *loaded(path)
     began = time.process_time()
     found = run(scene, part, seed)
     seconds = time.process_time() - began
     if path is not None:
-        partial = path.with_suffix(".partial")
-        partial.write_bytes(pickle.dumps((found, seconds)))
-        partial.rename(path)
+        save(path, found, seconds)
     sys.stderr.write(f"{scene}, {part}, seed {seed}: {seconds:.0f} s of processor\n")
     return scene, found, seconds
+
+
+def save(path: Path, found: dict[str, Outcome], seconds: float) -> None:
+    """Keep what was found, of each mechanism and figure its columns; whole or not at all."""
+    columns = {
+        f"{name}|{figure}|{column}": values
+        for name, outcome in found.items()
+        for figure, of in outcome.items()
+        for column, values in of._asdict().items()
+    }
+    partial = path.with_suffix(".partial.npz")
+    np.savez_compressed(partial, seconds=seconds, **columns)
+    partial.rename(path)
+
+
+def loaded(path: Path) -> tuple[dict[str, Outcome], float]:
+    """What was kept."""
+    found: dict[str, Outcome] = {}
+    with np.load(path, allow_pickle=False) as kept:
+        for key in kept.files[1:]:
+            name, figure, column = key.split("|")
+            if column == "cluster":
+                found.setdefault(name, {})[figure] = Figure(kept[key], kept[f"{name}|{figure}|value"])
+        return found, float(kept["seconds"])
 
 
 def folder_of_commit() -> Path | None:
