@@ -1,4 +1,4 @@
-"""What is each mechanism worth? `python tests/benchmarks/ablation.py [--scene NAME]... [--json]`.
+"""What is each mechanism worth? `python tests/benchmarks/ablation.py [--scene NAME]... [--mechanism NAME]... [--json]`.
 
 Decides what stays. Each mechanism of filter, association and learning is off alone, on every scene that it can matter
 on, over five seeds. Beside "all on" stand the shares by which errors rise without it, paired row by row, with 95 %
@@ -114,34 +114,35 @@ PARTS = ("tracking", "learning")
 """Of the mechanisms: those of a map that is learned once, and those for which it is learned again."""
 
 
-def run(scene: str, part: str, seed: int) -> dict[str, Outcome]:
-    """A scene with all on, and without each mechanism of a part that can matter there."""
+def run(scene: str, part: str, seed: int, chosen: tuple[str, ...]) -> dict[str, Outcome]:
+    """A scene with all on, and without each chosen mechanism of a part that can matter there."""
     if part == "learning" and scene not in LEARNED:
         return {}
     situation = SCENES[scene](seed)
     if part == "tracking":
         found = {ON: situation.tracked(situation.learned(), Mechanism())}
         for name, off in MECHANISMS.items():
-            if not off.changes_map and (not off.scenes or scene in off.scenes):
+            if name in chosen and not off.changes_map and (not off.scenes or scene in off.scenes):
                 found[name] = situation.tracked(situation.learned(), off)
         return found
     found = {ON: situation.tracked(situation.learned(), Mechanism()) | situation.forecast(situation.learned())}
     found["leaders"] = situation.forecast(situation.learned(), alone=True)
     for name, off in MECHANISMS.items():
-        if off.changes_map:
+        if name in chosen and off.changes_map:
             learned = situation.relearned(**off.learning)
             found[name] = situation.tracked(learned, Mechanism()) | situation.forecast(learned)
     return found
 
 
-def kept_run(task: tuple[str, str, int, Path | None]) -> tuple[str, dict[str, Outcome], float]:
+def kept_run(task: tuple[str, str, int, tuple[str, ...], Path | None]) -> tuple[str, dict[str, Outcome], float]:
     """The same, from where it was kept, or kept there, and the processor's seconds that it took."""
-    scene, part, seed, folder = task
-    path = None if folder is None else folder / f"{scene.replace(' ', '_')}_{part}_{seed}.npz"
+    scene, part, seed, chosen, folder = task
+    named = "" if chosen == tuple(MECHANISMS) else "_".join(("", *chosen))
+    path = None if folder is None else folder / f"{scene}_{part}_{seed}{named}.npz".replace(" ", "_")
     if path is not None and path.exists():
         return scene, *loaded(path)
     began = time.process_time()
-    found = run(scene, part, seed)
+    found = run(scene, part, seed, chosen)
     seconds = time.process_time() - began
     if path is not None:
         save(path, found, seconds)
@@ -227,6 +228,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scene", action="append", choices=list(SCENES), help="may be repeated; default: all")
     parser.add_argument("--part", action="append", choices=PARTS, help="may be repeated; default: both")
+    parser.add_argument("--mechanism", action="append", choices=list(MECHANISMS), help="may be repeated; default: all")
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--json", action="store_true")
@@ -237,8 +239,9 @@ def main() -> None:
     for scene, why in absent.items():
         sys.stderr.write(f"{scene}: left out, no {why}\n")
     parts = given.part or PARTS
+    mechanisms = tuple(given.mechanism or MECHANISMS)
     tasks = [
-        (scene, part, seed, kept)
+        (scene, part, seed, mechanisms, kept)
         for seed, part, scene in product(range(given.seeds), parts, chosen) if scene not in absent
     ]  # fmt: skip
     done: dict[str, list[dict[str, Outcome]]] = {}
