@@ -11,6 +11,8 @@ import numpy.typing as npt
 
 from dirprim_filter.arrays import AnyArray, ArrayValue, BoolArray, FloatArray, IntArray, as_floats
 
+LARGEST_ANGLE = 6.3
+"""Radians, a turn, rounded; what is beyond it are degrees."""
 NAMES = {
     "position": ("x_m", "y_m"), "direction": ("course_rad",), "heading": ("heading_rad",), "speed": ("speed_mps",),
     "size": ("length_m", "width_m", "height_m"), "speed_std": ("speed_std_mps",),
@@ -164,6 +166,18 @@ def as_optional(name: str, value: npt.ArrayLike, n: int, *shape: int, missing: f
     if np.isinf(column).any():
         raise ValueError(f"{name}: expected finite numbers, or NaN where unknown, got {column[np.isinf(column)][0]}")
     return unknown(n, *shape) if np.isnan(column).all() else column
+
+
+def check_angles(name: str, angle: FloatArray) -> None:
+    """Angles (n,) are radians; NaN where unknown.
+
+    Raises:
+        ValueError: one is beyond a turn, as of degrees.
+    """
+    size = np.abs(angle if is_held(angle) else angle[:1])
+    if (size > LARGEST_ANGLE).any():
+        largest = np.nanmax(size)
+        raise ValueError(f"{name}: expected radians, at most a turn, got {largest:g}; np.deg2rad converts degrees")
 
 
 def check_sizes(size: FloatArray) -> None:

@@ -8,14 +8,12 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
-from dirprim_filter.columns import ArrayTable, check_sizes, chosen, groups, is_held, optional, required
+from dirprim_filter.columns import ArrayTable, check_angles, check_sizes, chosen, groups, is_held, optional, required
 from dirprim_filter.track_ids import as_texts, world_names
 from dirprim_filter.tracks import Tracks
 
 NO_TIME = -(1 << 63)
 """Nanoseconds before every frame's: how far a log has come before its first."""
-LARGEST_ANGLE = 6.3
-"""Radians, a turn, rounded; what is beyond it are degrees."""
 NO_ID = ""
 """What a detection is called whose sensor gives it no name: it may be any vehicle's, or none's."""
 
@@ -54,11 +52,7 @@ class Detections(ArrayTable):
 
     def __post_init__(self) -> None:
         super(Detections, self).__post_init__()
-        if (np.abs(self.direction) > LARGEST_ANGLE).any():
-            largest = np.nanmax(np.abs(self.direction))
-            raise ValueError(
-                f"direction: expected radians, at most a turn, got {largest:g}; np.deg2rad converts degrees"
-            )
+        check_angles("direction", self.direction)
         if (self.speed < 0).any():
             raise ValueError(f"speed: expected at least 0 m/s, got {np.nanmin(self.speed)}")
         check_sizes(self.size)

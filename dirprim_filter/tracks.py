@@ -15,6 +15,7 @@ from dirprim_filter.columns import (
     as_groups,
     as_optional,
     as_times,
+    check_angles,
     check_lengths,
     check_sizes,
     chosen,
@@ -48,8 +49,8 @@ class Tracks(ArrayTable):
             memory. On bends it is not the direction, and a vehicle that stands has a heading alone.
 
     Raises:
-        ValueError: shapes that do not fit, NaN, negative speeds, sizes that are not positive, infinite headings, or a
-            vehicle with two rows at one time.
+        ValueError: shapes that do not fit, NaN, negative speeds, angles beyond a turn, sizes that are not positive, or a vehicle with
+            two rows at one time.
     """
 
     track_id: AnyArray
@@ -67,6 +68,8 @@ class Tracks(ArrayTable):
             row = int(np.argmax(self.speed < 0))
             raise ValueError(f"speed: expected at least 0 m/s, got {self.speed[row]} in row {row}")
         check_sizes(self.size)
+        check_angles("direction", self.direction)
+        check_angles("heading", self.heading)
         heading = wrap(self.heading) if is_held(self.heading) else self.heading
         self._set({"direction": wrap(self.direction), "heading": heading})
         if (self.time_ns[1:] < self.time_ns[:-1]).any():  # else long columns are not copied

@@ -6,6 +6,7 @@ import numpy as np
 
 from dirprim_filter.config import TrackingConfig
 from dirprim_filter.distributions import Gamma, VonMisesMixture
+from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.primitives.motion import FLOATS, Motion
 from dirprim_filter.primitives.rows import CellRows
@@ -28,7 +29,7 @@ def ring_traffic(rng, *, n_vehicles=40, radius=20.0, speed=8.0, n_rows=100, dt_s
         track_id=np.repeat(np.arange(n_vehicles), n_rows),
         time_ns=np.tile((t * 1e9).round().astype(np.int64), n_vehicles),
         position=position.reshape(-1, 2),
-        direction=(angle + np.pi / 2).ravel(),
+        direction=wrap(angle + np.pi / 2).ravel(),
         speed=np.repeat(pace, n_rows),
     )
 

@@ -66,6 +66,8 @@ CALLS = {
     "step, tracks": (lambda m: tracker(m).step(tracks()), TypeError, "detections: expected a Detections, got Tracks("),
     "step, instants": (lambda m: tracker(m).step(Detections.of(tracks())), ValueError, "see Detections.frames"),
     "weigh, first": (lambda m: tracker(m).weigh(), ValueError, "weigh: expected once for each frame, after predict"),
+    "tracks, degrees": (lambda _: tracks(direction=[0.0, 90.0]), ValueError, DEGREES),
+    "tracks, heading": (lambda _: tracks(heading=[0.0, -90.0]), ValueError, DEGREES.replace("direction", "heading")),
     "detections, degrees": (lambda _: seen(direction=np.array([90.0]), speed=np.ones(1)), ValueError, DEGREES),
     "forecast, path": (
         lambda _: forecast("m.mcap", **STATE),

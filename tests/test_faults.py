@@ -6,6 +6,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
+from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.faults import Copy, Faults, find_faults
 from dirprim_filter.tracks import Tracks
 from situations import ring_traffic
@@ -154,7 +155,7 @@ def test_speeds_in_another_unit_are_told(factor, said):
 
 @pytest.mark.parametrize(
     "change",
-    [lambda of: np.rad2deg(of.direction) + 20.0, lambda of: np.pi / 2 - of.direction],
+    [lambda of: wrap(np.rad2deg(of.direction) + 20.0), lambda of: np.pi / 2 - of.direction],
     ids=["degrees", "compass"],
 )
 def test_courses_that_are_none_are_told(change):

@@ -9,6 +9,7 @@ import pytest
 from dirprim_filter import Tracks
 from dirprim_filter.config import TrackingConfig
 from dirprim_filter.detections import Detections
+from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.evaluation.settings import Axis
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
 
@@ -28,7 +29,7 @@ def circling(*, rate_hz: float, n: int = 3, seconds: float = 20.0) -> Tracks:
         parts.append(
             Tracks(
                 track_id=np.full(time_s.size, i), time_ns=np.round(time_s * 1e9).astype(np.int64),
-                position=20.0 * np.column_stack([np.cos(turned), np.sin(turned)]), direction=turned + np.pi / 2,
+                position=20.0 * np.column_stack([np.cos(turned), np.sin(turned)]), direction=wrap(turned + np.pi / 2),
                 speed=np.full(time_s.size, 8.0),
             )
         )  # fmt: skip

@@ -9,7 +9,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, ArrayValue, BoolArray, FloatArray, IntArray
-from dirprim_filter.columns import chosen, joined
+from dirprim_filter.columns import chosen, is_held, joined
+from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.recording.decoding.field_columns import NO_TIME
 from dirprim_filter.recording.losses import ALONE, Losses
 from dirprim_filter.track_ids import as_track_ids, numbered, vehicle_numbers
@@ -127,10 +128,10 @@ class Rows(ArrayValue):
         taken, derived = (
             make(
                 track_id=ids[rows.track_id], time_ns=rows.time_ns, position=rows.position, group=rows.group,
-                size=rows.size, heading=rows.heading, **motion,
+                size=rows.size, heading=wrap(rows.heading) if is_held(rows.heading) else rows.heading, **motion,
             )
             for make, rows, motion in (
-                (Tracks, known, {"direction": known.direction, "speed": known.speed}),
+                (Tracks, known, {"direction": wrap(known.direction), "speed": known.speed}),
                 (Tracks.from_positions, rest, {"speed": np.where(rest.speed >= 0, rest.speed, np.nan)}),
             )
         )  # fmt: skip

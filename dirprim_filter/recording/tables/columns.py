@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
-from dirprim_filter.detections import LARGEST_ANGLE
+from dirprim_filter.columns import LARGEST_ANGLE
 from dirprim_filter.recording.decoding.field_columns import NO_TIME
 from dirprim_filter.recording.errors import TableError
 
