@@ -49,8 +49,8 @@ class Tracks(ArrayTable):
             memory. On bends it is not the direction, and a vehicle that stands has a heading alone.
 
     Raises:
-        ValueError: shapes that do not fit, NaN, negative speeds, angles beyond a turn, sizes that are not positive, or a vehicle with
-            two rows at one time.
+        ValueError: shapes that do not fit, NaN, negative speeds, angles beyond a turn, sizes that are not positive, or
+            a vehicle with two rows at one time.
     """
 
     track_id: AnyArray

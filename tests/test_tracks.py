@@ -65,10 +65,10 @@ def test_detections_are_equal_where_every_row_is():
 
 
 def test_headings_stay_with_their_rows_and_take_no_memory_where_nobody_knows_them():
-    heading = np.array([3 * np.pi, np.nan, 0.5])
+    heading = np.array([1.5 * np.pi, np.nan, 0.5])
     tracks = Tracks(**GOOD, heading=heading)
     order = np.argsort(GOOD["time_ns"], kind="stable")
-    np.testing.assert_array_equal(tracks.heading, np.array([np.pi, np.nan, 0.5])[order])
+    np.testing.assert_array_equal(tracks.heading, np.array([-0.5 * np.pi, np.nan, 0.5])[order])
     np.testing.assert_array_equal(tracks[1:].heading, tracks.heading[1:])
     assert tracks != Tracks(**GOOD)
     bare = Tracks(**GOOD | {"group": [7, 7, 7]})
@@ -88,8 +88,8 @@ def test_headings_stay_with_their_rows_and_take_no_memory_where_nobody_knows_the
 
 
 def test_directions_are_wrapped_and_groups_left_out_are_zero():
-    tracks = Tracks(**GOOD | {"direction": [3 * np.pi, -np.pi, 0.5]})
-    np.testing.assert_allclose(np.sort(tracks.direction), [0.5, np.pi, np.pi])
+    tracks = Tracks(**GOOD | {"direction": [1.5 * np.pi, -np.pi, 0.5]})
+    np.testing.assert_allclose(np.sort(tracks.direction), [-0.5 * np.pi, 0.5, np.pi])
     assert tracks.group.tolist() == [0, 0, 0]
 
 
