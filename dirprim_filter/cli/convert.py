@@ -58,13 +58,14 @@ def convert(
     from dirprim_filter.cli.progress import step_progress, working
     from dirprim_filter.cli.provenance import provenance
     from dirprim_filter.recording import write_tracks
-    from dirprim_filter.recording.tables.named_columns import parse_columns
+    from dirprim_filter.recording.name_patterns import named_values
+    from dirprim_filter.recording.tables.named_columns import COLUMNS
     from dirprim_filter.recording.transforms.geodesy import Origin
 
     known = form.value if form else "csv"
     options = {
         "metres_per_pixel": metres_per_pixel, "frames_per_second": frames_per_second,
-        "columns": parse_columns(columns) if columns else None,
+        "columns": named_values(columns, COLUMNS, of="columns") if columns else None,
         "origin": Origin.parse(origin) if origin else None,
     }  # fmt: skip
     with working(f"reading {source.name}"):

@@ -27,7 +27,7 @@ def score(
     estimates: Annotated[
         list[Path],
         typer.Argument(
-            help="Logs of `dirprim track`, or .csv, .parquet or .txt in the formats of `dirprim export`.",
+            help="Logs of `dirprim track`, or .csv or .parquet in the formats of `dirprim export`.",
             exists=True,
             dir_okay=False,
         ),

@@ -78,7 +78,7 @@ _READ = {f"--{name}": f"{name}=" for name in READING}
 _SCALES = {"--cutoff": "cutoff_m=", "--similarity": "similarity_m="}
 _SENSOR = {"--noise": "noise_m=", "--miss-rate": "miss_rate=", "--false-per-frame": "false_per_frame="}
 FORMER: Mapping[str, Mapping[str, str]] = {
-    **dict.fromkeys(("info", "learn", "calibrate", "export", "view", "evaluate density", "evaluate cues"), _READ),
+    **dict.fromkeys(("info", "learn", "calibrate", "view", "evaluate density", "evaluate cues"), _READ),
     "evaluate forecast": _READ | {"--interaction": "interaction="},
     "score": _READ | _SCALES,
     "track": _READ | {

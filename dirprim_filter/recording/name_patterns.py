@@ -1,9 +1,9 @@
-"""Names, such as those of topics, one by one or by a regular expression."""
+"""Names, such as those of topics: one by one, by a regular expression, or each with what it stands for."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 
 
 def matching(text: str, *, of: str) -> Callable[[str], bool]:
@@ -21,3 +21,23 @@ def matching(text: str, *, of: str) -> Callable[[str], bool]:
     except re.error as error:
         raise ValueError(f"{of}: expected a name or a regular expression, got {text!r}: {error}") from error
     return lambda name: name == text or pattern.fullmatch(name) is not None
+
+
+def named_values(text: str, known: Collection[str], *, of: str) -> dict[str, str]:
+    """Of `name=value,name=value,...` the values by name.
+
+    Args:
+        text: what the user wrote.
+        known: the names that there are, each once at most.
+        of: what has them; stands in the error.
+
+    Raises:
+        ValueError: names the part that is none.
+    """
+    values: dict[str, str] = {}
+    for part in text.split(","):
+        name, _, value = (word.strip() for word in part.partition("="))
+        if name not in known or not value or name in values:
+            raise ValueError(f"{of}: expected NAME=VALUE, each of {', '.join(known)} once, got {part!r}")
+        values[name] = value
+    return values

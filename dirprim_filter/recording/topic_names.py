@@ -1,9 +1,7 @@
 """The topics of the logs that this package writes."""
 
 OBJECTS = "/objects"
-OBJECTS_SCENE = "/objects/scene"
 DETECTIONS = "/detections"
-DETECTIONS_SCENE = "/detections/scene"
 ESTIMATES = "/dirprim/tracks"
 ESTIMATES_SCENE = "/dirprim/tracks/scene"
 SMOOTHED = "/dirprim/smoothed"

@@ -14,7 +14,7 @@ from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.reader import read_estimates
 from dirprim_filter.recording.schemas.family import matrices
 from dirprim_filter.recording.tables.columns import Columns
-from dirprim_filter.recording.tables.files import columns_of, text_columns
+from dirprim_filter.recording.tables.files import columns_of
 from dirprim_filter.recording.tables.named_columns import check_header
 from dirprim_filter.track_ids import as_texts
 from dirprim_filter.tracks import Tracks
@@ -22,9 +22,6 @@ from dirprim_filter.tracks import Tracks
 COVARIANCE = ("covariance_xx_m2", "covariance_xy_m2", "covariance_yy_m2")
 OPTIONAL = {"course_rad": "direction", "speed_mps": "speed", "unseen_s": "unseen_s"}
 """Columns of a table, and what `TrackedRows` calls them."""
-MOT = ("frame", "track_id", "left", "top", "width", "height", "confidence", "x_m", "y_m", "z_m")
-NOWHERE = -1.0
-"""A coordinate that MOTChallenge leaves out."""
 
 
 def read_tracked_rows(
@@ -34,11 +31,10 @@ def read_tracked_rows(
 
     A row is of the group that its column `group` or its id, as `group/id`, says, or of the only one. A `.csv`,
     `.parquet` or `.feather` needs the columns `time_s` (or `time_ns`), `track_id`, `x_m` and `y_m`; the covariance,
-    `course_rad`, `speed_mps` and `unseen_s` are read where they are there. A `.txt` numbers the instants of the truth
-    from 1 as its frames.
+    `course_rad`, `speed_mps` and `unseen_s` are read where they are there.
 
     Args:
-        path: a .csv, .parquet, .feather or .txt, else an MCAP log that `dirprim track` wrote.
+        path: a .csv, .parquet or .feather, else an MCAP log that `dirprim track` wrote.
         truth: what it is to be compared with.
         one_of_many: the truth is one of its log's groups: ids that name another group are not of it.
         smoothed: of an MCAP log what a smoother wrote beside the filter.
@@ -51,8 +47,6 @@ def read_tracked_rows(
     form = Path(Path(path).name.removesuffix(".gz")).suffix.lower()
     if form in (".csv", ".parquet", ".feather"):
         columns = _named(columns_of(path))
-    elif form == ".txt":
-        columns = _mot(text_columns(path, MOT), truth)
     else:
         rows = TrackedRows.of(read_estimates(path, smoothed=smoothed))
         columns = {field.name: getattr(rows, field.name) for field in fields(rows) if field.name != "group"}
@@ -98,17 +92,3 @@ def _named(table: Columns) -> dict[str, AnyArray]:
     if all(name in table.names for name in COVARIANCE):
         columns["covariance"] = matrices(table.numbers(COVARIANCE))
     return columns | {ours: table.floats(name) for name, ours in OPTIONAL.items() if name in table.names}
-
-
-def _mot(table: Columns, truth: Tracks) -> dict[str, AnyArray]:
-    instants, frame = np.unique(truth.time_ns), table.whole_numbers("frame")
-    if (wrong := (frame < 1) | (frame > instants.size)).any():
-        row = int(np.argmax(wrong))
-        expected = f"a frame from 1 to {instants.size}, the truth's instants"
-        raise table.error(row, expected, str(frame[row]), "give the truth that was tracked, or a table with times")
-    position = table.numbers(("x_m", "y_m"))
-    if not (known := np.isfinite(position).all(axis=1)).all() or (position == NOWHERE).all():
-        raise table.error(
-            int(np.argmin(known)), "x and y in metres", "none", "give positions in the plane, not boxes of an image"
-        )
-    return {"track_id": table.texts("track_id"), "time_ns": instants[frame - 1], "position": position}

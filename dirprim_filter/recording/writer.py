@@ -23,7 +23,6 @@ from dirprim_filter.recording.foxglove.estimates import SMOOTHED_COLOR, Estimate
 from dirprim_filter.recording.foxglove.forecasts import forecast_scene
 from dirprim_filter.recording.foxglove.maps import map_scene
 from dirprim_filter.recording.foxglove.scene import origin_of, scene_transform, view_of
-from dirprim_filter.recording.foxglove.vehicles import detections_scene, tracks_scene
 from dirprim_filter.recording.log_writer import LogWriter
 from dirprim_filter.recording.ros_estimates import RosEstimates
 from dirprim_filter.recording.schemas.dirprim import encode_estimates, encode_observations
@@ -32,9 +31,6 @@ from dirprim_filter.tracks import Tracks
 
 MAX_CHUNK_NS = 1_000_000_000
 """A chunk of estimates and the instant after it span at most this much log time: what a killed tracker loses."""
-
-LIFETIME_INTERVALS = 1.5
-"""A drawn vehicle lasts this many sampling intervals: longer than one, so that it does not flicker."""
 
 
 def write_tracks(
@@ -49,14 +45,12 @@ def write_tracks(
 ) -> None:
     """Write observed motion as an MCAP log, a message for each instant; what interrupts it leaves no file.
 
-    `/objects` holds `dirprim.Observations`, and `/objects/scene` the same as `foxglove.SceneUpdate`: either
-    reads back equal to `tracks`. Without tracks there are no such topics.
+    `/objects` holds `dirprim.Observations`, which read back equal to `tracks`. Without tracks there is no such topic.
 
     Args:
         tracks: what to write.
         path: the MCAP file.
-        detections: what a sensor reported, for `/detections` and `/detections/scene`; or, by name, what several did,
-            for `/detections/NAME` and its scene.
+        detections: what a sensor reported, for `/detections`; or, by name, what several did, for `/detections/NAME`.
         labels: what each vehicle is, such as "car", by its id; of the others it is unknown.
         metadata: goes into the `dirprim` metadata record: configuration, seed, where the data came from.
         force: overwrite an existing file.
@@ -70,23 +64,12 @@ def write_tracks(
     by_sensor = {"": detections} if isinstance(detections, Detections) else detections or {}
     sources: dict[str, Tracks | Detections] = {topic_names.OBJECTS: tracks} if len(tracks) or not by_sensor else {}
     sources |= {f"{topic_names.DETECTIONS}/{name}".rstrip("/"): seen for name, seen in by_sensor.items()}
-    lifetime_ns = _lifetime_ns(next(iter(sources.values())).time_ns)
     streams = [_instants(topic, source) for topic, source in sources.items()]
     with LogWriter(path, metadata=metadata or {}, force=force) as log:
-        begun = False
-        origin = origin_of(np.concatenate([source.position for source in sources.values()]))
         total = sum(np.unique(source.time_ns).size for source in sources.values())
         instants = heapq.merge(*streams, key=lambda instant: instant[0])
         for done, (time_ns, rows, topic, source) in enumerate(instants, 1):
-            if not begun:
-                log.write(topic_names.TRANSFORM, scene_transform(time_ns, origin), time_ns)
-                begun = True
             log.write(topic, encode_observations(source, rows, time_ns, labels=labels), time_ns)
-            if isinstance(source, Tracks):
-                drawn = tracks_scene(source, rows, time_ns, lifetime_ns=lifetime_ns)
-            else:
-                drawn = detections_scene(source, rows, time_ns, lifetime_ns=lifetime_ns)
-            log.write(f"{topic}/scene", drawn, time_ns)
             if progress is not None:
                 progress(done, total)
 
@@ -98,12 +81,6 @@ def _instants(topic: str, source: Tracks | Detections) -> Iterator[tuple[int, In
     ends = [*starts[1:], len(order)]
     for time_ns, start, end in zip(times.tolist(), starts, ends[: len(times)], strict=True):
         yield time_ns, order[start:end], topic, source
-
-
-def _lifetime_ns(time_ns: IntArray) -> int:
-    """How long a drawn object lasts; 0, for ever, where there is but one instant."""
-    intervals = np.diff(np.unique(time_ns))
-    return int(LIFETIME_INTERVALS * np.median(intervals)) if intervals.size else 0
 
 
 class EstimateWriter:

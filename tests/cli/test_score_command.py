@@ -96,25 +96,9 @@ def test_every_column_of_a_csv_is_what_is_believed_and_convert_reads_it(own):
     assert set(tracks.track_id) == set(odd)
 
 
-def test_motchallenge_frames_are_the_instants_of_the_log(own, few, capsys):
-    late = own[own.time_ns > np.unique(few.time_ns)[2]]
-    write_log(replace(late, track_id=np.char.add("car ", late.track_id.astype(str))), "late.mcap")
-    assert dirprim("export late.mcap -o out.txt --frames-of log.mcap") == DONE
-    rows = read_tracked_rows("out.txt", truth=few)
-    order = np.lexsort((late.track_id, late.time_ns))
-    assert same(rows, late[order], ("time_ns", "position"))
-    assert rows.n_tracks == 6
-    first = Path("out.txt").read_text().splitlines()[0].split(",")
-    assert (first[0], first[2:6], float(first[6])) == ("4", ["-1"] * 4, late[order].existence[0])
-    assert dirprim("export late.mcap -o own.txt") == DONE
-    assert Path("own.txt").read_text().startswith("1,")  # its own instants: another numbering
-    write_tracks(few[few.time_ns > late.time_ns.max() - 500_000_000], "last.mcap")
-    assert dirprim("export late.mcap -o last.txt --frames-of last.mcap") == FAILED
-    assert "expected one at the time of each estimate" in capsys.readouterr().err
-    assert dirprim("export late.mcap -o out.xls") == FAILED
-    assert "expected a name that ends in .csv, .parquet, .txt, got .xls" in capsys.readouterr().err
-    assert dirprim("export late.mcap -o new.csv --frames-of log.mcap") == USAGE
-    assert not any(Path(name).exists() for name in ("last.txt", "out.xls", "new.csv"))
+def test_a_table_of_another_kind_is_refused(own, capsys):
+    assert dirprim("export own.mcap -o out.xls") == FAILED
+    assert "expected a name that ends in .csv, .parquet, got .xls" in capsys.readouterr().err
 
 
 def test_score_tells_people_and_machines_the_same_and_draws(own, few, capsys):
@@ -183,13 +167,9 @@ def test_what_cannot_be_scored_is_one_line(own, capsys):
     write_log(replace(own, time_ns=own.time_ns + 1_000_000_000_000), "early.mcap")
     write_log(replace(own, time_ns=own.time_ns + 5_000_000_000), "half.mcap")
     Path("twice.csv").write_text("time_s,track_id,x_m,y_m\n0,1,0,0\n0,1,1,1\n")
-    Path("boxes.txt").write_text("1,1,100,200,30,40,1,-1,-1,-1\n")
-    Path("beyond.txt").write_text("1,1,-1,-1,-1,-1,1,2,3,0\n99999,1,-1,-1,-1,-1,1,2,3,0\n")
     for name, message in (
         ("early.mcap", "expected rows at instants at which the truth is known, 0 to "),
         ("twice.csv", "has two rows at 0 ns"),
-        ("boxes.txt", "give positions in the plane, not boxes of an image"),
-        ("beyond.txt", "line 2: expected a frame from 1 to"),
         ("log.mcap", "expected topic '/dirprim/tracks'"),
     ):
         assert dirprim(f"score {name} --truth log.mcap") == FAILED

@@ -85,12 +85,11 @@ def test_one_group_is_played_alone(tmp_path, capsys):
         direction=np.zeros(12), speed=np.ones(12), group=np.repeat([3, 3, 8], 4),
     )  # fmt: skip
     write_tracks(both, tmp_path / "both.mcap")
-    assert inspect(tmp_path / "both.mcap").groups == {"/objects": {3: 8, 8: 4}, "/objects/scene": {3: 8, 8: 4}}
-    for topic in ("/objects", "/objects/scene"):
-        for group, ids in ((3, {"a", "b"}), (8, {"c"}), (None, {"a", "b", "c"})):
-            assert set(read_tracks(tmp_path / "both.mcap", topics=topic, group=group).track_id) == ids
-            seen = list(stream_detections(tmp_path / "both.mcap", topics=topic, group=group))
-            assert [set(frame.track_id) for frame in seen] == [ids] * 4
+    assert inspect(tmp_path / "both.mcap").groups == {"/objects": {3: 8, 8: 4}}
+    for group, ids in ((3, {"a", "b"}), (8, {"c"}), (None, {"a", "b", "c"})):
+        assert set(read_tracks(tmp_path / "both.mcap", group=group).track_id) == ids
+        seen = list(stream_detections(tmp_path / "both.mcap", group=group))
+        assert [set(frame.track_id) for frame in seen] == [ids] * 4
     assert run(["info", str(tmp_path / "both.mcap")]) == 0
     assert "groups in /objects: 2, from 3 to 8" in capsys.readouterr().out
     assert len(read_tracks(tmp_path / "both.mcap", group=4)) == 0

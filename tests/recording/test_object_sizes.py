@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 from google.protobuf import json_format
-from mcap.reader import make_reader
 from mcap_files import scene, write_protobuf_log
-from mcap_protobuf.decoder import DecoderFactory
 from test_estimate_log import a_frame
 from test_foxglove_schemas import json_log
 from test_ros2_schemas import N_TIMES, NAMES, array_log, carla, detected, detection, marker, point, tracked
@@ -13,7 +11,6 @@ from test_ros2_schemas import N_TIMES, NAMES, array_log, carla, detected, detect
 from dirprim_filter.cli.main import run
 from dirprim_filter.columns import is_held
 from dirprim_filter.recording import read_tracks, write_tracks
-from dirprim_filter.recording.foxglove.vehicles import VEHICLE_SIZE
 from dirprim_filter.recording.reader import stream_detections
 from dirprim_filter.recording.tables import read_named
 from dirprim_filter.recording.writer import EstimateWriter
@@ -145,26 +142,13 @@ def three(size):
 SOME = np.array([[NAN, NAN, NAN], [L, W, H], [12.0 + 1e-12, 2.5, NAN]])
 
 
-@pytest.mark.parametrize("topics", [None, "/objects/scene"])
 @pytest.mark.parametrize("size", [SOME, SOME * NAN])
-def test_sizes_read_back_equal(tmp_path, topics, size):
+def test_sizes_read_back_equal(tmp_path, size):
     tracks = three(size)
     write_tracks(tracks, tmp_path / "log.mcap")
-    back = read_tracks(tmp_path / "log.mcap", topics=topics)
+    back = read_tracks(tmp_path / "log.mcap")
     np.testing.assert_array_equal(back.size, tracks.size)
     assert is_held(back.size) == is_held(tracks.size)
-
-
-def test_cubes_are_drawn_as_large_as_vehicles_are_known_to_be(tmp_path):
-    """By an independent reader; each stands on the ground."""
-    write_tracks(three(SOME), tmp_path / "log.mcap")
-    expected = np.where(np.isnan(SOME), VEHICLE_SIZE, SOME)
-    with (tmp_path / "log.mcap").open("rb") as file:
-        scenes = make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages(["/objects/scene"])
-        for _, _, _, update in scenes:
-            cubes = [entity.cubes[0] for entity in update.entities]
-            np.testing.assert_array_equal([(c.size.x, c.size.y, c.size.z) for c in cubes], expected)
-            np.testing.assert_array_equal([c.pose.position.z for c in cubes], expected[:, 2] / 2)
 
 
 def test_a_box_that_stands_for_an_estimate_is_no_measured_size(tmp_path):

@@ -105,21 +105,6 @@ def test_velocity_is_differenced_where_a_scene_tells_none(tmp_path):
     np.testing.assert_allclose(np.cos(tracks.direction - tangent)[inner], 1.0, atol=1e-6)
 
 
-def test_velocity_of_the_metadata_counts_only_where_a_track_has_it_throughout(tmp_path):
-    reported, partly = circling(name="reported"), circling(name="partly")
-    for i, (_, _, update) in enumerate(reported + partly):
-        update.entities[0].metadata.add(key="group", value="-4")
-        if i != len(reported) + 3:
-            update.entities[0].metadata.add(key="speed_mps", value="3.25")
-            update.entities[0].metadata.add(key="direction_rad", value="0.5")
-    tracks = read_tracks(write_protobuf_log(tmp_path / "log.mcap", reported + partly), time_source="log")
-    is_reported = tracks.track_id == "reported"
-    assert set(tracks.speed[is_reported]) == {3.25}
-    assert set(tracks.direction[is_reported]) == {0.5}
-    assert set(tracks.group[is_reported]) == {-4}
-    np.testing.assert_allclose(tracks.speed[~is_reported], 10.0, rtol=5e-3)
-
-
 def test_entities_without_a_cube_are_no_objects(tmp_path):
     messages = circling(n=5)
     for _, _, update in messages:

@@ -78,7 +78,6 @@ def asked(monkeypatch, drive):
     for name, value in {"fetched": 0, "log": drive[1], "knows_ranges": True, "most_bytes": 1 << 30}.items():
         monkeypatch.setattr(Counting, name, value)
     monkeypatch.setattr(source, "FETCHED_BYTES", 1 << 9)
-    monkeypatch.setattr(source, "BLOCKS_KEPT", 1 << 14)
     monkeypatch.setattr(source, "_kept", {})
 
 

@@ -20,10 +20,11 @@ from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.recording import write_tracks
 from dirprim_filter.recording.errors import RecordingError, TableError
+from dirprim_filter.recording.name_patterns import named_values
 from dirprim_filter.recording.reader import read_track_logs, stream_detections
 from dirprim_filter.recording.tables import read_named
 from dirprim_filter.recording.tables.estimate_table import write_estimates
-from dirprim_filter.recording.tables.named_columns import parse_columns
+from dirprim_filter.recording.tables.named_columns import COLUMNS
 
 DATA = Path(__file__).parents[2] / "../shared/data"
 HEADER = "time_s,track_id,x_m,y_m,heading_rad,speed_mps"
@@ -101,7 +102,7 @@ def test_several_columns_make_the_group(tmp_path):
     rows = [f"{t},v,{t},0,{site},{day}" for site in ("north", "south") for day in (1, 2) for t in (0, 1)]
     path = table(tmp_path, "\n".join([f"{PLACES},site,day", *rows]))
     for group, groups in (("site+day", [0, 1, 2, 3]), ("day", [1, 2])):
-        found = read_named(path, columns=parse_columns(f"group={group}"))
+        found = read_named(path, columns={"group": group})
         assert np.unique(found.tracks.group).tolist() == groups
         assert found.unused == (["site"] if group == "day" else [])
     with pytest.raises(TableError, match="expected column week"):
@@ -278,8 +279,8 @@ def test_columns_of_other_names_are_mapped_and_what_is_not_used_is_named(tmp_pat
     with pytest.raises(TableError, match=r"--columns time_s=NAME"):
         read_named(path, columns={"track_id": "Id", "x_m": "Easting", "y_m": "Northing"})
     for wrong in ("x=Easting", "x_m", "x_m=", "x_m=a,x_m=b", ""):
-        with pytest.raises(ValueError, match=r"columns: expected NAME=COLUMN, each of time_s, .*, got "):
-            parse_columns(wrong)
+        with pytest.raises(ValueError, match=r"columns: expected NAME=VALUE, each of time_s, .*, got "):
+            named_values(wrong, COLUMNS, of="columns")
 
 
 def estimates(names):

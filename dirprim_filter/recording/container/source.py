@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, cast
 
 from dirprim_filter.recording.container.errors import NoRoomError, NotMcapError, RecordingError, one_line
-from dirprim_filter.recording.container.file_bytes import FileBytes, PipeBytes, RemoteBytes
+from dirprim_filter.recording.container.file_bytes import FileBytes
 from dirprim_filter.recording.container.other_formats import READ_BYTES
 from dirprim_filter.recording.container.records import MAGIC
 
@@ -35,14 +35,14 @@ BAGS = (".db3", ".bag")
 VERSION_FREE_MAGIC = MAGIC[:5]
 """A log whose opening magic differs only behind this is read, and reported as damaged."""
 READ_AT_ONCE = 1 << 22
-FETCHED_BYTES, BLOCKS_KEPT = 1 << 20, 256
-"""Of a URL: bytes of a block, and how many blocks stay in memory."""
+FETCHED_BYTES = 1 << 20
+"""Of a URL, at a time."""
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 URL = re.compile(r"(?P<scheme>[A-Za-z][A-Za-z0-9+.:-]+?):/+(?P<rest>[^/].*)")
 """`Path` folds the slashes of a URL; what names no file and starts like this is taken for one."""
 
 
-_kept: dict[str, _Copy | _Remote] = {}
+_kept: dict[str, _Copy] = {}
 
 
 def open_files(path: str | PathLike[str], *, live: bool = False) -> list[tuple[Path, FileBytes]]:
@@ -68,7 +68,7 @@ def open_files(path: str | PathLike[str], *, live: bool = False) -> list[tuple[P
 
             if files := ros_bags.files_of(file) if file.is_dir() else []:
                 return [(one, FileBytes(os.open(one, os.O_RDONLY))) for one in files]
-            copy = _Copy(name, ())
+            copy = _Copy(name)
             ros_bags.write_mcap(file, copy)
             _kept[key] = copy
         elif not stat.S_ISREG(file.stat().st_mode):
@@ -117,7 +117,7 @@ def as_url(name: str) -> str | None:
 class _Copy:
     """A temporary file of blocks; `name` is what the user calls it."""
 
-    def __init__(self, name: str, blocks: Iterable[bytes]) -> None:
+    def __init__(self, name: str, blocks: Iterable[bytes] = ()) -> None:
         self.file = tempfile.TemporaryFile(prefix="dirprim-", buffering=0)  # noqa: SIM115
         self.tell, self.flush = self.file.tell, self.file.flush
         self._name = name
@@ -155,13 +155,13 @@ class _Pipe(_Copy):
     """What has come of a pipe."""
 
     def __init__(self, name: str, stream: Any) -> None:
-        super().__init__(name, ())
+        super().__init__(name)
         self._stream = cast("BufferedReader", stream)
         self._size: float = 0
 
-    def wait(self, size: int) -> None:
-        """Until so many bytes have come, or no more will."""
-        while self._size < size:
+    def _need(self, _: int, stop: int) -> None:
+        """So many bytes have come, or no more will."""
+        while self._size < stop:
             block = self._stream.read1(READ_AT_ONCE)
             self._size += len(block) if block else float("inf")
             self.write(block)
@@ -170,28 +170,45 @@ class _Pipe(_Copy):
 
     def bytes_of(self, *, live: bool) -> FileBytes:
         if live:
-            return PipeBytes(os.dup(self.file.fileno()), self.wait)
-        self.wait(1 << 63)
+            return FileBytes(os.dup(self.file.fileno()), self._need, is_live=True)
+        self._need(0, 1 << 63)
         return super().bytes_of(live=False)
 
 
-class _Remote:
-    """A file elsewhere, and the blocks of it that were read last."""
+class _Remote(_Copy):
+    """A file elsewhere, and what of it was fetched: nothing is twice."""
 
-    def __init__(self, name: str, file: BinaryIO) -> None:
-        self._name, self._file = name, file
+    def __init__(self, name: str, remote: BinaryIO) -> None:
+        super().__init__(name)
+        self._remote, self._fetched = remote, set[int]()
+        self.file.truncate(remote.seek(0, os.SEEK_END))
+
+    def _need(self, start: int, stop: int) -> None:
+        for block in range(start // FETCHED_BYTES, -(-stop // FETCHED_BYTES)):
+            if block not in self._fetched:
+                at = block * FETCHED_BYTES
+                try:
+                    self._remote.seek(at)
+                    data = self._remote.read(FETCHED_BYTES)
+                except Exception as error:  # of the kind of the file system's own package
+                    why = str(error) or type(error).__name__
+                    raise RecordingError(
+                        f"{self._name}: expected its bytes {start} to {stop}: {why}; try again"
+                    ) from error
+                self.file.seek(at)
+                self.write(data)
+                self._fetched.add(block)
 
     def bytes_of(self, *, live: bool) -> FileBytes:
-        return RemoteBytes(self._name, self._file)
+        return FileBytes(os.dup(self.file.fileno()), self._need, is_remote=True)
 
 
-def _remote(name: str, url: str) -> _Remote | _Copy:
-    """By fsspec's cache of blocks; all of it where a server does not send parts."""
+def _remote(name: str, url: str) -> _Copy:
+    """Fetched in parts; all of it where a server does not send parts."""
     with _asking(url) as fsspec:
         files, place = fsspec.core.url_to_fs(url)
-        cache = {"block_size": FETCHED_BYTES, "cache_type": "blockcache", "cache_options": {"maxblocks": BLOCKS_KEPT}}
         try:
-            remote = _Remote(name, files.open(place, "rb", **cache))
+            remote = _Remote(name, files.open(place, "rb", block_size=FETCHED_BYTES, cache_type="none"))
             remote.bytes_of(live=False).read(0, READ_BYTES)
         except FileNotFoundError:
             raise

@@ -24,10 +24,11 @@ from dirprim_filter.drawing.names import short_name
 from dirprim_filter.drawing.sight import SURE_FROM, may_be_anywhere
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.recording.foxglove.scene import HEIGHT, STRIP, entity, fresh_update, line, painted, pose
-from dirprim_filter.recording.foxglove.vehicles import VEHICLE_SIZE
 from dirprim_filter.recording.schemas.scene_update import DRAWN_NOTE
 from dirprim_filter.track_ids import as_texts
 
+VEHICLE_SIZE = (4.5, 1.9, 1.5)
+"""Length, width and height of the cube that stands for a vehicle of unknown size, metres: a middling car."""
 REGION_SHARE = 0.9
 MIN_AXIS = 0.02
 """Metres; a thinner ellipse would not be seen."""

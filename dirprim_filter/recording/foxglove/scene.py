@@ -85,14 +85,11 @@ def fresh_update(entities: list[SceneEntity], time_ns: int) -> SceneUpdate:
     return SceneUpdate(deletions=[everything], entities=entities)
 
 
-def entity(
-    name: str, time_ns: int, *, frame: str = SCENE_FRAME, lifetime_ns: int = 0, frame_locked: bool = False, **parts: Any
-) -> SceneEntity:
-    """An entity of primitives; a lifetime of 0 lasts until it is replaced or deleted."""
+def entity(name: str, time_ns: int, **parts: Any) -> SceneEntity:
+    """An entity of primitives, which lasts until it is replaced or deleted."""
     return SceneEntity(
-        id=name, timestamp=stamp(time_ns), frame_id=frame, lifetime=Duration(*divmod(lifetime_ns, NANOSECONDS)),
-        frame_locked=frame_locked, **parts,
-    )  # fmt: skip
+        id=name, timestamp=stamp(time_ns), frame_id=SCENE_FRAME, lifetime=Duration(0, 0), frame_locked=False, **parts
+    )
 
 
 def pose(x: float, y: float, z: float, yaw: float = 0.0) -> Pose:

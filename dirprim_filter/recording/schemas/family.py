@@ -20,6 +20,7 @@ from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from dirprim_filter.columns import is_held, known_sizes, unknown
 from dirprim_filter.recording.decoding.field_columns import NANOSECONDS, NO_TIME, FieldColumns
 from dirprim_filter.recording.decoding.fields import Field, Kind, steps_of
+from dirprim_filter.recording.name_patterns import named_values
 from dirprim_filter.recording.rows import LEFT_OUT, Rows
 from dirprim_filter.recording.schemas.attitude import course, heading, rotated
 
@@ -207,14 +208,7 @@ class FieldMapping:
         Raises:
             ValueError: names the part that is none.
         """
-        known = [*NAMES, *GROUPS]
-        paths: dict[str, str] = {}
-        for part in text.split(","):
-            name, _, path = (word.strip() for word in part.partition("="))
-            if name not in known or not path or name in paths:
-                raise ValueError(f"fields: expected name=path, each of {', '.join(known)} once, got {part!r}")
-            paths[name] = path
-        return cls(paths)
+        return cls(named_values(text, [*NAMES, *GROUPS], of="fields"))
 
     def __str__(self) -> str:
         return ",".join(f"{name}={path}" for name, path in self.paths.items())

@@ -41,9 +41,10 @@ ALSO = {
     "longitude_deg": ("longitude", "lon", "lng"),
 }  # fmt: skip
 """What else a table may call a column; the first that it has counts."""
-KNOWN = (
+COLUMNS = (
     "time_s", "track_id", *PLACE, *MEASURED, "group", "sensor", "turn_signal", "label", "time_ns", "time", *GLOBE,
 )  # fmt: skip
+"""All that are known."""
 REMEDY: Mapping[str, str] = {
     "ms": "divide by 1e3", "us": "divide by 1e6", "ft": "multiply by 0.3048", "cm": "divide by 100",
     "km": "multiply by 1000", "px": "multiply by the metres per pixel",
@@ -91,21 +92,6 @@ def read_named(path: str | Path, *, columns: Mapping[str, str] | None = None, or
     return replace(table_of(rows, sensor=maybe("sensor", table.texts), unused=unused), origin=origin)
 
 
-def parse_columns(text: str) -> dict[str, str]:
-    """Of `x_m=Easting,y_m=Northing` how a table calls columns, by our names.
-
-    Raises:
-        ValueError: a part is not NAME=COLUMN, or its name is none of ours or there twice.
-    """
-    columns: dict[str, str] = {}
-    for part in text.split(","):
-        name, _, column = (word.strip() for word in part.partition("="))
-        if name not in KNOWN or not column or name in columns:
-            raise ValueError(f"columns: expected NAME=COLUMN, each of {', '.join(KNOWN)} once, got {part!r}")
-        columns[name] = column
-    return columns
-
-
 def _cues(table: Columns, name: str) -> FloatArray:
     """(n, 2) as in `Detections.cue`."""
     side = np.strings.lower(table.texts(name))
@@ -147,7 +133,7 @@ def _names(table: Columns, renamed: Mapping[str, str]) -> tuple[dict[str, str], 
         raise TableError(table.path, place, f"column {missing[0]}", got, "name one that is there")
     own = [name for name in header if name not in parts and name not in renamed]
     name_of = dict(renamed)
-    for name in KNOWN:
+    for name in COLUMNS:
         found = [known for known in (name, *ALSO.get(name, ())) if known in own]
         if found and name not in renamed:
             name_of[name] = found[0]
@@ -166,7 +152,7 @@ def check_header(table: Columns, names: Sequence[str], *, with_ids: bool = False
     Raises:
         TableError: otherwise.
     """
-    path, place, known = table.path, table.header, [*KNOWN, *(also for of in ALSO.values() for also in of)]
+    path, place, known = table.path, table.header, [*COLUMNS, *(also for of in ALSO.values() for also in of)]
     if twice := [name for name in known if table.names.count(name) > 1]:
         raise TableError(path, place, f"one column {twice[0]}", f"{table.names.count(twice[0])}", "remove the others")
     where = GLOBE if GLOBE[0] in names else PLACE
