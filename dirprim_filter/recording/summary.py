@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass
 from os import PathLike
 from typing import Any
@@ -11,6 +11,7 @@ from typing import Any
 from mcap.records import Statistics
 
 from dirprim_filter.recording.container.damage import Damage
+from dirprim_filter.recording.container.records import Channel
 from dirprim_filter.recording.container.source import log_files
 from dirprim_filter.recording.container.summary_section import Summary, read_summary
 from dirprim_filter.recording.name_patterns import matching
@@ -36,6 +37,31 @@ class TopicSummary:
     encoding: str
     messages: int
     tracks: int | None
+
+
+TopicKey = tuple[str, str, str]
+"""Topic, name of the schema and encoding."""
+
+
+def key_of(channel: Channel) -> TopicKey:
+    """What its messages are counted by."""
+    return channel.topic, channel.schema.name, channel.message_encoding
+
+
+def topics_of(
+    messages: Mapping[TopicKey, int], track_ids: Mapping[TopicKey, Collection[str]]
+) -> tuple[TopicSummary, ...]:
+    """The topics by name; without ids, those of schemas that carry none."""
+    return tuple(
+        TopicSummary(
+            name=key[0],
+            schema=key[1],
+            encoding=key[2],
+            messages=n,
+            tracks=len(track_ids[key]) if key in track_ids else None,
+        )
+        for key, n in sorted(messages.items())
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,32 +117,20 @@ def summarise_by_index(
     files = log_files(path)
     if sum(len(bytes_of) for _, bytes_of in files) < from_bytes:
         return None
-    sections = []
+    wanted = None if topics is None else matching(topics, of="topics")
+    messages, sections = Counter[TopicKey](), list[tuple[Summary, Statistics]]()
     for _, bytes_of in files:
         section = read_summary(bytes_of)
         if section is None or section.statistics is None:
             return None
         sections.append((section, section.statistics))
-    return _of(sections, None if topics is None else matching(topics, of="topics"))
-
-
-def _of(sections: list[tuple[Summary, Statistics]], wanted: Callable[[str], bool] | None) -> LogSummary:
-    messages: Counter[tuple[str, str, str]] = Counter()
-    for section, statistics in sections:
         for channel_id, channel in section.channels.items():
             if wanted is None or wanted(channel.topic):
-                key = (channel.topic, channel.schema.name, channel.message_encoding)
-                messages[key] += statistics.channel_message_counts.get(channel_id, 0)
-    topics = tuple(
-        TopicSummary(name=name, schema=schema, encoding=encoding, messages=n, tracks=None)
-        for (name, schema, encoding), n in sorted(messages.items())
-    )
-    n_messages = messages.total()
-    spans = [(of.message_start_time, of.message_end_time) for _, of in sections if of.message_count]
+                messages[key_of(channel)] += section.statistics.channel_message_counts.get(channel_id, 0)
+    times = [(of.message_start_time, of.message_end_time) for _, of in sections if of.message_count and not wanted]
     return LogSummary(
-        topics=topics, messages=n_messages, damage=(), is_checked=False, labels={}, groups={},
-        start_ns=min(start for start, _ in spans) if n_messages and wanted is None else None,
-        end_ns=max(end for _, end in spans) if n_messages and wanted is None else None,
+        topics=topics_of(messages, {}), messages=messages.total(), damage=(), is_checked=False, labels={}, groups={},
+        start_ns=min((start for start, _ in times), default=None), end_ns=max((end for _, end in times), default=None),
         attachments=tuple(one.name for section, _ in sections for one in section.attachments),
         metadata=tuple(one.name for section, _ in sections for one in section.metadata),
     )  # fmt: skip
