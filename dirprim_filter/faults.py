@@ -29,6 +29,8 @@ MAX_STEP_S = 2.0
 """Across a longer pause nothing is known of the path between."""
 COPY_M = 0.05
 """Two that are so near each other are one vehicle."""
+MOST_ABREAST = 100
+"""Of more vehicles that stand in one line north to south, not all are compared."""
 COPY_S = 1.0
 """Seconds that two vehicles share a place at the same instants."""
 MOVING_FROM = 1.0
@@ -218,15 +220,19 @@ def _copies(path: _Path, names: AnyArray) -> tuple[Copy, ...]:
 
 
 def _near(place: FloatArray, path: _Path) -> IntArray:
-    """(2, p) rows of two vehicles, that of the lesser number first, within `COPY_M` of each other in each axis."""
-    if len(place) < 2:
-        return np.empty((2, 0), np.int64)
-    from scipy.spatial import cKDTree  # noqa: PLC0415 - `info` of a long log does without
+    """(2, p) rows of two vehicles, that of the lesser number first, within `COPY_M` of each other in each axis.
 
-    pairs = cKDTree(place).query_pairs(COPY_M, p=np.inf, output_type="ndarray")
-    pairs = pairs[path.vehicle[pairs[:, 0]] != path.vehicle[pairs[:, 1]]]
-    pairs = np.sort(pairs, axis=1)  # rows are in order of the vehicles
-    return np.asarray(pairs.T)
+    In order of instant and east each row is compared with the next ones, as long as any of them is near enough.
+    """
+    order, near = np.lexsort((place[:, 0], place[:, 2])), [np.empty((2, 0), np.int64)]
+    for ahead in range(1, min(len(order), MOST_ABREAST)):
+        pairs = np.sort([order[:-ahead], order[ahead:]], axis=0)  # rows are in order of the vehicles
+        apart = np.abs(place[pairs[1]] - place[pairs[0]])
+        abreast = (apart[:, 2] == 0) & (apart[:, 0] <= COPY_M)
+        if not abreast.any():
+            break
+        near.append(pairs[:, abreast & (apart[:, 1] <= COPY_M) & (path.vehicle[pairs[0]] != path.vehicle[pairs[1]])])
+    return np.concatenate(near, axis=1)
 
 
 def _interval_s(path: _Path, vehicle: int) -> float:
