@@ -60,7 +60,7 @@ def _viewer() -> str:
     if viewer_program() is None:
         return "rerun's program is not installed; --save still writes files for it"
     has_screen = sys.platform in ("darwin", "win32") or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
-    return "it is there" + ("" if has_screen else ", but no screen: use `dirprim view FILE --serve`, or --save")
+    return "it is there" + ("" if has_screen else ", but no screen: use --save, and `rerun --serve-web FILE.rrd`")
 
 
 def _self_test() -> str:

@@ -193,7 +193,6 @@ Scheduler = Annotated[
 ]
 Save = Annotated[Path | None, typer.Option("--save", help="Write an .rrd for the rerun viewer."), WRITTEN]
 Spawn = Annotated[bool, typer.Option("--spawn", help="Start a new rerun viewer and stream to it.")]
-Serve = Annotated[bool, typer.Option("--serve", help="Serve the web viewer until Ctrl-C; see --bind.")]
 Connect = Annotated[
     str | None,
     typer.Option("--connect", help="Stream to a running viewer, such as rerun+http://127.0.0.1:9876/proxy."),

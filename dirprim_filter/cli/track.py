@@ -114,7 +114,7 @@ def track(
 
     from dirprim_filter.cli.progress import with_progress
     from dirprim_filter.cli.provenance import provenance
-    from dirprim_filter.cli.watching import exit_code, open_viewer
+    from dirprim_filter.cli.view import exit_code, open_viewer
     from dirprim_filter.filtering import Tracker, Worlds
     from dirprim_filter.filtering.smoothing import Smoother
     from dirprim_filter.forecasting import Forecaster

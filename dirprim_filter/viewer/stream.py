@@ -1,4 +1,4 @@
-"""Where what is shown goes: an .rrd file, a viewer started for it, a running viewer, a server for browsers.
+"""Where what is shown goes: an .rrd file, a viewer started for it, a running viewer.
 
 Each place has a stream of its own. One that fails, as a viewer that was closed or a disk that is full, is reported and
 left; the others go on, and so does who shows something.
@@ -12,7 +12,6 @@ import re
 import time
 import uuid
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
 from pathlib import Path
 from threading import Thread
 
@@ -21,7 +20,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from dirprim_filter.partial_file import OutputExistsError, PartialFile
-from dirprim_filter.viewer.process import WebServer, require_listener, spawn_viewer
+from dirprim_filter.viewer.process import require_listener, spawn_viewer
 
 logger = logging.getLogger(__name__)
 
@@ -53,12 +52,10 @@ class Stream:
         save: an .rrd file. It grows under a temporary name, see `PartialFile`.
         spawn: start a viewer on this machine and leave it open.
         connect: the address of a running viewer, such as `process.VIEWER_URL`.
-        serve: an address of this machine, such as 127.0.0.1, at which browsers find the stream until it is closed.
         force: overwrite `save`.
 
     Attributes:
         live: a viewer may be open.
-        server: of the web viewer, which ends with the stream.
         failures: what went wrong, a line for each place that was left.
 
     Raises:
@@ -70,12 +67,11 @@ class Stream:
 
     def __init__(
         self, application_id: str = "dirprim", *, save: Path | None = None, spawn: bool = False,
-        connect: str | None = None, serve: str | None = None, force: bool = False,
+        connect: str | None = None, force: bool = False,
     ) -> None:  # fmt: skip
-        if save is None and not spawn and connect is None and serve is None:
+        if save is None and not spawn and connect is None:
             raise ValueError(PLACES_NEEDED)
-        self.live = spawn or connect is not None or serve is not None
-        self.server: WebServer | None = None
+        self.live = spawn or connect is not None
         self.failures: list[str] = []
         self._places: dict[str, rr.RecordingStream] = {}
         self._file: PartialFile | None = None
@@ -91,23 +87,18 @@ class Stream:
             stream.set_sinks(sink)
             self._places[name] = stream
 
-        with ExitStack() as if_failed:
-            if save is not None:
-                save.parent.mkdir(parents=True, exist_ok=True)
-                file = PartialFile(save, force=force, keep=True)
-            if serve is not None:
-                self.server = if_failed.enter_context(WebServer(serve))
-                add(self.server.page_url, rr.GrpcSink(self.server.stream_url))
-            if spawn:
-                add("the viewer", rr.GrpcSink(spawn_viewer()))
-            if connect is not None:
-                require_listener(connect, "start one with `rerun`")
-                add(connect, rr.GrpcSink(connect))
-            if save is not None:
-                file.__enter__()
-                self._file = file
-                add(str(save), rr.FileSink(file.partial))
-            if_failed.pop_all()
+        if save is not None:
+            save.parent.mkdir(parents=True, exist_ok=True)
+            file = PartialFile(save, force=force, keep=True)
+        if spawn:
+            add("the viewer", rr.GrpcSink(spawn_viewer()))
+        if connect is not None:
+            require_listener(connect)
+            add(connect, rr.GrpcSink(connect))
+        if save is not None:
+            file.__enter__()
+            self._file = file
+            add(str(save), rr.FileSink(file.partial))
 
     def send_columns(self, path: str, times: rr.TimeColumn, columns: rr.ComponentColumnList) -> None:
         """Columns of an entity."""
@@ -140,8 +131,6 @@ class Stream:
         self.flush()
         for stream in self._places.values():
             _disconnect(stream)
-        if self.server is not None:
-            self.server.stop()
         file, self._file = self._file, None
         if file is None:
             return

@@ -1,11 +1,8 @@
 """`dirprim view` and the watching options of `dirprim track`: what is shown is what the files hold."""
 
-import functools
 import json
-import socket
 import subprocess
 import sys
-import urllib.request
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +12,6 @@ from rerun.chunk import RrdReader
 from cli.commands import DONE, FAILED, dirprim
 from dirprim_filter import save_map, write_tracks
 from dirprim_filter.viewer import process as program
-from dirprim_filter.viewer import stream
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +79,7 @@ def test_what_cannot_be_shown_together_is_said(folder, tmp_path, capsys):
     for files, error in [
         ((prior, free), "expected at most one run, got"),
         ((recording, learned), "prior.rrd: an .rrd opens beside other .rrd files alone"),
-        ((recording,), "prior.rrd: an .rrd opens beside other .rrd files alone, on a screen or by --serve"),
+        ((recording,), "prior.rrd: an .rrd opens beside other .rrd files alone, on a screen"),
     ]:
         assert dirprim("view", *files, "--save", tmp_path / "no.rrd") == FAILED
         assert error in capsys.readouterr().err
@@ -95,27 +91,6 @@ def test_recordings_go_to_the_viewer_as_they_are(folder, monkeypatch):
     monkeypatch.setattr(program, "spawn_viewer", shown.extend)
     assert dirprim("view", folder / "prior.rrd", folder / "prior.rrd") == DONE
     assert shown == [folder / "prior.rrd"] * 2
-
-
-def test_serving_answers_a_browser_until_it_is_ended(folder, monkeypatch, capsys):
-    with socket.socket() as first, socket.socket() as second:
-        first.bind(("127.0.0.1", 0))
-        second.bind(("127.0.0.1", 0))
-        data, web = first.getsockname()[1], second.getsockname()[1]
-    server = functools.partial(program.WebServer, data_port=data, web_port=web)
-    pages = []
-
-    def look(self):
-        with urllib.request.urlopen(self.page_url) as answer:  # noqa: S310 - our own server's
-            pages.append(answer.read().decode())
-
-    monkeypatch.setattr(stream, "WebServer", server)
-    monkeypatch.setattr(program.WebServer, "wait", look)
-    assert dirprim("view", folder / "map.mcap", "--serve") == DONE
-    assert f"serving at http://127.0.0.1:{web}/" in capsys.readouterr().err
-    assert "<html" in pages[0]
-    with socket.socket() as after, pytest.raises(ConnectionRefusedError):
-        after.connect(("127.0.0.1", web))
 
 
 def test_time_is_the_logs_own_to_the_nanosecond(folder):
