@@ -353,18 +353,18 @@ TABLES: dict[str, Table] = {
 
 NEARER = ("the map is nearer in sight, %", "in gaps, %", "the map is nearer at 1 s, %", "the map is nearer at 5 s, %")
 SUMMARY = (
-    *(("error while a vehicle is out of sight for 3 s", " %", "tracking", run, "constant velocity", NEARER[1])
+    *(("error in gaps of 3 s", " %", "tracking", run, "constant velocity", NEARER[1])
       for run in ("roundabout", "intersection", "Lankershim")),
     *(("error in sight", " %", "tracking", run, "constant velocity", NEARER[0])
       for run in ("roundabout", "intersection", "Lankershim")),
-    *(("HOTA without ids, a fifth missed, ten false a frame", "", "no_ids", run, "constant velocity",
+    *(("HOTA without ids", "", "no_ids", run, "constant velocity",
        "the map's HOTA less this") for run in ("Lankershim", "dense intersection", "dense highway")),
     *(("forecasts 5 s ahead", " %", "forecasts", run, row, NEARER[3])
       for run in ("roundabout", "Lankershim") for row in ("constant velocity", "trajectory memory")),
     *(("real detections", " %", "real_sensors", run, row, "the map is nearer, %")
       for run, row in (("Mcity", "Mcity, in sight: without the map"),
                        ("autoferry", "autoferry, both: without the map"))),
-    *(("HOTA beside other packages' trackers", "", "peers", run, row, "ours with the map, HOTA more")
+    *(("HOTA beside other packages", "", "peers", run, row, "ours with the map, HOTA more")
       for run in ("A", "B") for row in ("Stone Soup GNN", "norfair")),
 )  # fmt: skip
 """First of all: a question, its unit, and the table, run, row and column of its answer."""

@@ -1,7 +1,9 @@
 """The vehicle ahead: how drivers go on behind a leader.
 
 Car-following models (Gipps 1981; Treiber, Hennecke and Helbing 2000) state how a driver accelerates by its speed, the
-gap to its leader and the leader's speed. Here that law is learned, see `leader_learning`.
+gap to its leader and the leader's speed. Here that law is learned, see `leader_learning`. One of its features is the
+speed that is safe at a gap g behind a leader of speed l, by Gipps with equal braking b, after a reaction time t, and
+with 7 m from centre to centre in a queue: -b t + sqrt((b t)^2 + l^2 + 2 b max(g - 7 m, 0)).
 """
 
 from __future__ import annotations

@@ -22,7 +22,8 @@ class Traffic:
     """Traffic of one vehicle on average, as in the map's log.
 
     A manoeuvre of n visits and s seconds has traffic in proportion to s. If a of the visits followed another and b
-    went on to another, n - a trips began with it and n - b ended. As many come as go: `later` keeps `present`.
+    went on to another, n - a trips began with it and n - b ended. The expected vehicles u of N on the map follow
+    du/dt = N begins + flow u. As many come as go: `later` keeps `present`.
 
     Attributes:
         present: (z,) probability that a vehicle of the map is in each manoeuvre.
