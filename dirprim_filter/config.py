@@ -144,12 +144,12 @@ class TrackingConfig:
         clutter_density: false detections per square metre in each frame: one in a square of 100 m. Labelled or not, the
             odds that a first detection is a vehicle are those expected there to this, see `filtering.undetected`.
         birth_density: new vehicles per square metre in each frame, anywhere: one in a hundred frames. On a map more are
-            expected where journeys begin.
+            expected where trajectories begin.
         vehicle_density: vehicles per square metre to expect before the first frame: as many as false detections. On a
             map it is corrected by those that are found, and they are expected where vehicles were.
         occlusion_rate: 1/s, how often a vehicle is occluded, as by a lorry or a tree.
         reappearance_rate: 1/s, how fast it comes back: after three seconds.
-        departure_rate: 1/s, how often a vehicle leaves for good, anywhere. On a map more do where journeys end.
+        departure_rate: 1/s, how often a vehicle leaves for good, anywhere. On a map more do where trajectories end.
         gate: squared Mahalanobis distance beyond which a detection is not assigned to a track; one in 3,000 of its own
             is excluded.
         confirm_above: probability of existence from which on a track is reported.

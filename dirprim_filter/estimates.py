@@ -158,15 +158,15 @@ class Innovations(ArrayValue):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrackedFrame(ArrayValue):
-    """All that is known at one instant: what was reported, what is believed, and the samples that say so.
+    """All that is known at one instant: the detections, the estimates, and the particles.
 
     Attributes:
         time_ns: nanoseconds since the log's epoch.
         detections: what was reported.
-        estimates: what is believed.
+        estimates: of the vehicles that are reported.
         particles: the samples behind it; who keeps a frame keeps a copy of them.
         innovations: a row for each estimate; None where the tracker was not asked for them.
-        begun_anew: ids of the vehicles whose belief no longer explained them, and was begun anew.
+        begun_anew: ids of the vehicles whose belief no longer explained them, and was reinitialised.
         group: (n,) of the log, each estimate's; left out: all of one.
     """
 

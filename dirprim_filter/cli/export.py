@@ -31,6 +31,6 @@ def export(
 
     check_table_format(output)
     with working(f"writing {output.name}"):
-        believed = read_estimates(estimates, smoothed=smoothed)
-        write_estimates(believed, output, force=force)
-    typer.echo(f"{output}: {counted(np.unique(believed.track_id).size, 'track')}, {counted(len(believed), 'row')}")
+        rows = read_estimates(estimates, smoothed=smoothed)
+        write_estimates(rows, output, force=force)
+    typer.echo(f"{output}: {counted(np.unique(rows.track_id).size, 'track')}, {counted(len(rows), 'row')}")

@@ -1,8 +1,8 @@
 """Where samples lie: highest density regions of positions, at one instant or at several.
 
 At each instant a highest density region (Hyndman 1996): the least area that holds the share of the samples, found where
-a kernel density estimate is above the quantile of its own values at the samples. Of a vehicle's futures the region is
-the union over all instants, a fan, which holds the share at each of them; it splits where futures do, which an ellipse
+a kernel density estimate is above the quantile of its own values at the samples. Of a vehicle's rollouts the region is
+the union over all instants, a fan, which holds the share at each of them; it splits where rollouts do, which an ellipse
 or a ribbon could not.
 """
 
@@ -57,7 +57,7 @@ def highest_density_regions(paths: FloatArray, probabilities: Sequence[float]) -
     """The region of each probability, which holds it at every instant.
 
     Args:
-        paths: (n_samples, n_steps, 2) metres, futures of one vehicle; one step for the region of one instant.
+        paths: (n_samples, n_steps, 2) metres, rollouts of one vehicle; one step for the region of one instant.
         probabilities: above 0, below 1.
     """
     path, share = np.ascontiguousarray(paths, np.float64), np.array(probabilities, np.float64)

@@ -17,6 +17,6 @@ def dbscan(direction: FloatArray, *, eps: float, min_samples: int) -> IntArray:
     """
     from sklearn.cluster import DBSCAN  # noqa: PLC0415  # heavy, and asked for by the paper's recipe alone
 
-    chord = 2.0 * np.sin(0.5 * min(eps, np.pi))  # as long as the arc tells: on the unit circle a tree finds neighbours
+    chord = 2.0 * np.sin(0.5 * min(eps, np.pi))  # of this arc: on the unit circle a tree finds neighbours
     on_circle = np.column_stack([np.cos(direction), np.sin(direction)])
     return np.asarray(DBSCAN(eps=chord, min_samples=min_samples).fit(on_circle).labels_, np.int64)

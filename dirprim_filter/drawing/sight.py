@@ -14,11 +14,11 @@ WIDEST_COASTING = 6.0
 """Metres, standard deviation; of a coasting vehicle that may be anywhere, no ellipse is drawn."""
 
 
-def may_be_anywhere(believed: Estimates) -> BoolArray:
+def may_be_anywhere(estimates: Estimates) -> BoolArray:
     """(n,) which vehicles have coasted for so long that their ellipse is not drawn."""
-    return np.asarray(believed.is_coasting & (reach(believed.covariance) > WIDEST_COASTING))
+    return np.asarray(estimates.is_coasting & (reach(estimates.covariance) > WIDEST_COASTING))
 
 
-def has_no_forecast(believed: Estimates) -> BoolArray:
+def has_no_forecast(estimates: Estimates) -> BoolArray:
     """(n,) of which vehicles no forecast is drawn."""
-    return np.asarray(believed.is_coasting | (believed.direction_resultant < SURE_FROM))
+    return np.asarray(estimates.is_coasting | (estimates.direction_resultant < SURE_FROM))

@@ -2,7 +2,7 @@
 
 With ids each row of the truth in which both have an estimate counts. What is independent are vehicles, or groups where
 there are several. Without ids which estimate is of which vehicle is for the tracker to say, so HOTA is compared: group
-by group, or in a log of one group run by run, which tells noise from noise and holds for its traffic alone.
+by group, or in a log of one group run by run, which separates noise from noise and holds for its traffic alone.
 """
 
 from __future__ import annotations

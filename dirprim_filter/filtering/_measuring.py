@@ -46,8 +46,8 @@ LEAST = 1e-200
 COURSE_FROM, COURSE_UNTIL = 0.95, 0.7
 """Resultants of a belief's directions from which on it has a course, and below which it has none any more.
 
-Were the bias in the axes of each particle for good, it would be a lever: what it swings across would tell the filter of
-directions far more than a body's heading, smooth as it is, tells of the motion's noise in them.
+Were the bias in the axes of each particle for good, it would be a lever: what it swings across would measure directions
+far better than the motion's noise in them allows, for a body's heading is smooth.
 """
 PLACE_M, SPEED_OFF, TOGETHER = 1.0, 2.0, 0.7
 """Metres, m/s, and their correlation: an acceleration of 2 m/s^2 beside the model's, for a second."""
@@ -147,7 +147,7 @@ def weigh(
     """Weigh each vehicle's particles by its measurement, normalise, and learn of the error that each carries.
 
     Fills (V, 3): the log density of the measurement given those before it, that of its position alone, and 1 where
-    particles were moved as innovation outliers. A measurement that the belief as a whole calls an outlier tells nothing
+    particles were moved as innovation outliers. A measurement that the belief as a whole calls an outlier says nothing
     of the carried error. Loops are kept apart, and without branches, so that they are compiled to vector instructions.
     """
     n = cloud.position.shape[1]

@@ -28,7 +28,7 @@ from dirprim_filter.filtering._measuring import Carried
 from dirprim_filter.primitives._manoeuvres import STANDING_BELOW
 
 FEW = 0.1
-"""Share of the particles: where effectively fewer are left, as of a vehicle found again after a gap, they tell how it
+"""Share of the particles: where effectively fewer are left, as of a vehicle found again after a gap, they show how it
 moves, not how it is seen, and the errors of copies are drawn as at birth."""
 AHEAD, ASIDE, TURN, PACE, ERROR = range(5)
 """Rows of a state: metres along and across the mean course, radians from it, m/s; two of the carried error, if any."""

@@ -45,7 +45,7 @@ class Roster:
         is_confirmed: (slots,) whether it was ever confirmed.
         existence: (slots, 3) see `existence`.
         outside: (slots,) probability that it is outside of the map's cells.
-        ends: (slots,) 1/s, rate at which journeys end where it was when its existence was last moved on.
+        ends: (slots,) 1/s, rate at which trajectories end where it was when its existence was last moved on.
         n_unexplained: (slots,) consecutive measurements that its belief did not explain.
         log_evidence: (slots,) of its measurement in this frame; 0 where there is none.
         cue: (slots, 2) what it is weighed by, as in `Detections`; NaN for nothing.

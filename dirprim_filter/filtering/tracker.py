@@ -116,7 +116,7 @@ class Tracker:
         Args:
             detections: one instant, each id once; none is no frame, unless `time_ns` says when nothing was seen.
             time_ns: the frame's time; left out, that of its detections.
-            is_scan: the sensor looked; else nobody was missed at `time_ns`, which is between its frames.
+            is_scan: the sensor looked; else no vehicle was missed at `time_ns`, which is between its frames.
 
         Raises:
             ValueError: several instants or groups, a repeated id, or time going backwards; the beliefs are as before.
@@ -184,7 +184,7 @@ class Tracker:
         frame.moments = self._filter.moments(frame.held)
 
     def estimate(self) -> Estimates:
-        """What is believed of confirmed tracks: labelled ones of the frame in its order, absent and unlabelled ones."""
+        """Estimates of confirmed tracks: labelled ones of the frame in its order, absent and unlabelled ones."""
         frame, roster = self._frame, self._roster
         exists = roster.probability[frame.home]
         reported = roster.is_confirmed[frame.home] & (exists >= self.tracking.report_above)
@@ -322,7 +322,7 @@ class Tracker:
         self._frame.lost = slot
         self._roster.n_unexplained[slot] = 0
         self._roster.cue[slot] = np.nan
-        logger.info("at %d ns %d beliefs did not explain what was measured: begun anew", self._time_ns, slot.size)
+        logger.info("at %d ns %d beliefs did not explain what was measured: reinitialised", self._time_ns, slot.size)
         self._begin(slot, row)
 
     def _innovation(self, slot: IntArray, measured: Detections) -> FloatArray:

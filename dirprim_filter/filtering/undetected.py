@@ -1,7 +1,7 @@
 """How many first detections are expected, and where: vehicles that are there and were never detected.
 
 They are a Poisson process, thinned by each frame that did not show them. In the first frame they are all vehicles,
-where traffic is dense; later mostly those that have just begun their journey, where journeys begin.
+where traffic is dense; later mostly those that have just appeared, where trajectories begin.
 
 Source: Williams, Marginal Multi-Bernoulli Filters: RFS Derivation of MHT, JIPDA, and Association-Based MeMBer, 2015.
 """
@@ -26,7 +26,7 @@ LEVEL_S = 900.0
 class Undetected:
     """The intensity of vehicles not yet detected, in one world.
 
-    On a map they go on as its vehicles did, and new ones begin where its journeys began, as many as fit the traffic's
+    On a map they go on as its vehicles did. New ones begin where its trajectories began, as many as fit the traffic's
     *level*: the mean number of vehicles on the map. It has a gamma distribution, at first exponential about
     `vehicle_density` times the area, learns from first detections, and forgets them within `LEVEL_S`. Elsewhere, and
     without a map, the intensity is `vehicle_density` until frames have thinned it, and `birth_density` new ones in each
@@ -72,7 +72,7 @@ class Undetected:
     def see(self, position: FloatArray, is_labelled: BoolArray) -> FloatArray:
         """Take the frame's detections (n, 2) that are of no track; thin by what the frame would show.
 
-        From those without an id the level is learned: no vehicle that has one has a part in what is believed of others.
+        From those without an id the level is learned: no vehicle that has one has a part in the estimates of others.
 
         Returns:
             (n,) the density of first detections that was expected at each, by what is known of the level now.

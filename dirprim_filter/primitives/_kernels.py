@@ -26,7 +26,7 @@ from dirprim_filter.primitives._modes import (
 )
 
 COMPARED = 0.03
-"""A climb of flat modes that gains less than this share of what a parameter costs is over as far as BIC can tell."""
+"""A climb of flat modes that gains less than this share of what a parameter costs is over as far as BIC shows."""
 FAR = 10.0
 """Of the objective: so far past the best number of modes, more only cost more. A rough fit stops one past the best."""
 ON_CIRCLE = 1024

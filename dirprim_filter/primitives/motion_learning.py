@@ -21,7 +21,7 @@ from dirprim_filter.primitives.visits import Visits
 
 DETAIL = 0.3
 """Squared distance, in units of what is alike, from which on a visit is of another manoeuvre. By 1 no log is forecast
-better than luck has it, and where simulated vehicles repeat each other forecasts are 4 to 6 % worse."""
+better than chance has it, and where simulated vehicles repeat each other forecasts are 4 to 6 % worse."""
 MOST_MANOEUVRES = 32
 """Of a mode."""
 # Ridges in visits, by which a manoeuvre leans on its mode: of a field's value at the centre, and of its slope, for

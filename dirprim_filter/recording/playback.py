@@ -1,4 +1,4 @@
-"""A recorded log as frames that come at a chosen speed: what a tracker believed, else the objects as they were seen."""
+"""A recorded log as frames that come at a chosen speed: a tracker's estimates, else the objects as they were seen."""
 
 from __future__ import annotations
 
@@ -91,12 +91,12 @@ class Playback:
         for message in messages:
             self._check_intact()
             try:
-                believed = decode_estimates(message.data)
+                estimates = decode_estimates(message.data)
             except ProtobufDecodeError as error:
                 self.losses.fail([str(error)])
                 continue
             seen = self._seen.get(message.log_time_ns, Detections.none())
-            yield _frame(message.log_time_ns, seen, believed)
+            yield _frame(message.log_time_ns, seen, estimates)
         self._check_intact()
         self.losses.log(self._log.path)
 

@@ -145,7 +145,7 @@ def stream_detections(
         options: as for `read_tracks`; without topics, `/detections` goes before all others. Messages that go back in
             the time that counts are left out and counted.
         motion: take the log's directions and speeds for measurements. Often they are no sensor's, but were derived from
-            the positions, and would be believed twice.
+            the positions, and would count twice.
         live: of a pipe instants come as they are written, in its own order, with the transforms that came before the
             first; else all of it is waited for.
         changes: as for `read_tracks`.

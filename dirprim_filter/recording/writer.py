@@ -1,4 +1,4 @@
-"""Logs of what was observed and of what is believed: MCAP that Foxglove draws and that reads back exactly."""
+"""Logs of observations and estimates: MCAP that Foxglove draws and that reads back exactly."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ class EstimateWriter:
         self._log.__exit__(kind, error, trace)
 
     def write(self, frame: TrackedFrame) -> None:
-        """Append what is believed at one instant.
+        """Append the estimates of one instant.
 
         Raises:
             ValueError: an estimate is of another time than the frame, or the time is negative.
@@ -163,7 +163,7 @@ class EstimateWriter:
         self._map = primitive_map
 
     def write_forecast(self, forecasts: Forecasts) -> None:
-        """Draw sampled futures, and the regions that hold them.
+        """Draw rollouts, and the regions that hold them.
 
         Raises:
             ValueError: a negative time.

@@ -126,6 +126,6 @@ class Workers:
         except ImportError as error:
             raise MissingExtraError(str(self), library="distributed", extra="fleet") from error
         for name in ("distributed", *logging.root.manager.loggerDict):
-            if name.startswith("distributed"):  # that workers come and go is nothing to tell
+            if name.startswith("distributed"):  # that workers come and go is nothing to report
                 logging.getLogger(name).setLevel(logging.CRITICAL)
         return dask, distributed

@@ -101,7 +101,7 @@ def forecast_text(table: ForecastTable) -> str:
     """The table as text: a block for each method, a line for each horizon; then what the first gains."""
     lines = [
         f"{counted(table.n_vehicles, 'vehicle')} held out by {table.split_by}, {counted(table.n_folds, 'fold')}, "
-        f"{counted(table.n_seeds, 'seed')}; {counted(table.n_samples, 'future')} each"
+        f"{counted(table.n_seeds, 'seed')}; {counted(table.n_samples, 'rollout')} each"
     ]
     first, *others = table.methods
     for row in table.methods:

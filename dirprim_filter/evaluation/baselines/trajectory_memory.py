@@ -134,7 +134,7 @@ class TrajectoryMemory:
         self, start: States, *, time_s: FloatArray, n_samples: int, but: IntArray | None = None,
         rng: np.random.Generator,
     ) -> FloatArray:  # fmt: skip
-        """Futures of vehicles.
+        """Rollouts of vehicles.
 
         Args:
             start: n of them.
@@ -216,7 +216,7 @@ class TrajectoryMemory:
         Args:
             cases: of the vehicles that are remembered.
             horizons_s: theirs.
-            rng: draws cases and futures; all settings are tried on the same.
+            rng: draws cases and rollouts; all settings are tried on the same.
 
         Returns:
             The memory, and each setting between others that are no better; no settings of too few cases.

@@ -35,7 +35,7 @@ NODES, WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
 LONGEST, FEWEST = 50, 12
 """Detections of a piece."""
 LEAST_STEP_S = 0.09
-"""Detections nearer in time are passed over: pieces would be too short to tell errors that last from white ones."""
+"""Detections nearer in time are passed over: pieces would be too short to separate errors that last from white ones."""
 LONGEST_PAUSE_S = 1.0
 MOVING_FROM = 0.5
 """m/s: of slower vehicles the way has no direction that is worth to be known."""
@@ -47,7 +47,7 @@ STRAYS = 6.0
 MAD = 1.4826
 MOST_PIECES, FEWEST_PIECES = 400, 8
 LONGEST_LASTING_S = 2.0
-"""Errors that last longer cannot be told from a vehicle's own way within a piece."""
+"""Errors that last longer cannot be separated from a vehicle's own path within a piece."""
 LEAST_SHARE = 0.1
 """Of the variance; a smaller share that lasts is no finding."""
 LEAST_GAIN = 4.6

@@ -15,7 +15,7 @@ FIRST_CAPACITY = 64
 REST_NS = 350_000_000
 """A pause: a vehicle in sight is seldom missed for so long."""
 MOVES = 4
-"""Of a state: place and velocity, which estimates tell."""
+"""Of a state: place and velocity, which estimates have."""
 SAME_VEHICLE = 36.0
 """Squared Mahalanobis distance up to which one belief may be the continuation of another."""
 HARDEST = 8.0
@@ -120,7 +120,7 @@ class Chain:
         n_pieces: of how many it was joined.
         existence: the largest reported probability that the track is a vehicle.
         first_ns: time of the first measurement.
-        last: what the filter believed at the last measurement.
+        last: the filter's belief at the last measurement.
         until_ns: from this time on another chain has the slot; None while none does.
     """
 

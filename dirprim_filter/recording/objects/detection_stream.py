@@ -71,7 +71,7 @@ class DetectionStream:
         self.losses.log(self._scan.path)
 
     def _detections(self, rows: Rows) -> Detections:
-        """What of a batch may be believed: covariances that are none, or of zeros, leave the filter its own noise."""
+        """What of a batch may be used: covariances that are none, or of zeros, leave the filter its own noise."""
         is_one_world = self._options.group is not None  # the group that was asked for goes under its own ids
         known_cue = np.isfinite(rows.cue).all(axis=1) & (rows.cue[:, 1] >= 0) & (rows.cue[:, 1] <= SHARPEST)
         seen = Detections(

@@ -60,7 +60,7 @@ class Place(NamedTuple):
 def place_at(primitives: PrimitiveMap, position: npt.ArrayLike | None, cue: Cue | None, heading: float | None) -> Place:
     """The place at a position (2,), metres; what is left out is taken where going on and turning are usual.
 
-    Without a cue, or where nobody turns, it is the cell where most goes different ways, and the usual heading.
+    Without a cue, or where no vehicle turns, it is the cell where most goes different ways, and the usual heading.
 
     Raises:
         ValueError: no cell is there, or none holds data.
