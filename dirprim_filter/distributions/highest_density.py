@@ -15,7 +15,6 @@ from typing import NamedTuple
 import numpy as np
 
 from dirprim_filter.arrays import FloatArray, IntArray
-from dirprim_filter.distributions import _highest_density
 
 N_SQUARES = 24
 """Of the grid along the longer side of a region: finer could not be seen."""
@@ -39,6 +38,8 @@ EASED = 0.85
 """The level is lowered by this factor: edges are straight between nodes, and samples of one place have an area."""
 FAINTEST = 1e-3
 """Of the level: so small a density is drawn as none."""
+HALVES = np.array([[0, 1, 2], [0, 2, 3]])
+"""Of a square, by its corners."""
 
 
 class Region(NamedTuple):
@@ -60,18 +61,40 @@ def highest_density_regions(paths: FloatArray, probabilities: Sequence[float]) -
         paths: (n_samples, n_steps, 2) metres, rollouts of one vehicle; one step for the region of one instant.
         probabilities: above 0, below 1.
     """
-    path, share = np.ascontiguousarray(paths, np.float64), np.array(probabilities, np.float64)
-    origin, height, side = _heights(path, share)
-    is_tall = height.shape[1] > height.shape[2]  # cut across the longer axis: edges are finer along it
+    origin, heights, side = _heights(np.ascontiguousarray(paths, np.float64), np.array(probabilities, np.float64))
     regions = []
-    for high in np.ascontiguousarray(height.swapaxes(1, 2)) if is_tall else height:
-        vertex, triangle = np.empty((3 * high.size, 2)), np.empty((3 * high.size, 3), np.int64)
-        n_vertices, n_triangles = _highest_density.triangles_above(high, vertex, triangle)
-        vertex, triangle = vertex[:n_vertices], triangle[:n_triangles]
-        if is_tall:  # mirrored: the other way round is counter-clockwise then
-            vertex, triangle = vertex[:, ::-1], triangle[:, ::-1]
-        regions.append(Region(origin + side * vertex, triangle.copy()))
+    for height in heights:
+        vertex, which = np.unique(triangles_above(height).reshape(-1, 2), axis=0, return_inverse=True)
+        regions.append(Region(origin + side * vertex, which.reshape(-1, 3)))
     return regions
+
+
+def triangles_above(height: FloatArray) -> FloatArray:
+    """The area where a function on a grid is at least 0: (rows, columns) -> (n, 3, 2) column and row of each corner.
+
+    Squares that are high at all corners are taken together along their row. Others are halved, and the halves cut where
+    the function, linear in each, is 0 (Doi and Koide 1991: in triangles nothing is ambiguous).
+    """
+    high = height >= 0
+    whole = high[:-1, :-1] & high[:-1, 1:] & high[1:, :-1] & high[1:, 1:]
+    ends = np.diff(np.pad(whole.astype(np.int8), ((0, 0), (1, 1))), axis=1)
+    (row, first), (_, last) = np.nonzero(ends > 0), np.nonzero(ends < 0)
+    run = np.stack([first, row, last, row, last, row + 1, first, row + 1], axis=1).reshape(-1, 4, 2)
+    square = np.argwhere(~whole)[:, None, ::-1] + np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    half = square[:, HALVES].reshape(-1, 3, 2)
+    h = height[half[..., 1], half[..., 0]]
+    n_high = (h >= 0).sum(axis=1)
+    parts = [run[:, HALVES].reshape(-1, 3, 2), half[n_high == 3]]
+    for n in (1, 2):
+        corner, of = half[n_high == n], h[n_high == n]
+        turn = (((of >= 0) == (n == 1)).argmax(axis=1)[:, None] + np.arange(3)) % 3  # the odd corner first
+        corner, of = np.take_along_axis(corner, turn[..., None], 1), np.take_along_axis(of, turn, 1)
+        share = of[:, :1, None] / (of[:, :1] - of[:, 1:])[..., None]
+        crossing = corner[:, :1] + share * (corner[:, 1:] - corner[:, :1])
+        tip = np.hstack([corner[:, :1], crossing])
+        trunk = np.hstack([crossing[:, :1], corner[:, 1:], crossing[:, 1:]])
+        parts.append(tip if n == 1 else trunk[:, HALVES].reshape(-1, 3, 2))
+    return np.concatenate(parts).astype(np.float64)
 
 
 def _heights(path: FloatArray, probability: FloatArray) -> tuple[FloatArray, FloatArray, float]:

@@ -8,7 +8,6 @@ from scipy.ndimage import gaussian_filter
 from scipy.spatial.distance import cdist
 from scipy.stats import norm
 
-from dirprim_filter.distributions import _highest_density
 from dirprim_filter.distributions.highest_density import (
     EASED,
     FINEST_M,
@@ -18,6 +17,7 @@ from dirprim_filter.distributions.highest_density import (
     highest_densities,
     highest_density_regions,
     neighbour_distances,
+    triangles_above,
 )
 
 SHARES = (0.9, 0.5)
@@ -134,17 +134,14 @@ def test_triangles_cover_what_is_high_and_nothing_twice(shape: tuple[int, int]) 
     for _ in range(20):
         height = np.full(shape, -1.0)
         height[1:-1, 1:-1] = gaussian_filter(rng.normal(size=shape), 1.2)[1:-1, 1:-1]
-        vertex, triangle = np.empty((3 * height.size, 2)), np.empty((3 * height.size, 3), np.int64)
-        n_vertices, n_triangles = _highest_density.triangles_above(height, vertex, triangle)
-        corners = vertex[:n_vertices][triangle[:n_triangles]]
-        assert n_triangles == 0 or triangle[:n_triangles].max() < n_vertices
+        corners = triangles_above(height)
         assert (area_of(corners) >= -1e-12).all()
         middle = corners.mean(axis=1)
         inside = np.sum([Outline(t).contains_points(middle, radius=-1e-9) for t in corners], axis=0)
         assert (inside <= 1).all()
         high = np.argwhere(height >= 0)
-        assert n_triangles > 0 or len(high) == 0
-        if len(high) and n_triangles:  # each high node is a point of the area, each low one is none
+        assert len(corners) > 0 or len(high) == 0
+        if len(high) and len(corners):  # each high node is a point of the area, each low one is none
             low = np.argwhere(height < 0)
             assert holds(corners, high[:, ::-1] + 1e-9).sum() >= 0.9 * len(high)
             assert not any(Outline(t).contains_points(low[:, ::-1], radius=-1e-6).any() for t in corners)
