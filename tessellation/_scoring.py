@@ -15,8 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tessellation._arrays import FloatArray, IntArray
-from tessellation._gating import border_distance
-from tessellation.gates import nearest_generators
+from tessellation.gates import border_distance, nearest_generators
 
 N_RIVALS = 4
 """Cells that compete for a datum."""
@@ -38,7 +37,6 @@ class Scoring(NamedTuple):
 
 def scoring_step(
     position: FloatArray,
-    weight: FloatArray,
     generators: FloatArray,
     *,
     width: float,
@@ -48,7 +46,6 @@ def scoring_step(
 
     Args:
         position: (n, 2) metres.
-        weight: (n,) of each datum.
         generators: (n_cells, 2) metres, at least two.
         width: of the gates, as a share of the distance to the nearest rival's generator.
         log_density: of datum i in cell c, for pairs (p,), (p,).
@@ -61,7 +58,7 @@ def scoring_step(
     log_p = np.full(gate.shape, -np.inf)
     log_p[row, column] = log_density(row, cell[row, column])
     prior, posterior = _shares(gate), _shares(gate + log_p)
-    score, information = _score(position, weight, generators, cell, half_apart, metres[:, 0], prior, posterior)
+    score, information = _score(position, generators, cell, half_apart, metres[:, 0], prior, posterior)
     ridge = RIDGE * np.trace(information, axis1=1, axis2=2) + 1e-9
     information += ridge[:, None, None] * np.eye(2)
     step = np.asarray(np.linalg.solve(information, score[:, :, None])[:, :, 0], np.float64)
@@ -80,7 +77,6 @@ def _shares(log_p: FloatArray) -> FloatArray:
 
 def _score(
     position: FloatArray,
-    weight: FloatArray,
     generators: FloatArray,
     cell: IntArray,
     half_apart: FloatArray,
@@ -95,8 +91,8 @@ def _score(
     for k in range(1, cell.shape[1]):
         rival, apart = generators[cell[:, k]], 2.0 * half_apart[:, k : k + 1]
         across = (rival - home) / apart
-        surprise = (posterior - prior)[:, k] * weight
-        doubt = (prior * (1.0 - prior))[:, k] * weight
+        surprise = (posterior - prior)[:, k]
+        doubt = (prior * (1.0 - prior))[:, k]
         for own, sign in ((rival, 1.0), (home, -1.0)):
             aside = position - own
             aside = aside - (aside * across).sum(axis=1, keepdims=True) * across

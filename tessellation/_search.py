@@ -11,10 +11,18 @@ import numpy as np
 from scipy.spatial import Delaunay, QhullError
 
 from tessellation._arrays import FloatArray, IntArray
-from tessellation._gating import halve, leave_out, sort_by_cell, unite
 from tessellation._scoring import N_RIVALS, Scoring, scoring_step
 from tessellation._state import State, joined, known, sums, taken
-from tessellation.gates import LEAST_SHARE, members_of, nearest_generators, part_of_members
+from tessellation.gates import (
+    LEAST_SHARE,
+    halve,
+    leave_out,
+    members_of,
+    nearest_generators,
+    part_of_members,
+    sort_by_cell,
+    unite,
+)
 from tessellation.protocols import CellModel, Cells, Data_contra, Members
 
 LEAST_ROWS = 4
@@ -40,7 +48,6 @@ class Search(Generic[Data_contra, Cells]):
         model: what happens in a cell.
         position: (n_all, 2) metres.
         data: of the model, all of it.
-        weight: (n_all,) of each datum.
         row: (n,) the data that are used, ascending.
         fold: (n,) of each of them.
         group: (n,) of each of them, 0 to n_groups - 1.
@@ -52,7 +59,6 @@ class Search(Generic[Data_contra, Cells]):
     model: CellModel[Data_contra, Cells]
     position: FloatArray
     data: Data_contra
-    weight: FloatArray
     row: IntArray
     fold: IntArray
     group: IntArray
@@ -91,24 +97,19 @@ class Search(Generic[Data_contra, Cells]):
             finished[source == i] = state.finished[number[source == i]]
         row = np.flatnonzero(again)
         score[row] = self._log_density(fits, row, cell[row])
-        used = self.weight[self.row]
         return State(
             generators=generators, members=members, cell=cell, signature=signature, fits=fits,
-            score=score, objective=-float(used @ score) / float(used.sum()), finished=finished,
+            score=score, objective=-float(score.mean()), finished=finished,
             refused=before[0].refused if before else np.empty(0),
         )  # fmt: skip
 
     def _fit(self, members: Members) -> Cells:
         """Every cell without each of the folds."""
-        start, row, weight = leave_out(members.start, members.row, members.weight, self.fold, self.n_folds)
-        return self._fit_all(Members(start, row, weight, np.repeat(members.center, self.n_folds, axis=0)))
+        return self._fit_all(leave_out(members, self.fold, self.n_folds))
 
     def _fit_all(self, members: Members) -> Cells:
         """Every cell from all its members, which are numbered among the data that are used."""
-        row = self.row[members.row]
-        return self.model.fit(
-            self.position, self.data, members._replace(row=row, weight=members.weight * self.weight[row])
-        )
+        return self.model.fit(self.position, self.data, members._replace(row=self.row[members.row]))
 
     def _of_folds(self, fits: Cells, cell: IntArray) -> Cells:
         """The fits of some cells, without each of the folds."""
@@ -158,17 +159,15 @@ class Search(Generic[Data_contra, Cells]):
     def _halves(self, state: State[Cells]) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Both ways to split each cell: generators (2, n_cells, 2, 2), gain of log density and its standard error."""
         n = len(state.generators)
-        weight = self.weight[self.row]
         place = self.position[self.row]
-        mass = np.bincount(state.cell, weight, minlength=n)
-        safe = np.maximum(mass, 1e-300)
-        mean = np.column_stack([np.bincount(state.cell, weight * x, minlength=n) / safe for x in place.T])
+        count = np.bincount(state.cell, minlength=n)
+        safe = np.maximum(count, 1)
+        mean = np.column_stack([np.bincount(state.cell, x, minlength=n) / safe for x in place.T])
         east, north = (place - mean[state.cell]).T
-        moment = [np.bincount(state.cell, weight * p, minlength=n) / safe for p in (east**2, east * north, north**2)]
+        moment = [np.bincount(state.cell, p, minlength=n) / safe for p in (east**2, east * north, north**2)]
         variance, axes = np.linalg.eigh(np.stack([moment[0], moment[1], moment[1], moment[2]], axis=1).reshape(n, 2, 2))
         children = np.empty((2, n, 2, 2))
         gain, error = np.full((2, n), -np.inf), np.zeros((2, n))
-        count = np.bincount(state.cell, minlength=n)
         for a in (0, 1):
             step = CHILD_DISTANCE * np.sqrt(np.maximum(variance[:, a], 0.0))
             unit = axes[:, :, a]
@@ -186,17 +185,14 @@ class Search(Generic[Data_contra, Cells]):
         part = part_of_members(state.members, tried)
         border = np.hstack([mean[tried], unit[tried]])
         place = self.position[self.row]
-        start, row, share = halve(
-            part.start, part.row, part.weight, place, border, self.softness * step[tried], LEAST_SHARE
-        )
-        fits = self._fit(Members(start, row, share, children[tried].reshape(-1, 2)))
+        fits = self._fit(halve(part, place, border, self.softness * step[tried], children[tried].reshape(-1, 2)))
         number = np.full(len(state.generators), -1, np.int64)
         number[tried] = np.arange(tried.size)
         held = np.flatnonzero(number[state.cell] >= 0)
         which = number[state.cell[held]]
         second = ((place[held] - border[which, :2]) * border[which, 2:]).sum(axis=1) > 0
         gain = self._log_density(fits, held, 2 * which + second) - state.score[held]
-        return self._total_and_error(gain * self.weight[self.row[held]], which, self.group[held], tried.size)
+        return self._total_and_error(gain, which, self.group[held], tried.size)
 
     def _total_and_error(
         self, gain: FloatArray, cell: IntArray, group: IntArray, n_cells: int
@@ -227,7 +223,7 @@ class Search(Generic[Data_contra, Cells]):
                 generators = generators + scoring.step
                 datum, rival = np.nonzero(scoring.responsibility >= LEAST_SHARE)
                 share = datum, scoring.cell[datum, rival], scoring.responsibility[datum, rival]
-                members = Members(*sort_by_cell(*share, len(generators)), generators)
+                members = sort_by_cell(*share, generators)
         return self._helpful(state, generators)
 
     def _log_density_of_all(self, fits: Cells, row: IntArray, cell: IntArray) -> FloatArray:
@@ -237,8 +233,7 @@ class Search(Generic[Data_contra, Cells]):
     def _scoring(
         self, generators: FloatArray, width: float, log_density: Callable[[IntArray, IntArray], FloatArray]
     ) -> Scoring:
-        place, weight = self.position[self.row], self.weight[self.row]
-        return scoring_step(place, weight, generators, width=width, log_density=log_density)
+        return scoring_step(self.position[self.row], generators, width=width, log_density=log_density)
 
     def _helpful(self, state: State[Cells], trial: FloatArray) -> State[Cells]:
         """The best of the state, that of all the moves, and of those alone that help the cells around."""
@@ -249,7 +244,7 @@ class Search(Generic[Data_contra, Cells]):
 
     def _gain_around(self, before: State[Cells], after: State[Cells]) -> FloatArray:
         """What the rows for which each cell competes have gained. (n_cells,)."""
-        gain = (after.score - before.score) * self.weight[self.row]
+        gain = after.score - before.score
         _, cell = nearest_generators(self.position[self.row], before.generators, k=N_RIVALS - 1)
         around = np.bincount(cell.ravel(), np.repeat(gain, cell.shape[1]), minlength=len(before.generators))
         return np.asarray(around, np.float64)
@@ -261,10 +256,9 @@ class Search(Generic[Data_contra, Cells]):
             return state
         pair = _neighbors(state.generators)
         pair = pair[~np.isin(state.signature[pair].sum(axis=1), state.refused)]
-        mass = np.maximum(np.bincount(state.cell, self.weight[self.row], minlength=n), 1e-300)
+        mass = np.maximum(np.bincount(state.cell, minlength=n), 1)
         united = (mass[pair, None] * state.generators[pair]).sum(axis=1) / mass[pair].sum(axis=1)[:, None]
-        start, row, share = unite(state.members.start, state.members.row, state.members.weight, pair)
-        fits = self._fit(Members(start, row, share, united))
+        fits = self._fit(unite(state.members, pair, united))
         gain = np.zeros(len(pair))
         order = np.argsort(state.cell, kind="stable")
         begin = np.searchsorted(state.cell[order], np.arange(n + 1))
@@ -273,7 +267,7 @@ class Search(Generic[Data_contra, Cells]):
             which = np.repeat(np.arange(len(pair)), length)
             first = np.cumsum(length) - length
             held = order[np.arange(which.size) - first[which] + begin[pair[which, side]]]
-            change = (self._log_density(fits, held, which) - state.score[held]) * self.weight[self.row[held]]
+            change = self._log_density(fits, held, which) - state.score[held]
             gain += np.bincount(which, change, minlength=len(pair))
         state.refused = np.union1d(state.refused, state.signature[pair[gain <= 0]].sum(axis=1))
         chosen = _disjoint(pair, gain)

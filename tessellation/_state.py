@@ -21,7 +21,7 @@ class State(Generic[Cells]):
     signature: FloatArray  # (n_cells,) the same for the same members
     fits: Cells  # cell c without fold f is number c * n_folds + f
     score: FloatArray  # (n,) log density of each row as held out
-    objective: float  # minus the weighted mean of the scores
+    objective: float  # minus the mean of the scores
     finished: BoolArray  # (n_cells,) cells that are known not to gain by a split
     refused: FloatArray  # (n,) sums of two signatures, of cells that are known not to gain by being one
 

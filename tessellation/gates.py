@@ -11,14 +11,15 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from tessellation._arrays import FloatArray, IntArray
-from tessellation._gating import border_distance, sort_by_cell
+from tessellation._arrays import BoolArray, FloatArray, IntArray
 from tessellation.protocols import Members
 
 N_NEAREST = 8
 """Cells that may have a share in a datum."""
 LEAST_SHARE = 0.02
 """A lesser share is none."""
+FEW = 1 << 16
+"""Numbers below are sorted by counting, which is stable and several times as fast."""
 WORTH_THREADS = 16_384
 """So many neighbours are looked up sooner by all threads; fewer, sooner than these have started."""
 
@@ -29,6 +30,28 @@ def nearest_generators(position: FloatArray, generators: FloatArray, *, k: int) 
     workers = -1 if len(position) * k >= WORTH_THREADS else 1
     distance, cell = cKDTree(generators).query(position, k=k, workers=workers)
     return np.asarray(distance, np.float64).reshape(-1, k), np.asarray(cell, dtype=np.int64).reshape(-1, k)
+
+
+def border_distance(generators: FloatArray, distance: FloatArray, cell: IntArray) -> tuple[FloatArray, FloatArray]:
+    """How far beyond its border with the first cell each of the others is, and half the distance of the generators.
+
+    Args:
+        generators: (n_cells, 2) metres.
+        distance: (n, k) to the nearest generators, metres.
+        cell: (n, k) which they are.
+
+    Returns:
+        (n, k) metres, 0 for the first cell; (n, k) metres, infinite for the first cell.
+    """
+    beyond, half_apart = np.zeros(distance.shape), np.full(distance.shape, np.inf)
+    home = generators[cell[:, 0]]
+    for j in range(1, distance.shape[1]):
+        east, north = (generators[cell[:, j]] - home).T
+        apart = np.hypot(east, north)
+        half_apart[:, j] = 0.5 * apart
+        difference = distance[:, j] ** 2 - distance[:, 0] ** 2
+        beyond[:, j] = np.divide(difference, 2.0 * apart, out=np.full(apart.shape, np.inf), where=apart > 0.0)
+    return beyond, half_apart
 
 
 def members_of(position: FloatArray, generators: FloatArray, *, softness: float) -> tuple[Members, IntArray]:
@@ -46,8 +69,7 @@ def members_of(position: FloatArray, generators: FloatArray, *, softness: float)
     beyond, half_apart = border_distance(generators, distance, cell)
     share = np.exp(-0.5 * (beyond / (softness * half_apart)) ** 2)
     row, column = np.nonzero(share >= LEAST_SHARE)
-    by_cell = sort_by_cell(row, cell[row, column], share[row, column], len(generators))
-    return Members(*by_cell, generators), cell[:, 0]
+    return sort_by_cell(row, cell[row, column], share[row, column], generators), cell[:, 0]
 
 
 def residents(cell: IntArray, center: FloatArray) -> Members:
@@ -58,13 +80,77 @@ def residents(cell: IntArray, center: FloatArray) -> Members:
         center: (n_cells, 2) metres.
     """
     row = np.flatnonzero(cell >= 0)
-    by_cell = sort_by_cell(row, cell[row], np.ones(row.size), len(center))
-    return Members(*by_cell, np.array(center, dtype=np.float64))
+    return sort_by_cell(row, cell[row], np.ones(row.size), np.array(center, dtype=np.float64))
 
 
 def part_of_members(members: Members, cells: IntArray) -> Members:
     """The members of some cells alone, which are then numbered from 0."""
     length = np.diff(members.start)[cells]
-    start = np.concatenate([[0], np.cumsum(length)])
+    start = _starts(length)
     pick = np.arange(start[-1]) - np.repeat(start[:-1] - members.start[cells], length)
     return Members(start, members.row[pick], members.weight[pick], members.center[cells])
+
+
+def sort_by_cell(row: IntArray, cell: IntArray, share: FloatArray, center: FloatArray) -> Members:
+    """Members of cells at such centres: rows, cells and shares (n,), in order of the rows."""
+    order = _sorted_by(cell, len(center))
+    return Members(_starts(np.bincount(cell, minlength=len(center))), row[order], share[order], center)
+
+
+def leave_out(members: Members, fold: IntArray, n_folds: int) -> Members:
+    """Members of cell c without those of fold f, as cell c * n_folds + f."""
+    start, member, _ = _dealt(members.start, fold[members.row] != np.arange(n_folds)[:, None])
+    center = np.repeat(members.center, n_folds, axis=0)
+    return Members(start, members.row[member], members.weight[member], center)
+
+
+def halve(
+    members: Members, position: FloatArray, border: FloatArray, reach: FloatArray, center: FloatArray
+) -> Members:  # fmt: skip
+    """Members of the two halves of each cell, as cells 2 c and 2 c + 1 of centres (2 n_cells, 2).
+
+    border: (n_cells, 4) a point of the border and the unit vector across it, from the first half to the second.
+    reach: (n_cells,) metres beyond the border; see `members_of`.
+    """
+    cell = np.repeat(np.arange(len(border)), np.diff(members.start))
+    of_first = ((position[members.row] - border[cell, :2]) * border[cell, 2:]).sum(axis=1)
+    beyond = np.maximum(np.stack([of_first, -of_first]), 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        gate = np.where(beyond > 0.0, np.exp(-0.5 * (beyond / reach[cell]) ** 2), 1.0)
+    share = members.weight * gate
+    start, member, half = _dealt(members.start, share >= LEAST_SHARE)
+    return Members(start, members.row[member], share[half, member], center)
+
+
+def unite(members: Members, pair: IntArray, center: FloatArray) -> Members:
+    """Members of the union of two cells, pair: (n, 2); of a datum that both have, the greater share."""
+    start, row, weight, _ = part_of_members(members, pair.ravel())
+    united = np.repeat(np.arange(pair.size) // 2, np.diff(start))
+    order = np.lexsort((row, united))
+    row, weight, united = row[order], weight[order], united[order]
+    new = np.append(True, (np.diff(united) != 0) | (np.diff(row) != 0))[: row.size]
+    share = np.maximum.reduceat(weight, np.flatnonzero(new)) if row.size else weight
+    return Members(_starts(np.bincount(united[new], minlength=len(pair))), row[new], share, center)
+
+
+def _sorted_by(cell: IntArray, n_cells: int) -> IntArray:
+    """The order of cells numbered from 0 to `n_cells`, those of one cell as they came."""
+    return np.argsort(cell.astype(np.uint16) if n_cells <= FEW else cell, kind="stable")
+
+
+def _dealt(start: IntArray, kept: BoolArray) -> tuple[IntArray, IntArray, IntArray]:
+    """What each of k parts of each cell keeps, as cells k c, k c + 1, ...: their starts, the members, the parts.
+
+    kept: (k, n_members).
+    """
+    n_parts = len(kept)
+    cell = np.repeat(np.arange(start.size - 1), np.diff(start))
+    part, member = np.nonzero(kept)
+    into = cell[member] * n_parts + part
+    order = _sorted_by(into, (start.size - 1) * n_parts)
+    return _starts(np.bincount(into, minlength=(start.size - 1) * n_parts)), member[order], part[order]
+
+
+def _starts(count: IntArray) -> IntArray:
+    """Where each of those begins that stand one after the other, and where the last ends."""
+    return np.concatenate([[0], np.cumsum(count)])

@@ -22,14 +22,13 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Generic
 
 import numpy as np
 
 from tessellation._arrays import FloatArray, IntArray, as_floats
 from tessellation._search import LEAST_GAIN, Search
 from tessellation._state import State
-from tessellation.gates import members_of, nearest_generators
+from tessellation.gates import nearest_generators
 from tessellation.protocols import CellModel, Cells, Data_contra
 from tessellation.voronoi import VoronoiTessellation
 
@@ -47,19 +46,17 @@ stuck, where they are too many they never find their shape."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class JointFit(Generic[Cells]):
-    """Cells and their parameters.
+class JointFit:
+    """Cells that were learned.
 
     Attributes:
-        tessellation: the cells.
-        cells: their parameters, fitted to all data.
+        tessellation: the cells, none of them empty.
         trace: (n_steps,) the held-out objective after each step, per datum; it never rises. Empty where nothing could
             be held out.
         n_cells: (n_steps,) how many cells there were.
     """
 
     tessellation: VoronoiTessellation
-    cells: Cells
     trace: FloatArray
     n_cells: IntArray
 
@@ -69,7 +66,6 @@ def fit_jointly(
     position: FloatArray,
     data: Data_contra,
     *,
-    weight: FloatArray | None = None,
     group: IntArray | None = None,
     reach: float,
     n_cells: int | None = None,
@@ -77,51 +73,52 @@ def fit_jointly(
     max_rows: int = 10_000,
     progress: Callable[[int, float], None] | None = None,
     rng: np.random.Generator,
-) -> JointFit[Cells]:
+) -> JointFit:
     """Voronoi cells and a model in each, learned together.
 
     Args:
         model: what happens in a cell.
         position: (n, 2) where each datum is, metres.
         data: what the model makes of it; row i belongs to position i.
-        weight: (n,) of each datum, not negative; 1 if not given.
         group: (n,) whole groups are held out, for data of one group repeat each other; each datum by itself if absent.
         reach: metres around the data that the cells cover; see `VoronoiTessellation.covering`.
         n_cells: how many cells; left out, as many as lower the held-out objective.
         softness: of the gates, see `gates.members_of`.
-        max_rows: the cells are laid out by so many data at most, drawn at random; all data are then fitted.
+        max_rows: the cells are laid out by so many data at most, drawn at random.
         progress: called with the number of cells and the objective after each step.
         rng: deals the folds and chooses the first generators.
 
     Raises:
-        ValueError: no datum of positive weight, a number that is not finite, or arguments out of range.
+        ValueError: no datum, a number that is not finite, or arguments out of range.
     """
-    position, weight, group = _checked(position, weight, group)
+    position = as_floats("position", position, "n 2")
+    n = len(position)
+    group = np.arange(n) if group is None else np.asarray(group)
+    if n == 0 or group.shape != (n,):
+        raise ValueError(f"position, group: expected at least one datum, and shape ({n},), got {group.shape}")
     for name, number in (("max_rows", max_rows), ("n_cells", n_cells)):
         if number is not None and number < 1:
             raise ValueError(f"{name}: expected at least 1, got {number}")
     if not softness >= 0:
         raise ValueError(f"softness: expected a number that is not negative, got {softness}")
-    origin = np.round(position[weight > 0].mean(axis=0))  # so that no digit is lost far from it
-    used = _sample(weight, max_rows, rng)
+    origin = np.round(position.mean(axis=0))  # so that no digit is lost far from it
+    used = np.arange(n) if n <= max_rows else np.sort(rng.permutation(n)[:max_rows])
     fold = _folds(group[used], rng)
     search = Search(
         model=model,
         position=position - origin,
         data=data,
-        weight=weight,
         row=used,
         fold=fold,
         group=np.unique(group[used], return_inverse=True)[1],
-        salt=np.random.default_rng(0).random(len(position)),
+        salt=np.random.default_rng(0).random(n),
         softness=softness,
         smallest=SMALLEST * reach,
     )
 
     def spread(n: int) -> FloatArray:
         """Generators spread evenly over the data."""
-        place = (position - origin)[used]
-        return VoronoiTessellation.lloyd(place, n_cells=n, rng=rng, reach=reach, weight=weight[used]).generators
+        return VoronoiTessellation.lloyd((position - origin)[used], n_cells=n, rng=rng, reach=reach).generators
 
     steps: list[tuple[int, float]] = []
 
@@ -135,14 +132,11 @@ def fit_jointly(
         generators = _descend(search, state, n_cells, report).generators
     else:  # nothing can be held out, so the data do not determine the number of cells
         generators = spread(n_cells or 1)
-    nearest = nearest_generators((position - origin)[weight > 0], generators, k=1)[1]
+    nearest = nearest_generators(position - origin, generators, k=1)[1]
     generators = generators[np.bincount(nearest[:, 0], minlength=len(generators)) > 0]  # none that is empty
-    members, _ = members_of(position - origin, generators, softness=softness)
-    members = members._replace(weight=members.weight * weight[members.row])
     logger.info("joint cells: %d, after %d steps", len(generators), len(steps))
     return JointFit(
-        tessellation=VoronoiTessellation.covering(position[weight > 0], generators=generators + origin, reach=reach),
-        cells=model.fit(position - origin, data, members),
+        tessellation=VoronoiTessellation.covering(position, generators=generators + origin, reach=reach),
         trace=np.array([objective for _, objective in steps]),
         n_cells=np.array([n for n, _ in steps], dtype=np.int64),
     )
@@ -180,31 +174,6 @@ def _descend(
         if not still_to_come and state.objective >= before.objective - LEAST_GAIN:
             break
     return state
-
-
-def _checked(
-    position: FloatArray,
-    weight: FloatArray | None,
-    group: IntArray | None,
-) -> tuple[FloatArray, FloatArray, IntArray]:
-    position = as_floats("position", position, "n 2")
-    n = len(position)
-    weight = np.ones(n) if weight is None else as_floats("weight", weight, "n")
-    group = np.arange(n) if group is None else np.asarray(group)
-    for name, column in (("weight", weight), ("group", group)):
-        if column.shape != (n,):
-            raise ValueError(f"{name}: expected shape ({n},) as positions, got {column.shape}")
-    if (weight < 0).any():
-        raise ValueError(f"weight: expected no negative number, got {weight.min()} at {int(weight.argmin())}")
-    if not weight.any():
-        raise ValueError("weight: expected at least one datum of positive weight, got none")
-    return position, weight, group
-
-
-def _sample(weight: FloatArray, max_rows: int, rng: np.random.Generator) -> IntArray:
-    """Rows of positive weight, ascending: all, or so many drawn at random."""
-    used = np.flatnonzero(weight > 0)
-    return used if used.size <= max_rows else np.sort(rng.permutation(used)[:max_rows])
 
 
 def _folds(group: IntArray, rng: np.random.Generator) -> IntArray:

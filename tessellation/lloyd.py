@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tessellation._arrays import FloatArray, IntArray, as_floats
+from tessellation._arrays import FloatArray, IntArray
 from tessellation.gates import nearest_generators
 
 MAX_STEPS = 100
@@ -16,33 +16,23 @@ MOST_DISTANCES = 500_000_000
 """From positions to seeds: of more, seeds are chosen among every second, third, ... position."""
 
 
-def lloyd_generators(
-    position: FloatArray, *, n_cells: int, rng: np.random.Generator, weight: FloatArray | None = None
-) -> FloatArray:
+def lloyd_generators(position: FloatArray, *, n_cells: int, rng: np.random.Generator) -> FloatArray:
     """Generators by k-means: seeds far from each other, then means of the nearest positions. -> (at most n_cells, 2).
 
     The order of the positions does not matter, nor where they are or which way they are turned; a position given twice
     counts as one of twice the weight.
 
     Args:
-        position: (n, 2) metres.
-        n_cells: at most so many; fewer if there are fewer distinct positions of positive weight.
+        position: (n, 2) metres, n >= 1.
+        n_cells: at most so many; fewer if there are fewer distinct positions.
         rng: chooses the seeds.
-        weight: (n,) of each position, not negative; 1 if not given.
 
     Raises:
-        ValueError: no position of positive weight, or arguments out of range.
+        ValueError: no cell is asked for.
     """
-    weight = np.ones(len(position)) if weight is None else as_floats("weight", weight, "n")
-    if weight.shape != position.shape[:1]:
-        raise ValueError(f"weight: expected shape ({len(position)},) as positions, got {weight.shape}")
-    if (weight < 0).any():
-        raise ValueError(f"weight: expected no negative number, got {weight.min()} at {int(weight.argmin())}")
-    if not weight.any():
-        raise ValueError("weight: expected at least one position of positive weight, got none")
     if n_cells < 1:
         raise ValueError(f"n_cells: expected at least 1, got {n_cells}")
-    position, weight = _distinct(position[weight > 0], weight[weight > 0])
+    position, weight = _distinct(position)
     stride = 1 + len(position) * n_cells // MOST_DISTANCES
     generators = position[::stride][seeds(position[::stride], weight[::stride], rng.random(n_cells))]
     before = np.inf
@@ -84,16 +74,15 @@ def seeds(position: FloatArray, weight: FloatArray, uniform: FloatArray) -> IntA
     return np.array(chosen, dtype=np.int64)
 
 
-def _distinct(position: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Distinct positions and their weights, along their principal axes, each towards its longer tail.
+def _distinct(position: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Distinct positions, along their principal axes, each towards its longer tail, and how often each is given.
 
     So they come in the same order however they were turned.
     """
     offset = position - position[0]
-    offset -= weight @ offset / weight.sum()
-    along = offset @ np.linalg.eigh((weight * offset.T) @ offset)[1]
-    along = along * np.where(weight @ along**3 < 0, -1.0, 1.0)
-    order = np.lexsort((weight, *along.T))
-    position, weight = position[order], weight[order]
-    new = np.append(True, (np.abs(np.diff(position, axis=0)) > SAME_M).any(axis=1))
-    return position[new], np.add.reduceat(weight, np.flatnonzero(new))
+    offset -= offset.mean(axis=0)
+    along = offset @ np.linalg.eigh(offset.T @ offset)[1]
+    along = along * np.where((along**3).sum(axis=0) < 0, -1.0, 1.0)
+    position = position[np.lexsort(along.T)]
+    new = np.flatnonzero(np.append(True, (np.abs(np.diff(position, axis=0)) > SAME_M).any(axis=1)))
+    return position[new], np.diff(np.append(new, len(position))).astype(np.float64)

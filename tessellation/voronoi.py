@@ -72,30 +72,21 @@ class VoronoiTessellation:
 
     @classmethod
     def lloyd(
-        cls,
-        position: FloatArray,
-        *,
-        n_cells: int,
-        rng: np.random.Generator,
-        reach: float,
-        weight: FloatArray | None = None,
+        cls, position: FloatArray, *, n_cells: int, rng: np.random.Generator, reach: float
     ) -> VoronoiTessellation:
         """Cells around the means of the positions in them: a k-means++ start, then Lloyd's iterations.
 
         Args:
             position: (n, 2) metres, n >= 1.
-            n_cells: at most so many cells; fewer if there are fewer distinct positions of positive weight.
+            n_cells: at most so many cells; fewer if there are fewer distinct positions.
             rng: chooses the start.
             reach: of the cells around the positions, metres: see `covering`.
-            weight: (n,) of each position, not negative; 1 if not given.
 
         Raises:
-            ValueError: no position of positive weight, or arguments out of range.
+            ValueError: no position, or arguments out of range.
         """
         position = as_floats("position", position, "n 2")
-        region = _region(position, reach)
-        generators = lloyd_generators(position, n_cells=n_cells, rng=rng, weight=weight)
-        return cls(generators=generators, region=region)
+        return cls(region=_region(position, reach), generators=lloyd_generators(position, n_cells=n_cells, rng=rng))
 
     @property
     def n_cells(self) -> int:

@@ -28,8 +28,10 @@ def learned(position, value, seed=0, **options):
 
 def held_out(found, position, value):
     """Mean log density of data that the cells have not seen."""
-    cell = cKDTree(found.tessellation.generators).query(position)[1]
-    return GaussianCells().log_density(found.cells, position, value, np.arange(len(value)), cell).mean()
+    generators, (known, of_known, _) = found.tessellation.generators, world()
+    fitted = GaussianCells().fit(known, of_known, members_of(known, generators, softness=0.0)[0])
+    cell = cKDTree(generators).query(position)[1]
+    return GaussianCells().log_density(fitted, position, value, np.arange(len(value)), cell).mean()
 
 
 @pytest.fixture(scope="module")
@@ -73,23 +75,14 @@ def test_the_trace_never_rises_and_ends_with_the_cells(found):
     assert found.trace.size == found.n_cells.size > 3
     assert (np.diff(found.trace) <= 0).all()
     assert found.trace[-1] < found.trace[0] - 0.1
-    assert found.n_cells[-1] >= found.tessellation.n_cells == len(found.cells.mean)  # empty ones are dropped
+    assert found.n_cells[-1] >= found.tessellation.n_cells  # empty ones are dropped
     nearest = cKDTree(found.tessellation.generators).query(world()[0])[1]
     assert np.bincount(nearest, minlength=found.tessellation.n_cells).min() > 0
-
-
-def test_the_cells_are_fitted_to_all_data(found):
-    position, value, _ = world()
-    generators = found.tessellation.generators
-    members, _ = members_of(position, generators, softness=0.0)
-    for mine, theirs in zip(found.cells, GaussianCells().fit(position, value, members), strict=True):
-        np.testing.assert_allclose(mine, theirs, rtol=1e-9)
 
 
 def test_a_seed_decides_everything(found):
     again = learned(*world()[:2])
     np.testing.assert_array_equal(again.tessellation.generators, found.tessellation.generators)
-    np.testing.assert_array_equal(again.cells.mean, found.cells.mean)
     other = learned(*world()[:2], seed=1)
     assert other.tessellation.generators.shape != found.tessellation.generators.shape or not np.array_equal(
         other.tessellation.generators, found.tessellation.generators
@@ -116,27 +109,6 @@ def test_as_many_cells_as_asked_for():
         assert n - (n > 7) <= learned(position, value, n_cells=n, softness=0.25).tessellation.n_cells <= n
 
 
-def test_a_datum_of_weight_two_counts_as_two_of_its_group():
-    position, value, _ = world(400)
-    twice = np.repeat(np.arange(400), 2)
-    group = np.arange(400)
-    weighted = learned(position, value, weight=np.full(400, 2.0), group=group, n_cells=6)
-    repeated = learned(position[twice], value[twice], group=group[twice], n_cells=6)
-    np.testing.assert_allclose(repeated.trace, weighted.trace, rtol=1e-9)
-    np.testing.assert_allclose(repeated.tessellation.generators, weighted.tessellation.generators, atol=1e-6)
-
-
-def test_data_of_weight_zero_change_nothing():
-    position, value, _ = world(400)
-    far = np.vstack([position, position + 1e5])
-    weight = np.repeat([1.0, 0.0], 400)
-    group = np.tile(np.arange(400), 2)
-    one = learned(position, value, group=group[:400])
-    two = learned(far, np.tile(value, 2), weight=weight, group=group)
-    np.testing.assert_allclose(two.trace, one.trace, rtol=1e-9)
-    assert two.tessellation.area.sum() == pytest.approx(one.tessellation.area.sum())
-
-
 def test_groups_are_held_out_whole():
     """Rows that repeat each other say nothing of others: by single rows each vehicle would have cells of its own."""
     rng = np.random.default_rng(2)
@@ -150,12 +122,7 @@ def test_groups_are_held_out_whole():
 def test_a_sample_lays_out_the_cells_when_there_are_many_data():
     position, value, _ = world(6000)
     some = learned(position, value, max_rows=2000)
-    unseen = world(20_000, seed=9)[:2]
-    assert held_out(some, *unseen) > -1.42 - 0.2
-    members, _ = members_of(position, some.tessellation.generators, softness=0.0)
-    mass = np.add.reduceat(members.weight, members.start[:-1])
-    expected = np.add.reduceat(members.weight * value[members.row], members.start[:-1]) / (mass + 1)
-    np.testing.assert_allclose(some.cells.mean, expected, rtol=1e-6)  # of all 6,000, not of 2,000
+    assert held_out(some, *world(20_000, seed=9)[:2]) > -1.42 - 0.2
 
 
 def test_progress_is_reported_step_by_step():
@@ -184,17 +151,12 @@ def test_little_or_odd_data_give_cells(name, n_cells):
     found = learned(position, value, n_cells=n_cells)
     assert 1 <= found.tessellation.n_cells <= max(len(np.unique(position, axis=0)), 1)
     assert (found.tessellation.cell_of(position) != OUTSIDE).all()
-    assert np.isfinite(found.cells.mean).all()
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"weight": np.zeros(50)}, "weight: expected at least one datum of positive weight, got none"),
-        ({"weight": -np.ones(50)}, "weight: expected no negative number, got -1.0 at 0"),
-        ({"weight": np.full(50, np.nan)}, "weight: expected finite numbers"),
-        ({"weight": np.ones(49)}, r"weight: expected shape \(50,\)"),
-        ({"group": np.ones(49, int)}, r"group: expected shape \(50,\)"),
+        ({"group": np.ones(49, int)}, r"group: expected .* shape \(50,\)"),
         ({"n_cells": 0}, "n_cells: expected at least 1, got 0"),
         ({"softness": -0.1}, "softness: expected a number that is not negative"),
         ({"max_rows": 0}, "max_rows: expected at least 1, got 0"),
@@ -208,5 +170,5 @@ def test_bad_options_are_refused(options, message):
 
 @pytest.mark.parametrize("position", [np.zeros((0, 2)), np.full((5, 2), np.nan), np.zeros((5, 3))])
 def test_bad_positions_are_refused(position):
-    with pytest.raises(ValueError, match=r"position|weight"):
+    with pytest.raises(ValueError, match="position"):
         learned(position, np.zeros(len(position)))
