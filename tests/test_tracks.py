@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from dirprim_filter.columns import is_held
 from dirprim_filter.detections import Detections
 from dirprim_filter.recording.losses import Losses
-from dirprim_filter.recording.objects.tracks import TrackResult
+from dirprim_filter.recording.rows import TrackResult
 from dirprim_filter.track_ids import as_texts, as_track_ids, vehicle_numbers, world_names
 from dirprim_filter.tracks import Tracks
 

@@ -27,7 +27,7 @@ def export(
 
     from dirprim_filter.cli.progress import working
     from dirprim_filter.recording import read_estimates
-    from dirprim_filter.recording.tables.estimate_table import check_table_format, write_estimates
+    from dirprim_filter.recording.estimate_tables import check_table_format, write_estimates
 
     check_table_format(output)
     with working(f"writing {output.name}"):

@@ -82,7 +82,7 @@ def _whole(path: Path, reading: Reading) -> tuple[LogSummary, Faults]:
 
 
 def _lines(summary: LogSummary, faults: Faults) -> list[str]:
-    from dirprim_filter.recording.container.other_formats import unread_encodings
+    from dirprim_filter.recording.container.errors import unread_encodings
 
     lines = []
     if not summary.is_checked:

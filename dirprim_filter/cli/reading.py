@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from dirprim_filter.recording.errors import RecordingError
     from dirprim_filter.recording.losses import Losses
     from dirprim_filter.recording.reader import DetectionStream, ReadOptions, TrackResult
-    from dirprim_filter.recording.tables.source import TableDetections
+    from dirprim_filter.recording.tables.named_columns import TableDetections
 
 logger = logging.getLogger(__name__)
 Result = TypeVar("Result")

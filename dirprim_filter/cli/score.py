@@ -61,8 +61,7 @@ def score(
     from dirprim_filter.cli.progress import step_progress
     from dirprim_filter.evaluation.scores import score_rows
     from dirprim_filter.evaluation.tracking_report import Scales
-    from dirprim_filter.recording.tables.estimate_table import FORMATS
-    from dirprim_filter.recording.tracked_table import read_tracked_rows
+    from dirprim_filter.recording.estimate_tables import FORMATS, read_tracked_rows
 
     named = {name: path for path in estimates for name in [path.name if _is_alone(path, estimates) else str(path)]}
     if len(named) < len(estimates):

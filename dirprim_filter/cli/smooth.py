@@ -93,7 +93,7 @@ def _scored(before: Detections, output: Path, truth: Path, reading: Reading) -> 
     from dirprim_filter.evaluation.scores import score_rows
     from dirprim_filter.evaluation.tracked_rows import TrackedRows
     from dirprim_filter.evaluation.tracking_report import Scales
-    from dirprim_filter.recording.tracked_table import read_tracked_rows
+    from dirprim_filter.recording.estimate_tables import read_tracked_rows
 
     known = reading.tracks([truth]).tracks
     rows = {

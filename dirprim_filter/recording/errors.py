@@ -13,9 +13,9 @@ from dirprim_filter.recording.container.errors import (
     NotMcapError,
     Path,
     RecordingError,
+    unread_encodings,
 )
 from dirprim_filter.recording.container.message_columns import MessageColumns
-from dirprim_filter.recording.container.other_formats import unread_encodings
 from dirprim_filter.recording.container.records import Channel
 
 __all__ = [

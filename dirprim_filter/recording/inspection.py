@@ -47,7 +47,7 @@ def inspect(source: LogSource, options: ReadOptions = EVERYTHING) -> LogSummary:
             if len(columns):
                 reading.take(columns)
         damage = tuple(log.damage)
-        attachments = tuple(attachment.name for file in one.files for attachment in file.outline.attachments)
+        attachments = tuple(name for file in one.files for _, name in file.outline.attachments)
     if options.strict and damage:
         raise DamagedRecordingError(one.path, damage)
     if options.mapping and not any(reading.track_ids.values()):

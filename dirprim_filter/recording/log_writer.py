@@ -17,8 +17,7 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.message import Message
 
 from dirprim_filter.partial_file import PartialFile
-from dirprim_filter.recording.container.interrupts import uninterrupted
-from dirprim_filter.recording.container.mcap_writer import McapWriter
+from dirprim_filter.recording.container.mcap_writer import McapWriter, uninterrupted
 from dirprim_filter.recording.container.records import Channel, Schema
 
 PRODUCER = "dirprim-filter"

@@ -12,7 +12,7 @@ from typing import Self
 import numpy as np
 
 from dirprim_filter.arrays import BoolArray
-from dirprim_filter.recording.container.damage import Damage
+from dirprim_filter.recording.container.errors import Damage
 
 logger = logging.getLogger(__name__)
 

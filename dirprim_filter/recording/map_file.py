@@ -12,11 +12,10 @@ from dirprim_filter.recording import topic_names
 from dirprim_filter.recording.container.log import Log, Scan
 from dirprim_filter.recording.container.records import Message, Schema
 from dirprim_filter.recording.errors import RecordingError
-from dirprim_filter.recording.foxglove.maps import map_scene
-from dirprim_filter.recording.foxglove.scene import origin_of, scene_transform, view_of
+from dirprim_filter.recording.foxglove.elements import origin_of, scene_transform, view_of
+from dirprim_filter.recording.foxglove.scenes import map_scene
 from dirprim_filter.recording.log_writer import LogWriter
-from dirprim_filter.recording.schemas.arrow_message import ENCODING
-from dirprim_filter.recording.schemas.map_tiles import encoded_tiles, map_of
+from dirprim_filter.recording.schemas.map_tiles import ENCODING, encoded_tiles, map_of
 
 logger = logging.getLogger(__name__)
 

@@ -13,7 +13,7 @@ from google.protobuf.message import DecodeError as ProtobufDecodeError
 
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.recording import topic_names
-from dirprim_filter.recording.container.damage import Damage
+from dirprim_filter.recording.container.errors import Damage
 from dirprim_filter.recording.container.log import Log, LogSource, Scan, opened
 from dirprim_filter.recording.errors import DecodeError, NoTracksError, RecordingError
 from dirprim_filter.recording.inspection import inspect
@@ -22,8 +22,7 @@ from dirprim_filter.recording.objects.detection_stream import DetectionStream
 from dirprim_filter.recording.objects.observations import Observations
 from dirprim_filter.recording.objects.options import EVERYTHING, ReadOptions, TimeSource
 from dirprim_filter.recording.objects.topics import choose_topics
-from dirprim_filter.recording.objects.tracks import TrackResult, rows_of_log, rows_of_logs
-from dirprim_filter.recording.rows import Rows
+from dirprim_filter.recording.rows import Rows, TrackResult, rows_of_log, rows_of_logs
 from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
 from dirprim_filter.recording.schemas.dirprim import decode_estimates
 from dirprim_filter.recording.schemas.family import FieldMapping
@@ -33,7 +32,7 @@ from dirprim_filter.track_ids import repeated_rows
 from dirprim_filter.tracks import Tracks
 
 if TYPE_CHECKING:
-    from dirprim_filter.recording.tables.source import TableDetections
+    from dirprim_filter.recording.tables.named_columns import TableDetections
 
 TABLES = (".csv", ".csv.gz", ".tsv", ".parquet", ".feather", ".arrow")
 """Ends of the names of tables, which stand wherever a log does."""
@@ -89,7 +88,7 @@ def read_track_logs(
     options = replace(options, **changes)
     for one in sources:
         if _is_table(one):
-            from dirprim_filter.recording.tables.source import read_table  # noqa: PLC0415 - logs do without Arrow
+            from dirprim_filter.recording.tables.named_columns import read_table  # noqa: PLC0415 - logs do without Arrow
 
             table = read_table(Path(one), options)
             if table.detections and not len(table.tracks):
@@ -157,7 +156,7 @@ def stream_detections(
     """
     options = replace(options, **changes)
     if _is_table(source):
-        from dirprim_filter.recording.tables.source import TableDetections  # noqa: PLC0415 - logs do without Arrow
+        from dirprim_filter.recording.tables.named_columns import TableDetections  # noqa: PLC0415 - logs do without Arrow
 
         return TableDetections(Path(source), options, motion=motion)
     log = source if isinstance(source, Log) else Log(source, live=live)

@@ -10,7 +10,7 @@ from typing import Any
 
 from mcap.records import Statistics
 
-from dirprim_filter.recording.container.damage import Damage
+from dirprim_filter.recording.container.errors import Damage
 from dirprim_filter.recording.container.records import Channel
 from dirprim_filter.recording.container.source import log_files
 from dirprim_filter.recording.container.summary_section import Summary, read_summary

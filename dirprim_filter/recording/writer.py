@@ -18,11 +18,15 @@ from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording import topic_names
-from dirprim_filter.recording.foxglove.clouds import detection_cloud, particle_cloud
-from dirprim_filter.recording.foxglove.estimates import SMOOTHED_COLOR, EstimatesScene
-from dirprim_filter.recording.foxglove.forecasts import forecast_scene
-from dirprim_filter.recording.foxglove.maps import map_scene
-from dirprim_filter.recording.foxglove.scene import origin_of, scene_transform, view_of
+from dirprim_filter.recording.foxglove.elements import origin_of, scene_transform, view_of
+from dirprim_filter.recording.foxglove.scenes import (
+    SMOOTHED_COLOR,
+    EstimatesScene,
+    detection_cloud,
+    forecast_scene,
+    map_scene,
+    particle_cloud,
+)
 from dirprim_filter.recording.log_writer import LogWriter
 from dirprim_filter.recording.ros_estimates import RosEstimates
 from dirprim_filter.recording.schemas.dirprim import encode_estimates, encode_observations

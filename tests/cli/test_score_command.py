@@ -14,9 +14,8 @@ from dirprim_filter import read_estimates, write_tracks
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
+from dirprim_filter.recording.estimate_tables import read_tracked_rows, write_estimates
 from dirprim_filter.recording.tables import read_named
-from dirprim_filter.recording.tables.estimate_table import write_estimates
-from dirprim_filter.recording.tracked_table import read_tracked_rows
 from dirprim_filter.recording.writer import EstimateWriter
 
 

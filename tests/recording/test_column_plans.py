@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from dirprim_filter.recording.decoding.cdr_plan import cdr_plan
-from dirprim_filter.recording.decoding.field_columns import NO_TIME
-from dirprim_filter.recording.decoding.fields import Field, SchemaError, steps_of
+from dirprim_filter.recording.decoding.field_columns import NO_TIME, Field, SchemaError, steps_of
 from dirprim_filter.recording.decoding.json_plan import JsonPlan
 from dirprim_filter.recording.decoding.protobuf_plan import protobuf_plan
 

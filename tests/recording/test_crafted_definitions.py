@@ -11,7 +11,7 @@ from payload_mutations import broken
 
 from dirprim_filter import read_tracks
 from dirprim_filter.recording.decoding.cdr_plan import MAX_DEPTH, cdr_plan
-from dirprim_filter.recording.decoding.fields import Field, SchemaError
+from dirprim_filter.recording.decoding.field_columns import Field, SchemaError
 from dirprim_filter.recording.decoding.protobuf_plan import protobuf_plan
 from dirprim_filter.recording.errors import NoTracksError
 

@@ -13,7 +13,7 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from mcap.writer import Writer
 from mcap_files import CHUNK, log_bytes, records
 
-from dirprim_filter.recording.container import chunk, merge, resync
+from dirprim_filter.recording.container import chunk, message_columns
 from dirprim_filter.recording.container.recovery import recover
 from dirprim_filter.recording.decoding.protobuf_plan import message_descriptor
 from dirprim_filter.recording.inspection import inspect
@@ -88,7 +88,7 @@ def test_the_work_grows_as_the_file_does(tmp_path, monkeypatch, craft):
 def count_work(monkeypatch):
     """Bytes that are looked through and checked, and headers that are parsed, from now on."""
     done = {"looked through": 0, "headers": 0, "checked": 0}
-    pattern, chunk_at, read_contents = resync.CHUNK_HEADER, chunk.chunk_at, chunk.read_contents
+    pattern, chunk_at, read_contents = chunk.CHUNK_HEADER, chunk.chunk_at, chunk.read_contents
 
     class Pattern:
         def finditer(self, data):
@@ -103,9 +103,9 @@ def count_work(monkeypatch):
         done["checked"] += one.data_length
         return read_contents(file, one)
 
-    monkeypatch.setattr(resync, "CHUNK_HEADER", Pattern())
-    monkeypatch.setattr(resync, "chunk_at", counted_chunk_at)
-    monkeypatch.setattr(resync, "read_contents", counted_contents)
+    monkeypatch.setattr(chunk, "CHUNK_HEADER", Pattern())
+    monkeypatch.setattr(chunk, "chunk_at", counted_chunk_at)
+    monkeypatch.setattr(chunk, "read_contents", counted_contents)
     return done
 
 
@@ -130,8 +130,10 @@ def spanning(n, per_chunk=20):
 
 
 def test_chunks_that_all_span_the_log_are_merged_in_time_that_grows_as_they_do(tmp_path, monkeypatch):
-    copied, gathered = [], merge.gathered
-    monkeypatch.setattr(merge, "gathered", lambda parts, **how: copied.append(parts) or gathered(parts, **how))
+    copied, gathered = [], message_columns.gathered
+    monkeypatch.setattr(
+        message_columns, "gathered", lambda parts, **how: copied.append(parts) or gathered(parts, **how)
+    )
     rows = []
     for n in (200, 800):
         (tmp_path / "log.mcap").write_bytes(spanning(n))

@@ -11,8 +11,8 @@ from test_estimate_log import a_frame, a_map, messages
 from dirprim_filter.drawing import shapes
 from dirprim_filter.recording import topic_names, writer
 from dirprim_filter.recording.errors import OutputExistsError
+from dirprim_filter.recording.foxglove.elements import SCENE_FRAME
 from dirprim_filter.recording.foxglove.layout import layout, write_layout
-from dirprim_filter.recording.foxglove.scene import SCENE_FRAME
 from dirprim_filter.recording.schemas import dirprim_pb2
 
 LAYOUT = layout(a_map())

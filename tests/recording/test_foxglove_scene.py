@@ -15,10 +15,14 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.drawing import shapes
 from dirprim_filter.drawing.colors import track_color
 from dirprim_filter.forecasting import Forecasts
-from dirprim_filter.recording.foxglove.clouds import particle_cloud
-from dirprim_filter.recording.foxglove.estimates import TRAIL_POINTS, VEHICLE_SIZE, EstimatesScene
-from dirprim_filter.recording.foxglove.forecasts import forecast_scene
-from dirprim_filter.recording.foxglove.maps import map_scene
+from dirprim_filter.recording.foxglove.scenes import (
+    TRAIL_POINTS,
+    VEHICLE_SIZE,
+    EstimatesScene,
+    forecast_scene,
+    map_scene,
+    particle_cloud,
+)
 from dirprim_filter.recording.writer import EstimateWriter
 
 STEP = 100_000_000

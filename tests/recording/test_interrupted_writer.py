@@ -12,9 +12,9 @@ from test_map_file import some_map
 from test_track_log import some_tracks
 
 from dirprim_filter.recording import map_file, save_map, write_tracks
-from dirprim_filter.recording.container.interrupts import uninterrupted
+from dirprim_filter.recording.container.mcap_writer import uninterrupted
 from dirprim_filter.recording.container.recovery import recover
-from dirprim_filter.recording.foxglove.scene import scene_transform
+from dirprim_filter.recording.foxglove.elements import scene_transform
 from dirprim_filter.recording.log_writer import LogWriter
 
 N = 9

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from mcap_files import columns_of
 
 from dirprim_filter.recording.container.records import Channel, Schema
-from dirprim_filter.recording.decoding.field_columns import MAX_NAME_LENGTH, NO_TIME
-from dirprim_filter.recording.decoding.fields import EACH, Field, wanted
+from dirprim_filter.recording.decoding.field_columns import EACH, MAX_NAME_LENGTH, NO_TIME, Field, wanted
 from dirprim_filter.recording.decoding.json_plan import JsonPlan
 from dirprim_filter.recording.schemas.decoders import Decoders
 from dirprim_filter.recording.schemas.families import FAMILIES

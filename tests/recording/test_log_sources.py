@@ -17,7 +17,7 @@ from mcap_files import log_bytes
 from dirprim_filter import load_map, read_estimates, read_tracks, save_map, write_tracks
 from dirprim_filter.cli.main import run
 from dirprim_filter.detections import Detections
-from dirprim_filter.recording.container import log_file, merge, source
+from dirprim_filter.recording.container import log_file, message_columns, source
 from dirprim_filter.recording.container.errors import without_secrets
 from dirprim_filter.recording.container.log import Log, Scan
 from dirprim_filter.recording.container.message_columns import SHORT_BYTES
@@ -134,13 +134,13 @@ def test_without_an_index_that_can_be_trusted_every_chunk_is_opened(tmp_path):
     assert log.damage
 
 
-@pytest.mark.parametrize("held", [0, merge.HELD_BYTES])
+@pytest.mark.parametrize("held", [0, message_columns.HELD_BYTES])
 @pytest.mark.parametrize("longest", [40, 4 * SHORT_BYTES])
 @pytest.mark.parametrize("span", [1, 500, 10**6])
 def test_chunks_that_overlap_are_merged_in_memory_and_on_disk(tmp_path, monkeypatch, held, longest, span):
     """Of one time, some, or all over the log; those of one time stay in the order of the file."""
-    monkeypatch.setattr(merge, "HELD_BYTES", held)
-    monkeypatch.setattr(merge, "WINDOW_BYTES", 40 * longest)
+    monkeypatch.setattr(message_columns, "HELD_BYTES", held)
+    monkeypatch.setattr(message_columns, "WINDOW_BYTES", 40 * longest)
     rng = np.random.default_rng(span)
     sent = [("/a", i // 100 + int(rng.integers(span)), rng.bytes(int(rng.integers(longest)))) for i in range(2000)]
     (tmp_path / "log.mcap").write_bytes(log_bytes(sent, chunk_size=20 * longest))

@@ -17,13 +17,12 @@ from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording import load_map, save_map, topic_names
 from dirprim_filter.recording.container.records import Schema
 from dirprim_filter.recording.errors import RecordingError
-from dirprim_filter.recording.foxglove.scene import scene_transform
+from dirprim_filter.recording.foxglove.elements import scene_transform
 from dirprim_filter.recording.log_writer import LogWriter
 from dirprim_filter.recording.map_file import MAP
 from dirprim_filter.recording.scan import scan
 from dirprim_filter.recording.schemas import map_tiles
-from dirprim_filter.recording.schemas.arrow_message import decode, encode
-from dirprim_filter.recording.schemas.map_tiles import TILE_CELLS
+from dirprim_filter.recording.schemas.map_tiles import TILE_CELLS, decode, encode
 from tessellation import GridTessellation, VoronoiTessellation
 
 LEADER = LeaderResponse(gain=np.arange(10.0), push=1.0, trust=0.5, start_rate=np.ones(3))

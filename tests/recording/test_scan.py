@@ -10,7 +10,7 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType
 from mcap_files import CHUNK, DATA, log_bytes, records
 
-from dirprim_filter.recording.container import file_bytes, source
+from dirprim_filter.recording.container import source
 from dirprim_filter.recording.scan import scan
 
 CONFORMANCE = DATA / "mcap_conformance"
@@ -144,7 +144,7 @@ def test_conformance_files_read_to_what_their_json_says_streamed_and_sought(monk
         parts = json.loads(path.read_text())["records"]
         expected, metadata = _described(parts)
         attached = [dict(part["fields"]) for part in parts if part["type"] == "Attachment"]
-        assert [(a.name, a.media_type, a.log_time_ns, a.create_time_ns, data) for a, data in log.attachments()] == [
+        assert [(a.name, a.media_type, a.log_time, a.create_time, a.data) for a in log.attachments()] == [
             (a["name"], a["media_type"], int(a["log_time"]), int(a["create_time"]), bytes(map(int, a["data"])))
             for a in attached
         ], path.name
@@ -202,7 +202,7 @@ def _described(parts):
 @pytest.mark.parametrize("layout", [{"chunk_size": 900}, {"chunk_size": 1 << 20}, {"use_chunking": False}])
 def test_a_log_reads_alike_through_any_window(log_file, monkeypatch, window, layout):
     """Message indexes, runs of bare messages and chunks' headers that reach beyond what is held of the file."""
-    monkeypatch.setattr(file_bytes, "WINDOW_BYTES", window)
+    monkeypatch.setattr(source, "WINDOW_BYTES", window)
     sent = [(f"/{i % 7}", i, bytes(i % 90)) for i in range(900)]
     log = scan(log_file(log_bytes(sent, **layout)))
     assert [(m.topic, m.log_time_ns, m.data) for m in log] == sent

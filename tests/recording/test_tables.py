@@ -20,10 +20,10 @@ from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.recording import write_tracks
 from dirprim_filter.recording.errors import RecordingError, TableError
+from dirprim_filter.recording.estimate_tables import write_estimates
 from dirprim_filter.recording.name_patterns import named_values
 from dirprim_filter.recording.reader import read_track_logs, stream_detections
 from dirprim_filter.recording.tables import read_named
-from dirprim_filter.recording.tables.estimate_table import write_estimates
 from dirprim_filter.recording.tables.named_columns import COLUMNS
 
 DATA = Path(__file__).parents[2] / "../shared/data"

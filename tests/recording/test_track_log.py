@@ -12,7 +12,7 @@ from mcap_protobuf.schema import build_file_descriptor_set
 
 from dirprim_filter.detections import Detections
 from dirprim_filter.recording.container.records import Channel, Schema
-from dirprim_filter.recording.foxglove.scene import scene_transform
+from dirprim_filter.recording.foxglove.elements import scene_transform
 from dirprim_filter.recording.log_writer import LogWriter
 from dirprim_filter.recording.scan import scan
 from dirprim_filter.recording.schemas import dirprim_pb2

@@ -1,12 +1,111 @@
-"""What can be wrong with a file: each error is one line that names the file, the place and the way out."""
+"""What can be wrong with a file: damage, formats that are not read here, and errors.
+
+Each error is one line that names the file, the place and the way out.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from os import PathLike, fspath
+from typing import Literal, NamedTuple
 
-from dirprim_filter.recording.container.other_formats import other_format
+from dirprim_filter.recording.container.records import ENCODINGS
+
+DamageKind = Literal[
+    "magic",  # the opening or closing magic is wrong or missing
+    "truncated",  # the file ends inside a record, or before its footer
+    "record",  # opcode or length of a record make no sense; up to the next readable chunk all is lost
+    "definition",  # a schema, channel or metadata record cannot be parsed, or the summary says something else
+    "attachment",  # an attachment cannot be parsed, or differs from what was written
+    "chunk_header",  # fields of a chunk contradict each other
+    "chunk_data",  # a chunk cannot be decompressed
+    "chunk_crc",  # the contents of a chunk differ from what was written
+    "chunk_times",  # a chunk holds messages from before its stated start
+    "message",  # a message record cannot be parsed
+    "unknown_channel",  # a message of a channel that is defined nowhere
+    "data_crc",  # unchunked messages differ from what was written
+    "summary",  # the summary section contradicts the data; it is not needed
+    "trailing",  # bytes after the end
+]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Damage:
+    """One place of a log that is broken.
+
+    Attributes:
+        kind: what is broken.
+        offset: byte in the file where it starts.
+        length: bytes concerned.
+        messages: messages lost by it; None where that cannot be known.
+        detail: what was expected and what came.
+    """
+
+    kind: DamageKind
+    offset: int
+    length: int
+    messages: int | None
+    detail: str
+
+    def __str__(self) -> str:
+        lost = "unknown number of messages" if self.messages is None else f"{self.messages} messages"
+        return f"{self.kind} at byte {self.offset} ({self.length} bytes, {lost} lost): {self.detail}"
+
+
+READ_BYTES = 16
+"""Enough of a file to know every format."""
+
+
+class OtherFormat(NamedTuple):
+    """A format that is no MCAP.
+
+    Attributes:
+        opening: how its files begin.
+        name: what it is.
+        way: what to do, a clause.
+    """
+
+    opening: bytes
+    name: str
+    way: str
+
+
+AS_TABLE = "`dirprim convert` without --format makes a log of it"
+OTHER_FORMATS = (
+    OtherFormat(b"SQLite format 3", "a ROS 2 bag in SQLite", "`dirprim` reads its folder, or a file named .db3"),
+    OtherFormat(b"#ROSBAG", "a ROS 1 bag", "`dirprim` reads a file named .bag"),
+    OtherFormat(b"RRF", "a rerun recording", "`dirprim view` shows it"),
+    OtherFormat(b"PAR1", "a Parquet table", AS_TABLE),
+    OtherFormat(b"ARROW1", "a Feather table", AS_TABLE),
+    OtherFormat(b"FEA1", "a Feather table", AS_TABLE),
+    OtherFormat(
+        b"\x89HDF",
+        "an HDF5 file",
+        "write it as Parquet, in pandas by `read_hdf(FILE).to_parquet(NEW)`, for `dirprim convert`",
+    ),
+    OtherFormat(b"PK\x03\x04", "a zip archive", "unpack it first"),
+    OtherFormat(b"\x28\xb5\x2f\xfd", "a file compressed by zstd", "decompress it first"),
+    OtherFormat(b"\x1f\x8b", "a file compressed by gzip", "decompress it; `dirprim convert` reads a .csv.gz as it is"),
+    OtherFormat(b"\x89MCAP", "an MCAP log", "it needs no converting: `dirprim info` shows what it contains"),
+)
+
+
+def other_format(opening: bytes) -> OtherFormat | None:
+    """The format of a file that begins with these bytes; None where it is not known."""
+    return next((known for known in OTHER_FORMATS if opening.startswith(known.opening)), None)
+
+
+def unread_encodings(encodings: Iterable[str]) -> str | None:
+    """Why messages are not read, and the way out, where none has an encoding that is."""
+    found = sorted(set(encodings))
+    if not found or set(found) & set(ENCODINGS):
+        return None
+    why = f"messages encoded as {', '.join(found)} are not read, but {', '.join(ENCODINGS)}"
+    ros1 = "; give the ROS 1 bag itself, a file named .bag" if "ros1" in found else ""
+    return why + ros1
+
 
 Path = str | PathLike[str]
 

@@ -17,13 +17,13 @@ from os import PathLike
 from pathlib import Path
 
 import numpy as np
+from mcap.records import Attachment
 
 from dirprim_filter.recording.container.chunk import Chunk
-from dirprim_filter.recording.container.damage import Damage
+from dirprim_filter.recording.container.errors import Damage
 from dirprim_filter.recording.container.log_file import LogFile
-from dirprim_filter.recording.container.merge import TimeMerge
-from dirprim_filter.recording.container.message_columns import MessageColumns
-from dirprim_filter.recording.container.records import Attachment, Channel, Message
+from dirprim_filter.recording.container.message_columns import MessageColumns, TimeMerge
+from dirprim_filter.recording.container.records import Channel, Message, parse
 from dirprim_filter.recording.container.source import log_files
 
 NO_TIMES = (0, 1 << 64)
@@ -193,13 +193,9 @@ class Scan(AbstractContextManager["Scan"]):
         """Name and entries of each metadata record."""
         return [record for file in self.log.files for record in file.outline.metadata]
 
-    def attachments(self) -> list[tuple[Attachment, bytes]]:
-        """The files attached to the log whose checksum holds, and their contents."""
-        return [
-            (attachment, file.bytes_of.read(attachment.data_offset, attachment.data_offset + attachment.size))
-            for file in self.log.files
-            for attachment in file.outline.attachments
-        ]
+    def attachments(self) -> Iterator[Attachment]:
+        """The files attached to the log whose checksum holds."""
+        return (parse(file.bytes_of, at) for file in self.log.files for at, _ in file.outline.attachments)
 
     def is_wanted(self, topic: str) -> bool:
         """Whether messages of a topic are delivered."""

@@ -13,8 +13,7 @@ from mcap.opcode import Opcode
 from dirprim_filter.arrays import AnyArray
 from dirprim_filter.recording.container._kernels import read_records
 from dirprim_filter.recording.container.chunk import Chunk, read_contents
-from dirprim_filter.recording.container.damage import Damage
-from dirprim_filter.recording.container.file_bytes import FileBytes
+from dirprim_filter.recording.container.errors import Damage
 from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.container.outline import Outline
 from dirprim_filter.recording.container.records import (
@@ -27,6 +26,7 @@ from dirprim_filter.recording.container.records import (
     parse_schema,
     record_end,
 )
+from dirprim_filter.recording.container.source import FileBytes
 
 KEPT_BYTES = 1 << 24
 """Of a file's contents, while it is open: its topics, transforms and objects are passes of their own."""
@@ -86,7 +86,7 @@ class LogFile:
         if end != len(contents) and not chunk.is_cut:
             detail = f"byte {end} of its contents starts no record that fits; {len(contents) - end} bytes are lost"
             damage.append(chunk.damaged("message", None, detail))
-        channel, bad = self._resolved(contents, channel_id, start, others)
+        channel, bad = self._resolved(contents, channel_id, others)
         damage += [chunk.damaged("definition", None, text) for text in bad]
         unknown = channel_id[channel == UNKNOWN]
         for one, n in zip(*(part.tolist() for part in np.unique(unknown, return_counts=True)), strict=True):
@@ -113,27 +113,18 @@ class LogFile:
             kept[chunk.offset] = contents, damage
         return contents, damage
 
-    def _resolved(
-        self, contents: bytes, channel_id: AnyArray, start: AnyArray, others: AnyArray
-    ) -> tuple[AnyArray, list[str]]:
-        """(n) int32 numbers of the messages' channels, by the definitions before them; and those that are broken.
+    def _resolved(self, contents: bytes, channel_id: AnyArray, others: AnyArray) -> tuple[AnyArray, list[str]]:
+        """(n) int32 numbers of the messages' channels, and why definitions are broken.
 
         What a chunk says itself goes before what others say.
         """
-        channel = np.empty(len(channel_id), np.int32)
-        schemas, channels, done, bad = self._schemas.new_child(), self._channels.new_child(), 0, []
+        schemas, channels, bad = self._schemas.new_child(), self._channels.new_child(), []
         for at in others.tolist():
             try:
-                taken = self._take(contents, at, schemas, channels)
+                self._take(contents, at, schemas, channels)
             except MalformedRecordError as error:
                 bad.append(str(error))
-                continue
-            if taken and taken[1] != channels.get(taken[0]):
-                upto = int(np.searchsorted(start, at))  # the messages before it are of the channel as it was
-                channel[done:upto] = self._numbers(channel_id[done:upto], channels)
-                done = upto
-                channels[taken[0]] = taken[1]
-        channel[done:] = self._numbers(channel_id[done:], channels)
+        channel = self._numbers(channel_id, channels)
         self._keep(schemas.maps[0], channels.maps[0])
         return channel, bad
 
@@ -154,12 +145,12 @@ class LogFile:
                 self._all_numbers[found] = len(self._all)
                 self._all.append(found)
             lookup[one] = UNKNOWN if found is None else self._all_numbers[found]
-        return np.asarray(lookup[channel_id])
+        return np.asarray(lookup[channel_id], np.int32)
 
     def _take(
         self, contents: bytes, at: int, schemas: MutableMapping[int, Schema], channels: MutableMapping[int, Channel]
-    ) -> tuple[int, Channel] | None:
-        """Learn from the record at `at`; the channel that it defines, if it is one.
+    ) -> None:
+        """Learn from the record at `at`, if it is a definition.
 
         Raises:
             MalformedRecordError: it is a schema or a channel that cannot be parsed.
@@ -168,11 +159,11 @@ class LogFile:
             schema_id, schemas[schema_id] = parse_schema(contents, at)
         elif contents[at] == Opcode.CHANNEL:
             try:
-                return parse_channel(contents, at, schemas)
+                channel_id, channel = parse_channel(contents, at, schemas)
             except UndefinedSchemaError:
                 self._look_everywhere()
-                return parse_channel(contents, at, schemas)
-        return None
+                channel_id, channel = parse_channel(contents, at, schemas)
+            channels[channel_id] = channel
 
     def _look_everywhere(self) -> None:
         """Chunks are read in order of time, definitions stand in order of the file: look for all of them, once."""
@@ -184,8 +175,7 @@ class LogFile:
                 contents, _ = self._contents(chunk)
                 for at in _definitions(contents):
                     with suppress(MalformedRecordError):  # reported when its chunk's messages are read
-                        if taken := self._take(contents, at, self._schemas, self._channels):
-                            self._channels[taken[0]] = taken[1]
+                        self._take(contents, at, self._schemas, self._channels)
         self._keep(self.outline.summary.schemas, self.outline.summary.channels)
 
 

@@ -15,9 +15,8 @@ import numpy as np
 from mcap.opcode import Opcode
 
 from dirprim_filter.recording.container._kernels import MESSAGE_HEAD, MIN_MESSAGE, message_run
-from dirprim_filter.recording.container.chunk import Chunk, chunk_at, indexes_after
-from dirprim_filter.recording.container.damage import Damage, DamageKind
-from dirprim_filter.recording.container.file_bytes import FileBytes
+from dirprim_filter.recording.container.chunk import Chunk, Resync, chunk_at, indexes_after
+from dirprim_filter.recording.container.errors import Damage, DamageKind
 from dirprim_filter.recording.container.records import (
     CHUNK,
     MAGIC,
@@ -26,17 +25,16 @@ from dirprim_filter.recording.container.records import (
     RECORD_HEADER_SIZE,
     U32,
     U64,
-    Attachment,
     Channel,
     MalformedRecordError,
     Schema,
     parse,
-    parse_attachment,
     parse_channel,
+    parse_known,
     parse_schema,
     record_end,
 )
-from dirprim_filter.recording.container.resync import Resync
+from dirprim_filter.recording.container.source import FileBytes
 from dirprim_filter.recording.container.summary_section import Summary, read_summary
 
 RUN_BYTES = 1 << 22
@@ -58,7 +56,7 @@ class Outline:
         schemas: by id, likewise.
         summary: what the Summary section repeats; without chunk indexes where these cannot be trusted.
         metadata: name and entries of each metadata record.
-        attachments: those that are whole.
+        attachments: first byte and name of those that are whole.
         private: first byte of each record of a private opcode, and the byte after it.
         profile: of the header.
         library: of the header: who wrote the file.
@@ -71,7 +69,7 @@ class Outline:
         self.schemas: dict[int, Schema] = {}
         self.summary = Summary()
         self.metadata: list[tuple[str, dict[str, str]]] = []
-        self.attachments: list[Attachment] = []
+        self.attachments: list[tuple[int, str]] = []
         self.private: list[tuple[int, int]] = []
         self.profile = self.library = ""
         self.damage: list[Damage] = []
@@ -111,9 +109,11 @@ class Outline:
         try:
             records = [parse(self._file, one.offset) for one in summary.metadata]
             self.metadata = [(record.name, record.metadata) for record in records]
-            self.attachments = [parse_attachment(self._file, one.offset) for one in summary.attachments]
         except (MalformedRecordError, IndexError, KeyError, AttributeError, struct.error):  # they stand elsewhere
             return False
+        if any(self._file.peek(one.offset, 1) != bytes([Opcode.ATTACHMENT]) for one in summary.attachments):
+            return False
+        self.attachments = [(one.offset, one.name) for one in summary.attachments]
         self.chunks, self.summary = chunks, summary
         return True
 
@@ -221,21 +221,21 @@ class Outline:
             record = parse(file, at)
             self.metadata.append((record.name, record.metadata))
         elif opcode == Opcode.ATTACHMENT:
-            self._take_attachment(at)
+            self._take_attachment(at, end)
         elif opcode == Opcode.DATA_END:
             self._check_data(at, parse(file, at).data_section_crc)
             self._data_end = end
         elif opcode >= PRIVATE:
             self.private.append((at, end))
 
-    def _take_attachment(self, at: int) -> None:
-        attachment = parse_attachment(self._file, at)
-        crc_at = attachment.data_offset + attachment.size
+    def _take_attachment(self, at: int, end: int) -> None:
+        attachment, stop = parse_known(self._file, at)
+        crc_at = stop - U32.size
         if U32.unpack(self._file.peek(crc_at, U32.size))[0] in (0, self._file.crc(at + RECORD_HEADER_SIZE, crc_at)):
-            self.attachments.append(attachment)
+            self.attachments.append((at, attachment.name))
         else:
             detail = f"attachment {attachment.name!r}: its checksum does not hold"
-            self._damaged("attachment", at, attachment.end - at, 0, detail)
+            self._damaged("attachment", at, end - at, 0, detail)
 
     def _check_data(self, start: int, expected: int) -> None:
         """Messages in chunks have their own checksums; for those outside only this one vouches."""

@@ -7,7 +7,7 @@ length of 64 bits, and that many bytes; strings and maps carry a length of 32 bi
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, cast
 
@@ -19,13 +19,15 @@ from mcap.well_known import MessageEncoding
 from mcap.writer import MCAP0_MAGIC
 
 if TYPE_CHECKING:
-    from dirprim_filter.recording.container.file_bytes import FileBytes
+    from dirprim_filter.recording.container.source import FileBytes
 
 Bytes: TypeAlias = "bytes | FileBytes"
 
 ENCODINGS = (MessageEncoding.Protobuf, MessageEncoding.CDR, MessageEncoding.JSON)
 """Of messages, those that can be read as objects."""
 MAGIC = MCAP0_MAGIC
+SHORT_BYTES = 1 << 16
+"""Longer fields, as of attachments, are not kept at hand."""
 PRIVATE = 0x80
 """The first of the opcodes that anybody may use."""
 RECORD_HEADER_SIZE = 9
@@ -35,13 +37,12 @@ U32 = struct.Struct("<I")
 U64 = struct.Struct("<Q")
 CHUNK, CHUNK_INDEX, MESSAGE_INDEX = (struct.Struct(form) for form in ("<QQQII", "<QQQQI", "<HI"))
 """The numbers that these records begin with, and the length of what stands behind them."""
-_BEFORE_DATA = struct.Struct("<QQ")
 KINDS: dict[int, Any] = {
     int(opcode): getattr(fields, Opcode(opcode).name.title().replace("_", ""))
     for opcode in Opcode
-    if opcode not in (Opcode.MESSAGE, Opcode.CHUNK, Opcode.MESSAGE_INDEX, Opcode.ATTACHMENT)
+    if opcode not in (Opcode.MESSAGE, Opcode.CHUNK, Opcode.MESSAGE_INDEX)
 }
-"""Of records that are small, what the mcap package reads them by; the others are read here, where they stand."""
+"""What the mcap package reads records by; the others are read here, where they stand."""
 
 
 class MalformedRecordError(ValueError):
@@ -76,31 +77,6 @@ class Channel:
     message_encoding: str
     schema: Schema
     metadata: tuple[tuple[str, str], ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Attachment:
-    """A file that was attached to a log, and where it stands.
-
-    Attributes:
-        name: of the file.
-        media_type: such as "text/plain".
-        log_time_ns: when it was recorded.
-        create_time_ns: when it was made.
-        data_offset: byte where its data start.
-        size: bytes of them.
-        offset: byte where its record starts.
-        end: byte after its record.
-    """
-
-    name: str
-    media_type: str
-    log_time_ns: int
-    create_time_ns: int
-    data_offset: int
-    size: int
-    offset: int
-    end: int
 
 
 class Message(NamedTuple):
@@ -161,19 +137,9 @@ class _Fields:
 
 
 def _between(buffer: Bytes, start: int, stop: int) -> bytes:
-    return buffer[start:stop] if isinstance(buffer, bytes) else buffer.peek(start, stop - start)
-
-
-def _read(buffer: Bytes, at: int, read: Callable[[int, ReadDataStream], Any]) -> tuple[Any, int]:
-    """What is read of the record at `at`, and the byte after that."""
-    fields_of = _Fields(buffer, at)
-    stream = ReadDataStream(cast("Any", fields_of))
-    try:
-        return read(fields_of.opcode, stream), at + RECORD_HEADER_SIZE + stream.count
-    except (EndOfFile, struct.error) as error:
-        raise MalformedRecordError(f"the fields of a {Opcode(fields_of.opcode).name} record end past it") from error
-    except UnicodeDecodeError as error:
-        raise BadTextError(f"a field of a {Opcode(fields_of.opcode).name} record is not UTF-8") from error
+    if isinstance(buffer, bytes):
+        return buffer[start:stop]
+    return buffer.peek(start, stop - start) if stop - start < SHORT_BYTES else buffer.read(start, stop)
 
 
 def parse_known(buffer: Bytes, at: int) -> tuple[Any, int]:
@@ -183,7 +149,14 @@ def parse_known(buffer: Bytes, at: int) -> tuple[Any, int]:
         MalformedRecordError: its fields do not fit.
         BadTextError: a text is no UTF-8.
     """
-    return _read(buffer, at, lambda opcode, stream: KINDS[opcode].read(stream))
+    fields_of = _Fields(buffer, at)
+    stream = ReadDataStream(cast("Any", fields_of))
+    try:
+        return KINDS[fields_of.opcode].read(stream), at + RECORD_HEADER_SIZE + stream.count
+    except (EndOfFile, struct.error) as error:
+        raise MalformedRecordError(f"the fields of a {Opcode(fields_of.opcode).name} record end past it") from error
+    except UnicodeDecodeError as error:
+        raise BadTextError(f"a field of a {Opcode(fields_of.opcode).name} record is not UTF-8") from error
 
 
 def parse(buffer: Bytes, at: int) -> Any:
@@ -214,24 +187,3 @@ def parse_channel(buffer: Bytes, at: int, schemas: Mapping[int, Schema]) -> tupl
         raise UndefinedSchemaError(f"channel {said.id} ({said.topic}) names schema {said.schema_id}, not defined")
     metadata = tuple(said.metadata.items())
     return said.id, Channel(topic=said.topic, message_encoding=said.message_encoding, schema=schema, metadata=metadata)
-
-
-def parse_attachment(file: FileBytes, at: int) -> Attachment:
-    """An attachment record, without its data.
-
-    Raises:
-        MalformedRecordError: its fields do not fit.
-    """
-
-    def read(_: int, stream: ReadDataStream) -> tuple[Any, ...]:
-        log_ns, create_ns = _BEFORE_DATA.unpack(stream.read(_BEFORE_DATA.size))
-        return log_ns, create_ns, stream.read_prefixed_string(), stream.read_prefixed_string(), stream.read8()
-
-    (log_ns, create_ns, name, media_type, size), start = _read(file, at, read)
-    end = at + record_end(file.peek(at, RECORD_HEADER_SIZE), 0)
-    if start + size + U32.size > end:
-        raise MalformedRecordError("the data of an ATTACHMENT record end past it")
-    return Attachment(
-        name=name, media_type=media_type, log_time_ns=log_ns, create_time_ns=create_ns, data_offset=start,
-        size=size, offset=at, end=end,
-    )  # fmt: skip

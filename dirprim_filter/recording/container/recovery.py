@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from dirprim_filter.partial_file import PartialFile
-from dirprim_filter.recording.container.damage import Damage
-from dirprim_filter.recording.container.errors import DamagedRecordingError
+from dirprim_filter.recording.container.errors import Damage, DamagedRecordingError
 from dirprim_filter.recording.container.log import Log, Scan
 from dirprim_filter.recording.container.mcap_writer import McapWriter
 
@@ -96,11 +95,10 @@ def recover(
                 progress(done, len(opened.chunks))
         _check(log, strict=strict)
         n_attachments = 0
+        for of in log.attachments():
+            writer.add_attachment(of.create_time, of.log_time, of.name, of.media_type, of.data)
+            n_attachments += 1
         for one in opened.files:
-            for of in one.outline.attachments:
-                data = one.bytes_of.read(of.data_offset, of.data_offset + of.size)
-                writer.add_attachment(of.create_time_ns, of.log_time_ns, of.name, of.media_type, data)
-                n_attachments += 1
             for start, end in one.outline.private:
                 writer.flush()
                 file.write(one.bytes_of.read(start, end))

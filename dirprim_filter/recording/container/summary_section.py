@@ -16,7 +16,6 @@ from dataclasses import dataclass, field
 from mcap.opcode import Opcode
 from mcap.records import AttachmentIndex, ChunkIndex, MetadataIndex, Statistics
 
-from dirprim_filter.recording.container.file_bytes import FileBytes
 from dirprim_filter.recording.container.records import (
     KINDS,
     MAGIC,
@@ -32,6 +31,7 @@ from dirprim_filter.recording.container.records import (
     parse_schema,
     record_end,
 )
+from dirprim_filter.recording.container.source import FileBytes
 
 FOOTER_SIZE = RECORD_HEADER_SIZE + 20
 MOST_BYTES = 1 << 28

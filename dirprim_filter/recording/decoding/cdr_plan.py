@@ -16,7 +16,7 @@ import numpy as np
 
 from dirprim_filter.recording.decoding import _cdr_kernels as kernels
 from dirprim_filter.recording.decoding.column_plan import ColumnPlan, Form, OutputTables
-from dirprim_filter.recording.decoding.fields import EACH, Field, Place, SchemaError, Wanted, check_found, wanted
+from dirprim_filter.recording.decoding.field_columns import EACH, Field, Place, SchemaError, Wanted, check_found, wanted
 
 _SIZES: dict[str, tuple[int, Form]] = {
     "bool": (1, "unsigned"), "byte": (1, "unsigned"), "char": (1, "unsigned"), "octet": (1, "unsigned"),

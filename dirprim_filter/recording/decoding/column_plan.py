@@ -9,8 +9,15 @@ import numpy as np
 
 from dirprim_filter.arrays import AnyArray, IntArray
 from dirprim_filter.recording.decoding import _kernels as kernels
-from dirprim_filter.recording.decoding.field_columns import Column, FieldColumns, nanoseconds
-from dirprim_filter.recording.decoding.fields import Field, Place, SchemaError, Wanted
+from dirprim_filter.recording.decoding.field_columns import (
+    Column,
+    Field,
+    FieldColumns,
+    Place,
+    SchemaError,
+    Wanted,
+    nanoseconds,
+)
 
 Form = Literal["int", "unsigned", "float", "double", "cells", "bytes", "presence"]
 """How the 64 bits of a cell are to be read."""

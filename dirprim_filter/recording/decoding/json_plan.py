@@ -20,8 +20,17 @@ import numpy as np
 from dirprim_filter.arrays import AnyArray, IntArray
 from dirprim_filter.recording.decoding._kernels import MAX_ELEMENTS
 from dirprim_filter.recording.decoding.column_plan import CLOCKS, Plan
-from dirprim_filter.recording.decoding.field_columns import MAX_NAME_LENGTH, NANOSECONDS, NO_TIME, Column, FieldColumns
-from dirprim_filter.recording.decoding.fields import EACH, Field, Kind, steps_of
+from dirprim_filter.recording.decoding.field_columns import (
+    EACH,
+    MAX_NAME_LENGTH,
+    NANOSECONDS,
+    NO_TIME,
+    Column,
+    Field,
+    FieldColumns,
+    Kind,
+    steps_of,
+)
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _FRACTION_DIGITS = 9

@@ -19,7 +19,7 @@ from google.protobuf.message import DecodeError
 
 from dirprim_filter.recording.decoding import _protobuf_kernels as kernels
 from dirprim_filter.recording.decoding.column_plan import ColumnPlan, Form, OutputTables
-from dirprim_filter.recording.decoding.fields import EACH, Field, Place, SchemaError, Wanted, check_found, wanted
+from dirprim_filter.recording.decoding.field_columns import EACH, Field, Place, SchemaError, Wanted, check_found, wanted
 
 _F = FieldDescriptor
 _SCALARS: dict[int, tuple[int, int, Form]] = {

@@ -15,7 +15,7 @@ import numpy as np
 
 from dirprim_filter.partial_file import PartialFile
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.recording.foxglove.scene import view_of
+from dirprim_filter.recording.foxglove.elements import view_of
 
 MARGIN = 1.05
 """Times as much ground is shown, from the lower to the upper edge, as the map's busy part."""

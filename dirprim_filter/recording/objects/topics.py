@@ -10,7 +10,7 @@ from itertools import chain
 import numpy as np
 
 from dirprim_filter.recording import topic_names
-from dirprim_filter.recording.container.damage import Damage
+from dirprim_filter.recording.container.errors import Damage
 from dirprim_filter.recording.container.log import Log, Scan
 from dirprim_filter.recording.errors import DamagedRecordingError, NoTracksError
 from dirprim_filter.recording.name_patterns import matching

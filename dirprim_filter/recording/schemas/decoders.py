@@ -13,8 +13,7 @@ from dirprim_filter.recording.container.message_columns import MessageColumns, g
 from dirprim_filter.recording.container.records import ENCODINGS, Channel, Schema
 from dirprim_filter.recording.decoding.cdr_plan import cdr_plan, full_name
 from dirprim_filter.recording.decoding.column_plan import Plan, TooManyRowsError
-from dirprim_filter.recording.decoding.field_columns import FieldColumns
-from dirprim_filter.recording.decoding.fields import SchemaError
+from dirprim_filter.recording.decoding.field_columns import FieldColumns, SchemaError
 from dirprim_filter.recording.decoding.json_plan import JsonPlan
 from dirprim_filter.recording.decoding.protobuf_plan import protobuf_plan
 from dirprim_filter.recording.rows import Rows

@@ -18,8 +18,7 @@ import numpy as np
 
 from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from dirprim_filter.columns import is_held, known_sizes, unknown
-from dirprim_filter.recording.decoding.field_columns import NANOSECONDS, NO_TIME, FieldColumns
-from dirprim_filter.recording.decoding.fields import Field, Kind, steps_of
+from dirprim_filter.recording.decoding.field_columns import NANOSECONDS, NO_TIME, Field, FieldColumns, Kind, steps_of
 from dirprim_filter.recording.name_patterns import named_values
 from dirprim_filter.recording.rows import LEFT_OUT, Rows
 from dirprim_filter.recording.schemas.attitude import course, heading, rotated

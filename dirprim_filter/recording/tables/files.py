@@ -17,7 +17,7 @@ import pyarrow.csv
 import pyarrow.feather
 import pyarrow.parquet
 
-from dirprim_filter.recording.container.other_formats import READ_BYTES, other_format
+from dirprim_filter.recording.container.errors import READ_BYTES, other_format
 from dirprim_filter.recording.errors import TableError
 from dirprim_filter.recording.tables.columns import Columns
 

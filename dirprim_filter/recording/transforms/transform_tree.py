@@ -21,8 +21,7 @@ import numpy as np
 from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from dirprim_filter.recording.container.log import Log, Scan
 from dirprim_filter.recording.container.message_columns import MessageColumns
-from dirprim_filter.recording.decoding.field_columns import NO_TIME, FieldColumns, signed
-from dirprim_filter.recording.decoding.fields import SchemaError
+from dirprim_filter.recording.decoding.field_columns import NO_TIME, FieldColumns, SchemaError, signed
 from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError
 from dirprim_filter.recording.losses import TRANSFORMS as TRANSFORM_LOSS
 from dirprim_filter.recording.losses import Losses

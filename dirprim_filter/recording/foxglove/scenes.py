@@ -1,0 +1,246 @@
+"""What is drawn of tracked vehicles, particles, reports, forecasts and maps.
+
+A vehicle has a body, an arrow over one second of motion, the 90 % region of its position, a trail and a name; particles
+and reports are points of the same size on the screen at every zoom; a forecast has thin lines and areas in the colour
+of its vehicle; a map the outlines of its cells, and roses in the colours of speed, as rerun and figures draw them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from foxglove.messages import (
+    ArrowPrimitive,
+    CubePrimitive,
+    CylinderPrimitive,
+    KeyValuePair,
+    PackedElementField,
+    PackedElementFieldNumericType,
+    PointCloud,
+    SceneUpdate,
+    TextPrimitive,
+    Vector3,
+)
+
+from dirprim_filter.arrays import AnyArray, FloatArray
+from dirprim_filter.columns import is_held
+from dirprim_filter.detections import NO_ID, Detections
+from dirprim_filter.drawing import shapes
+from dirprim_filter.drawing.colors import direction_color, fan_opacity, track_color
+from dirprim_filter.drawing.names import short_name
+from dirprim_filter.drawing.sight import SURE_FROM, may_be_anywhere
+from dirprim_filter.estimates import Estimates, Particles
+from dirprim_filter.forecasting import REGION_SHARES, Forecasts
+from dirprim_filter.primitives.primitive_map import PrimitiveMap
+from dirprim_filter.recording.foxglove.elements import (
+    HEIGHT,
+    SCENE_FRAME,
+    SEGMENTS,
+    STRIP,
+    area,
+    entity,
+    fresh_update,
+    line,
+    painted,
+    pose,
+    rounded,
+    stamp,
+)
+from dirprim_filter.recording.schemas.scene_update import DRAWN_NOTE
+from dirprim_filter.track_ids import as_texts
+
+VEHICLE_SIZE = (4.5, 1.9, 1.5)
+"""Length, width and height of the cube that stands for a vehicle of unknown size, metres: a middling car."""
+REGION_SHARE = 0.9
+MIN_AXIS = 0.02
+"""Metres; a thinner ellipse would not be seen."""
+OPACITY = {"body": 0.4, "arrow": 0.95, "region": 0.25, "trail": 0.7, "label": 0.95}
+SMOOTHED_COLOR = (0.95, 0.95, 0.95)
+COASTING_OPACITY = 0.35
+"""Times as strong are vehicles that coast."""
+HEAD_LENGTH, HEAD_SHARE = 0.9, 0.5
+"""Of an arrow, metres, and of its length at most."""
+LABEL_NORTH = 3.0
+"""Metres; a label on the vehicle would hide what it names."""
+TRAIL_NS, TRAIL_POINTS = 5_000_000_000, 16
+"""How far back a trail goes, and by how many points it leads to the vehicle."""
+
+
+class EstimatesScene:
+    """The `SceneUpdate` of one instant after the other, which first deletes what earlier ones drew.
+
+    Args:
+        color: red, green and blue of all vehicles; left out, each has its own, the same as in rerun.
+
+    Attributes:
+        sizes: length, width and height that were last reported of vehicles, by name.
+    """
+
+    def __init__(self, color: Sequence[float] | None = None) -> None:
+        self._color = color
+        self.sizes: dict[str, list[float]] = {}
+        self._trail: dict[str, list[tuple[int, list[float]]]] = {}
+
+    def update(self, estimates: Estimates, detections: Detections, time_ns: int, origin: FloatArray) -> SceneUpdate:
+        """The update of one instant; sizes are those that were last reported of vehicles by name.
+
+        A vehicle of unknown direction, as one that has stood from its first detection on, is drawn as long as wide.
+
+        Args:
+            estimates: of this instant.
+            detections: of this instant.
+            time_ns: the instant.
+            origin: (2,) of the scene's frame, metres.
+        """
+        names = as_texts(estimates.track_id).tolist()
+        self._see_sizes(detections)
+        half_axes, ellipse_yaw = shapes.covariance_axes(estimates.covariance, probability=REGION_SHARE)
+        columns = (
+            estimates.position - origin, estimates.direction, estimates.speed,
+            estimates.direction_resultant >= SURE_FROM, np.maximum(2.0 * half_axes, MIN_AXIS), ellipse_yaw,
+            np.where(estimates.is_coasting, COASTING_OPACITY, 1.0), may_be_anywhere(estimates),
+            track_color(names)[:, :3] / 255.0,
+        )  # fmt: skip
+        self._trail = {
+            name: self._led_on(name, place, time_ns) for name, place in zip(names, columns[0].tolist(), strict=True)
+        }
+        entities = []
+        for name, (x, y), yaw, speed, is_turned, (minor, major), turn, strength, is_anywhere, own in zip(
+            names, *(column.tolist() for column in columns), strict=True
+        ):
+            length, width, height = self.sizes.get(name, VEHICLE_SIZE)
+            rgb, opacity = self._color or own, {part: strength * alpha for part, alpha in OPACITY.items()}
+            head = min(HEAD_LENGTH, HEAD_SHARE * speed)
+            entities.append(entity(
+                name, time_ns, metadata=[KeyValuePair(key=DRAWN_NOTE, value="body")],
+                cubes=[CubePrimitive(
+                    pose=pose(x, y, height / 2, yaw), color=painted(rgb, opacity["body"]),
+                    size=Vector3(x=length if is_turned else width, y=width, z=height),
+                )],
+                arrows=[ArrowPrimitive(
+                    pose=pose(x, y, HEIGHT["arrow"], yaw), color=painted(rgb, opacity["arrow"]), shaft_diameter=0.35,
+                    head_diameter=1.0, shaft_length=speed - head, head_length=head,
+                )],
+                cylinders=[CylinderPrimitive(
+                    pose=pose(x, y, HEIGHT["region"], turn), size=Vector3(x=minor, y=major, z=0.02), bottom_scale=1.0,
+                    top_scale=1.0, color=painted(rgb, 0.0 if is_anywhere else opacity["region"]),
+                )],
+                texts=[TextPrimitive(
+                    pose=pose(x, y + LABEL_NORTH, HEIGHT["label"]), billboard=True, font_size=13.0,
+                    scale_invariant=True, text=short_name(name), color=painted(rgb, opacity["label"]),
+                )],
+                lines=[line(
+                    STRIP, np.array([place for _, place in self._trail[name]]), pixels=2.0,
+                    color=painted(rgb, opacity["trail"]), height=HEIGHT["trails"],
+                )],
+            ))  # fmt: skip
+        return fresh_update(entities, time_ns)
+
+    def _see_sizes(self, detections: Detections) -> None:
+        if not is_held(detections.size):
+            return
+        for name, size in zip(detections.track_id.tolist(), detections.size, strict=True):
+            if name != NO_ID and not np.isnan(size).all():
+                self.sizes[name] = np.where(np.isnan(size), VEHICLE_SIZE, size).tolist()
+
+    def _led_on(self, name: str, place: list[float], time_ns: int) -> list[tuple[int, list[float]]]:
+        """Where a vehicle was at even instants, oldest first, and is."""
+        *kept, last = self._trail.get(name) or [(time_ns, place)]
+        if not kept or last[0] - kept[-1][0] >= TRAIL_NS // TRAIL_POINTS:
+            kept.append(last)
+        return [*(was for was in kept if time_ns - was[0] <= TRAIL_NS), (time_ns, place)]
+
+
+PARTICLE_OPACITY = 0.7
+_CHANNELS = ("red", "green", "blue", "alpha")
+_PLACE = [("x", "<f4"), ("y", "<f4")]
+_PARTICLE = np.dtype([*_PLACE, ("weight", "<f4"), *((channel, "u1") for channel in _CHANNELS)])
+_REPORT = np.dtype(_PLACE)
+_FIELD_TYPE = {"f4": PackedElementFieldNumericType.Float32, "u1": PackedElementFieldNumericType.Uint8}
+
+
+def particle_cloud(particles: Particles, time_ns: int, origin: FloatArray) -> PointCloud:
+    """Each particle with its weight, in the colour of its direction."""
+    points: AnyArray = np.zeros(len(particles), _PARTICLE)
+    points["weight"] = particles.weight
+    for channel, value in zip(_CHANNELS, direction_color(particles.direction).T, strict=True):
+        points[channel] = value
+    points["alpha"] = round(255 * PARTICLE_OPACITY)
+    return _cloud(points, particles.position - origin, time_ns, height=HEIGHT["particles"])
+
+
+def detection_cloud(position: FloatArray, time_ns: int, origin: FloatArray) -> PointCloud:
+    """What was reported at one instant, (n, 2) metres."""
+    return _cloud(np.zeros(len(position), _REPORT), position - origin, time_ns, height=HEIGHT["detections"])
+
+
+def _cloud(points: AnyArray, position: FloatArray, time_ns: int, *, height: float) -> PointCloud:
+    """Single precision counts from the middle of the points."""
+    middle = np.round(position.mean(axis=0)) if len(position) else np.zeros(2)
+    points["x"], points["y"] = (position - middle).T
+    x, y = middle.tolist()
+    return PointCloud(
+        timestamp=stamp(time_ns), frame_id=SCENE_FRAME, pose=pose(x, y, height),
+        point_stride=points.dtype.itemsize, data=points.tobytes(),
+        fields=[
+            PackedElementField(name=name, offset=offset, type=_FIELD_TYPE[kind.str[1:]])
+            for name, (kind, offset, *_) in (points.dtype.fields or {}).items()
+        ],
+    )  # fmt: skip
+
+
+PATHS_OPACITY = 3.0
+"""Of all the paths of a vehicle together, where they lie over each other; the more there are, the fainter is each."""
+LEAST_OPACITY, MOST_OPACITY = 0.03, 0.4
+
+
+def forecast_scene(forecasts: Forecasts, origin: FloatArray, *, hidden: frozenset[str] = frozenset()) -> SceneUpdate:
+    """The paths of each vehicle as one list of lines, and its regions. Earlier forecasts are deleted.
+
+    Args:
+        forecasts: of one time.
+        origin: (2,) of the scene's frame, metres.
+        hidden: vehicles whose forecast says nothing.
+    """
+    n_paths, n_steps = forecasts.paths.shape[1:3]
+    step = (n_steps * np.arange(n_paths)[:, None] + np.arange(n_steps - 1)).ravel()
+    segments = np.column_stack([step, step + 1]).ravel().tolist()
+    opacity = float(np.clip(PATHS_OPACITY / max(n_paths, 1), LEAST_OPACITY, MOST_OPACITY))
+    fan = fan_opacity(len(forecasts.track_id) - len(hidden.intersection(forecasts.track_id)))
+    colors = track_color(forecasts.track_id)[:, :3] / 255.0
+    entities = []
+    for name, rgb, paths, regions in zip(
+        forecasts.track_id, colors.tolist(), forecasts.paths - origin, forecasts.regions, strict=True
+    ):
+        if name in hidden:
+            continue
+        lines = line(SEGMENTS, paths, pixels=1.0, color=painted(rgb, opacity), height=HEIGHT["paths"], indices=segments)
+        areas = [
+            area(region.vertex - origin, region.triangle, height=HEIGHT[f"region_{round(100 * share)}"],
+                 color=painted(rgb, fan))
+            for share, region in zip(REGION_SHARES, regions, strict=True)
+        ]  # fmt: skip
+        notes = [KeyValuePair(key=f"triangles_{k}_share", value=repr(share)) for k, share in enumerate(REGION_SHARES)]
+        entities.append(entity(name, forecasts.time_ns, lines=[lines], triangles=areas, metadata=notes))
+    return fresh_update(entities, forecasts.time_ns)
+
+
+CELL_COLOR = painted((0.45, 0.5, 0.6), 0.45)
+ROSE_OPACITY = 0.65
+"""What moves must stand out."""
+
+
+def map_scene(primitive_map: PrimitiveMap, time_ns: int, origin: FloatArray) -> SceneUpdate:
+    """The cells' outlines as one entity, and a petal for each mode as another."""
+    polygons = [*primitive_map.tessellation.polygons()]
+    sides = [np.stack([polygon, np.roll(polygon, -1, axis=0)], axis=1) for polygon in polygons]
+    outlines = np.concatenate([np.empty((0, 2)), *(side.reshape(-1, 2) for side in sides)])
+    cells = line(SEGMENTS, rounded(outlines - origin), pixels=1.0, color=CELL_COLOR, height=HEIGHT["cells"])
+    petals = shapes.rose_petals(primitive_map)
+    colors = shapes.petal_colors(petals, fastest=shapes.fastest_speed(petals)).reshape(-1, 4)[:, :3] / 255.0
+    roses = area(
+        rounded(petals.polygon - origin), shapes.fan_triangles(petals.polygon), height=HEIGHT["roses"],
+        colors=[painted(rgb, ROSE_OPACITY) for rgb in colors.tolist()],
+    )  # fmt: skip
+    return fresh_update([entity("cells", time_ns, lines=[cells]), entity("roses", time_ns, triangles=[roses])], time_ns)
