@@ -1,7 +1,7 @@
-"""ROS 2 definitions of the messages that tests write, from their packages, and a log of them by independent writers.
+"""ROS 2 definitions of the messages that tests write, and a log of them by independent writers.
 
-Sources: common_interfaces, unique_identifier_msgs, geometry2, vision_msgs, autoware_msgs, astuff_sensor_msgs; comments
-and what no test fills are left out where the layout of the rest does not depend on it.
+Those of ROS itself come with rosbags. Sources of the others: vision_msgs, autoware_msgs, astuff_sensor_msgs and the
+Foxglove SDK; comments and what no test fills are left out where the layout of the rest does not depend on it.
 """
 
 from __future__ import annotations
@@ -11,42 +11,15 @@ from pathlib import Path
 from typing import Any
 
 from mcap_ros2.writer import Writer
+from rosbags.typesys import Stores, get_typestore
 
 BASIC = {
-    "builtin_interfaces/Time": "int32 sec\nuint32 nanosec",
-    "builtin_interfaces/Duration": "int32 sec\nuint32 nanosec",
-    "std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id",
-    "std_msgs/ColorRGBA": "float32 r\nfloat32 g\nfloat32 b\nfloat32 a",
-    "geometry_msgs/Point": "float64 x\nfloat64 y\nfloat64 z",
-    "geometry_msgs/Point32": "float32 x\nfloat32 y\nfloat32 z",
-    "geometry_msgs/Vector3": "float64 x\nfloat64 y\nfloat64 z",
-    "geometry_msgs/Quaternion": "float64 x 0\nfloat64 y 0\nfloat64 z 0\nfloat64 w 1",
-    "geometry_msgs/Pose": "Point position\nQuaternion orientation",
-    "geometry_msgs/PoseWithCovariance": "Pose pose\nfloat64[36] covariance",
-    "geometry_msgs/Twist": "Vector3 linear\nVector3 angular",
-    "geometry_msgs/TwistWithCovariance": "Twist twist\nfloat64[36] covariance",
-    "geometry_msgs/Accel": "Vector3 linear\nVector3 angular",
-    "geometry_msgs/AccelWithCovariance": "Accel accel\nfloat64[36] covariance",
-    "geometry_msgs/PoseWithCovarianceStamped": "std_msgs/Header header\nPoseWithCovariance pose",
-    "geometry_msgs/Polygon": "geometry_msgs/Point32[] points",
-    "geometry_msgs/Transform": "Vector3 translation\nQuaternion rotation",
-    "geometry_msgs/TransformStamped": "std_msgs/Header header\nstring child_frame_id\nTransform transform",
-    "unique_identifier_msgs/UUID": "uint8[16] uuid",
-    "shape_msgs/SolidPrimitive": (
-        "uint8 BOX=1\nuint8 SPHERE=2\nuint8 type\nfloat64[<=3] dimensions\nuint8 BOX_X=0\ngeometry_msgs/Polygon polygon"
-    ),
-    "nav_msgs/Odometry": (
-        "std_msgs/Header header\nstring child_frame_id\ngeometry_msgs/PoseWithCovariance pose\n"
-        "geometry_msgs/TwistWithCovariance twist"
-    ),
-    "tf2_msgs/TFMessage": "geometry_msgs/TransformStamped[] transforms",
     "visualization_msgs/Marker": (
         "std_msgs/Header header\nstring ns\nint32 id\nint32 type\nint32 action\ngeometry_msgs/Pose pose\n"
         "geometry_msgs/Vector3 scale\nstd_msgs/ColorRGBA color\nbuiltin_interfaces/Duration lifetime\n"
         "bool frame_locked\ngeometry_msgs/Point[] points\nstd_msgs/ColorRGBA[] colors\nstring text\n"
         "string mesh_resource\nbool mesh_use_embedded_materials"
     ),
-    "visualization_msgs/MarkerArray": "visualization_msgs/Marker[] markers",
     "vision_msgs/ObjectHypothesis": "string class_id\nfloat64 score",
     "vision_msgs/ObjectHypothesisWithPose": "ObjectHypothesis hypothesis\ngeometry_msgs/PoseWithCovariance pose",
     "vision_msgs/BoundingBox3D": "geometry_msgs/Pose center\ngeometry_msgs/Vector3 size",
@@ -61,7 +34,6 @@ BASIC = {
         "uint32 classification_age"
     ),
     "derived_object_msgs/ObjectArray": "std_msgs/Header header\nderived_object_msgs/Object[] objects",
-    "geometry_msgs/PoseStamped": "std_msgs/Header header\nPose pose",
     "foxglove_msgs/PoseInFrame": "builtin_interfaces/Time timestamp\nstring frame_id\ngeometry_msgs/Pose pose",
     "foxglove_msgs/PosesInFrame": "builtin_interfaces/Time timestamp\nstring frame_id\ngeometry_msgs/Pose[] poses",
     "foxglove_msgs/Odometry": (
@@ -87,11 +59,6 @@ BASIC = {
     "foxglove_msgs/SceneUpdate": "KeyValuePair[] deletions\nSceneEntity[] entities",
     "acme/Detection": "uint8 kind\nfloat32[2] place\nstring id",
     "acme/Detections": "string frame\nacme/Detection[] detections",
-    "sensor_msgs/NavSatStatus": "int8 status\nuint16 service",
-    "sensor_msgs/NavSatFix": (
-        "std_msgs/Header header\nNavSatStatus status\nfloat64 latitude\nfloat64 longitude\nfloat64 altitude\n"
-        "float64[9] position_covariance\nuint8 position_covariance_type"
-    ),
 }
 
 
@@ -131,6 +98,16 @@ _PLAIN = {f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)} 
 }  # fmt: skip
 
 
+ROS = get_typestore(Stores.ROS2_JAZZY)
+
+
+def definition(name: str) -> str:
+    """Of package/Name alone."""
+    if name in DEFINITIONS:
+        return DEFINITIONS[name]
+    return ROS.generate_msgdef(name.replace("/", "/msg/"), ros_version=2)[0].partition("=" * 80)[0].rstrip()
+
+
 def full_definition(name: str) -> str:
     """The ros2msg definition of package/Name with all that it depends on, as rosbag2 writes it."""
     pending, parts = [name], {}
@@ -138,8 +115,8 @@ def full_definition(name: str) -> str:
         one = pending.pop(0)
         if one in parts:
             continue
-        parts[one] = DEFINITIONS[one]
-        for line in DEFINITIONS[one].splitlines():
+        parts[one] = definition(one)
+        for line in parts[one].splitlines():
             kind = line.split()[0].partition("[")[0]
             if kind.partition("<")[0] not in _PLAIN and "=" not in line:
                 pending.append(kind if "/" in kind else f"{one.partition('/')[0]}/{kind}")
