@@ -14,7 +14,7 @@ from tessellation import GridTessellation
 
 SIDE = 20.0
 ALONE = np.empty((0, 3))
-"""Nobody has a leader."""
+"""No vehicle has a leader."""
 NOTHING = 1e-300
 
 

@@ -1,4 +1,4 @@
-"""Knobs that make no sense are refused by name."""
+"""Settings that make no sense are refused by name."""
 
 from dataclasses import fields, replace
 from typing import Any
@@ -19,7 +19,7 @@ SERIES = ("cell_sizes", "rows_per_cell")
 MAY_BE_OFF = (
     "outlier_probability", "motion_outlier_probability", "resample_below", "innovation_outlier_rate", "own_way_rate",
 )  # fmt: skip
-KNOBS = [
+SETTINGS = [
     (kind, f.name)
     for kind in (FilterConfig, LearningConfig)
     for f in fields(kind)
@@ -27,9 +27,9 @@ KNOBS = [
 ]
 
 
-@pytest.mark.parametrize(("kind", "name"), KNOBS)
+@pytest.mark.parametrize(("kind", "name"), SETTINGS)
 @pytest.mark.parametrize("value", [0, -1.0, np.nan])
-def test_a_knob_out_of_range_is_refused_by_name(kind, name, value):
+def test_a_setting_out_of_range_is_refused_by_name(kind, name, value):
     if value == 0 and name in (*MAY_BE_OFF, "broad_share"):
         assert getattr(kind(**{name: value}), name) == 0
         return

@@ -132,7 +132,7 @@ def test_the_reference_has_every_public_name_and_names_nothing_else():
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
 def test_no_page_recommends_fewer_particles_than_are_calibrated(page):
-    """Those of the default are; `results.md` tells what was measured."""
+    """Those of the default are; `results.md` says what was measured."""
     reported = re.findall(r"(?:--particles |n_particles ?= ?)(\d+)", page.read_text())
     if page.name != "results.md":
         assert all(int(n) >= FilterConfig().n_particles for n in reported)

@@ -1,4 +1,4 @@
-"""What is believed, kept in its order."""
+"""Estimates, kept in their order."""
 
 from dataclasses import fields
 

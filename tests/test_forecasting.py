@@ -1,4 +1,4 @@
-"""Hallucinated futures keep to the road, and a vehicle's futures are its own."""
+"""Rollouts keep to the road, and a vehicle's rollouts are its own."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ from situations import TRUSTING, one_cell_map
 START = {"position": (20.0, 0.0), "direction": np.pi / 2, "speed": 8.0}
 
 
-def test_futures_have_a_row_for_each_sample_and_step(ring_map):
+def test_rollouts_have_a_row_for_each_sample_and_step(ring_map):
     for horizon_s, dt_s, n_steps in ((3.0, 0.5, 6), (5.0, 0.1, 50), (0.7, 0.1, 7), (1.0, 0.3, 3), (0.5, 0.5, 1)):
         paths = forecast(
             ring_map, **START, horizon_s=horizon_s, dt_s=dt_s, n_samples=7, rng=np.random.default_rng(0)
@@ -30,7 +30,7 @@ def test_futures_have_a_row_for_each_sample_and_step(ring_map):
     assert np.isfinite(stands).all()
 
 
-def test_the_same_random_state_gives_the_same_futures_and_another_gives_others(ring_map):
+def test_the_same_random_state_gives_the_same_rollouts_and_another_gives_others(ring_map):
     first, again, other = (forecast(ring_map, **START, rng=np.random.default_rng(seed)) for seed in (3, 3, 4))
     np.testing.assert_array_equal(first, again)
     assert not np.array_equal(first, other)
@@ -73,15 +73,15 @@ class Kept(list):
         self.append((forecasts.time_ns, list(forecasts.track_id), forecasts.paths))
 
 
-def forecasts(ring_map, detections, **knobs):
+def forecasts(ring_map, detections, **settings):
     kept = Kept()
-    forecaster = Forecaster(ring_map, [kept], rng=np.random.default_rng(5), **{"n_samples": 4} | knobs)
+    forecaster = Forecaster(ring_map, [kept], rng=np.random.default_rng(5), **{"n_samples": 4} | settings)
     tracker = Tracker(ring_map, config=FilterConfig(n_particles=50), tracking=TRUSTING, rng=np.random.default_rng(5))
     replay(detections.frames(), tracker, [forecaster])
     return kept
 
 
-def test_a_vehicles_futures_are_the_same_to_the_byte_without_the_others(ring_map, ring):
+def test_a_vehicles_rollouts_are_the_same_to_the_byte_without_the_others(ring_map, ring):
     crowd = Detections.of(ring[(ring.track_id < 6) & (ring.time_ns < 2_500_000_000)])
     rows = crowd.track_id == "4"
     alone = Detections(track_id=crowd.track_id[rows], time_ns=crowd.time_ns[rows], position=crowd.position[rows])
@@ -107,8 +107,8 @@ def test_forecasts_come_as_often_as_asked_for(ring_map, ring):
 
 def test_a_frame_without_vehicles_is_not_forecast(ring_map):
     kept = Kept()
-    nobody = Estimates.concatenate([])
-    frame = TrackedFrame(time_ns=0, detections=Detections.none(), estimates=nobody, particles=Particles.none())
+    nothing = Estimates.concatenate([])
+    frame = TrackedFrame(time_ns=0, detections=Detections.none(), estimates=nothing, particles=Particles.none())
     Forecaster(ring_map, [kept], rng=np.random.default_rng(0)).write(frame)
     assert kept == []
 
@@ -138,19 +138,19 @@ def test_a_belief_goes_on_by_the_manoeuvres_that_the_filter_found(ring_map):
     assert mean_way(**of_no_place) == mean_way()
 
 
-def test_a_belief_of_two_minds_has_futures_of_both_as_often_as_it_believes(ring_map):
+def test_a_belief_of_two_minds_has_rollouts_of_both_as_often_as_it_believes(ring_map):
     n = 200
     there = np.arange(n) % 2 == 1
     particles = Particles(
         position=np.where(there[:, None], (-20.0, 0.0), (20.0, 0.0)), direction=np.where(there, -np.pi / 2, np.pi / 2),
         speed=np.full(n, 8.0), weight=np.where(there, 0.2, 0.8) * 2 / n, vehicle=np.zeros(n, np.int64),
     )  # fmt: skip
-    believed = Estimates(
+    estimates = Estimates(
         track_id=np.array(["a"]), time_ns=np.zeros(1, np.int64), position=np.zeros((1, 2)),
         covariance=np.eye(2)[None], direction=np.zeros(1), direction_resultant=np.zeros(1), speed=np.full(1, 8.0),
         speed_std=np.ones(1), effective_sample_size=np.ones(1), log_evidence=np.zeros(1),
     )  # fmt: skip
-    frame = TrackedFrame(time_ns=0, detections=Detections.none(), estimates=believed, particles=particles)
+    frame = TrackedFrame(time_ns=0, detections=Detections.none(), estimates=estimates, particles=particles)
     forecaster = Forecaster(ring_map, [], n_samples=1000, dt_s=0.5, rng=np.random.default_rng(0))
     first = forecaster.paths(frame)[0, :, 0]
     assert (np.abs(np.abs(first[:, 0]) - 20.0) < 4.0).all()

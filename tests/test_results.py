@@ -126,7 +126,7 @@ def test_a_run_that_this_commit_has_figures_of_is_not_run_again(elsewhere, tmp_p
 
 
 def test_a_table_that_does_not_exist_is_named(maker):
-    for wrong in ("luck", "forecasts/luck"):
+    for wrong in ("chance", "forecasts/chance"):
         with pytest.raises(SystemExit, match=f"{wrong}: expected one of tracking"):
             list(maker.chosen([wrong]))
 

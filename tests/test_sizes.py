@@ -1,4 +1,4 @@
-"""Sizes of bodies: checked at the door, kept beside their rows, and of no cost where nobody tells them."""
+"""Sizes of bodies: checked at the door, kept beside their rows, and of no cost where none is known."""
 
 import numpy as np
 import pytest
@@ -41,7 +41,7 @@ def fields_of(tracks):
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("size", [{}, {"size": np.full((3, 3), np.nan)}])
-def test_what_nobody_tells_takes_no_memory(kind, size):
+def test_unknown_sizes_take_no_memory(kind, size):
     """One NaN, however many rows: the strides of a column that is held are not 0."""
     rows = KINDS[kind](**size)
     for part in (rows, rows[np.zeros(len(rows), np.int64) == 0], type(rows).concatenate([rows, rows[:0]])):

@@ -64,7 +64,7 @@ def test_detections_are_equal_where_every_row_is():
     assert seen != Tracks(**GOOD)
 
 
-def test_headings_stay_with_their_rows_and_take_no_memory_where_nobody_knows_them():
+def test_headings_stay_with_their_rows_and_take_no_memory_where_none_is_known():
     heading = np.array([1.5 * np.pi, np.nan, 0.5])
     tracks = Tracks(**GOOD, heading=heading)
     order = np.argsort(GOOD["time_ns"], kind="stable")
@@ -248,7 +248,7 @@ def test_a_vehicle_is_an_id_in_a_group(ring):
         replace(both, group=np.zeros(len(both), np.int64))
 
 
-def test_worlds_are_the_groups_one_after_the_other(ring):
+def test_scenes_are_the_groups_one_after_the_other(ring):
     both = two_groups(ring)
     worlds = list(both.worlds())
     assert [set(world.group.tolist()) for world in worlds] == [{-2}, {5}]
@@ -256,7 +256,7 @@ def test_worlds_are_the_groups_one_after_the_other(ring):
     assert [len(world) for world in ring.worlds()] == [len(ring)]
 
 
-def test_names_of_worlds_are_each_of_one_vehicle_and_those_of_group_0_are_the_ids(ring):
+def test_names_of_scenes_are_each_of_one_vehicle_and_those_of_group_0_are_the_ids(ring):
     both = two_groups(ring)
     names = world_names(both.track_id, both.group)
     assert np.unique(names).size == both.n_tracks

@@ -95,7 +95,7 @@ def measured(sensor: str, without: int) -> Measured:
 
 
 class Scenario(NamedTuple):
-    """One scenario as a choice of sensors shows it, with what the others tell of these."""
+    """One scenario as a choice of sensors shows it, with what the others say of these."""
 
     seen: Detections
     instants: IntArray

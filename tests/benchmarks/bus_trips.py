@@ -96,11 +96,11 @@ def starts_of(given: Fixes) -> Cases:
         later.append(np.where(near[..., None], np.stack(place, axis=-1), np.nan))
     row = np.concatenate(chosen)
     step = (given.position[row] - given.position[row - 1]) / (given.time_s[row] - given.time_s[row - 1])[:, None]
-    alone, nobody = np.zeros(row.size, np.int64), np.empty(0, np.int64)
+    alone, no_vehicle = np.zeros(row.size, np.int64), np.empty(0, np.int64)
     return Cases(
         vehicle=given.trip[row], name=given.trip[row].astype(np.str_), group=alone, position=given.position[row],
         direction=np.arctan2(step[:, 1], step[:, 0]), speed=np.hypot(*step.T), later=np.concatenate(later),
-        around=Instants(np.empty((0, 4)), nobody, np.zeros(1, np.int64)), at=alone,
+        around=Instants(np.empty((0, 4)), no_vehicle, np.zeros(1, np.int64)), at=alone,
     )  # fmt: skip
 
 

@@ -5,7 +5,7 @@ once (position to 0.5 m, direction to 0.05 rad, speed to 0.5 m/s) at each second
 the scene; an exit's probability is the weight of the particles that come nearest to it, of all exits, when they are
 moved on until they are near one. The signal is what an honest
 driver gives: left or right where the vehicle turns by more than 30 degrees within the next 4 s, else none. Beside it
-stand a signal of the wrong side, which must harm, and the turn itself. That is no bound of what a cue can tell: a
+stand a signal of the wrong side, which must harm, and the turn itself. That is no bound of what a cue can say: a
 manoeuvre knows the mean turn of its vehicles, from which that of one vehicle differs with its pace, so a cue that is
 sure of it to 8 degrees (concentration 50) is worse than the plain signal, and one of concentration 5 as good.
 Cross-entropies in nat, means over vehicles, and their differences to no cue with 95 % intervals over vehicles; seeds

@@ -1,4 +1,4 @@
-"""Ten thousand broken messages, definitions, tables and logs of transforms: no stranger's bytes end a read.
+"""Ten thousand broken messages, definitions, tables and logs of transforms: no foreign bytes end a read.
 
 Usage: python tests/benchmarks/fuzz_payloads.py [ROUNDS [SEED [KIND]]]. Prints for each kind (of those that begin with
 KIND) how many were refused, the slowest round, and the memory at its height; a failure with its round.

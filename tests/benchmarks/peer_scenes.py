@@ -33,7 +33,7 @@ class UnavailableError(RuntimeError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Part:
-    """One world, or one run of it.
+    """One scene, or one run of it.
 
     Attributes:
         seen: detections without ids.

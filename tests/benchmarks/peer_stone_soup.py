@@ -117,21 +117,21 @@ def _by_phd(fold: Fold, part: Part, settings: Settings) -> Tracked:
     from stonesoup.updater.pointprocess import PHDUpdater
 
     predictor, updater, _, _ = _kalman(fold, settings["acceleration"])
-    told, low = fold.tracking, part.truth.position.min(axis=0)
+    config, low = fold.tracking, part.truth.position.min(axis=0)
     extent = np.ptp(part.truth.position, axis=0)
     middle, half = low + 0.5 * extent, 0.5 * extent
-    born = TaggedWeightedGaussianState(
+    birth = TaggedWeightedGaussianState(
         np.array([[middle[0]], [0.0], [middle[1]], [0.0]]),
         np.diag([half[0] ** 2, START_SPEED_M_S**2, half[1] ** 2, START_SPEED_M_S**2]),
-        weight=max(told.birth_density * float(np.prod(extent)), 1e-3), tag=TaggedWeightedGaussianState.BIRTH,
+        weight=max(config.birth_density * float(np.prod(extent)), 1e-3), tag=TaggedWeightedGaussianState.BIRTH,
         timestamp=START,
     )  # fmt: skip
     near = DistanceHypothesiser(predictor, updater, measure=Mahalanobis(), missed_distance=settings["gate"])
     tracker = PointProcessMultiTargetTracker(
-        detector=_stone_frames(part), birth_component=born,
+        detector=_stone_frames(part), birth_component=birth,
         hypothesiser=GaussianMixtureHypothesiser(near, order_by_detection=True),
         updater=PHDUpdater(
-            updater, clutter_spatial_density=told.clutter_density, prob_detection=told.detection_probability,
+            updater, clutter_spatial_density=config.clutter_density, prob_detection=config.detection_probability,
             prob_survival=0.99,
         ),
         reducer=GaussianMixtureReducer(

@@ -113,7 +113,7 @@ def test_the_demo_of_the_blind_scene(tmp_path, short_recordings, monkeypatch, ca
     assert {path.name for path in (tmp_path / "demo").iterdir()} == {
         "map.mcap", "tracks.mcap", "layout.json", "tracks.rrd", "demo.png",
     }  # fmt: skip
-    believed = read_estimates(tmp_path / "demo" / "tracks.mcap")
-    hidden = in_ring(believed.position)
+    found = read_estimates(tmp_path / "demo" / "tracks.mcap")
+    hidden = in_ring(found.position)
     assert hidden.any()
-    assert believed.unseen_s[hidden].max() > 1.0  # they last where nothing is detected
+    assert found.unseen_s[hidden].max() > 1.0  # they last where nothing is detected

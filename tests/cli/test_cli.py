@@ -1,4 +1,4 @@
-"""The command line: results on stdout, one line for an error, exit codes that tell."""
+"""The command line: results on stdout, one line for an error, exit codes that say how it ended."""
 
 import json
 import re

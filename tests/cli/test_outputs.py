@@ -85,7 +85,7 @@ def test_every_option_that_names_an_output_is_marked(command):
 
 @pytest.fixture
 def locked(tmp_path):
-    """A folder that cannot be written; root, who can write everywhere, is nobody meanwhile."""
+    """A folder that cannot be written; root, who can write everywhere, is the user `nobody` meanwhile."""
     folder = tmp_path / "locked"
     folder.mkdir(mode=0o555)
     if os.geteuid() != 0:

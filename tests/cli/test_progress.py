@@ -42,8 +42,8 @@ def test_frames_are_as_they_were_and_the_bar_ends_with_the_log(end_ns, capsys):
     assert "10 frames" in text_of(shown)
     assert ("9.0 of 9.0 s of the log" in text_of(shown)) == bool(end_ns and end_ns > 0)
     assert list(with_progress(frames, what="tracking x", end_ns=end_ns)) == frames
-    with step_progress("x", "y") as tell, learning_progress() as learned, working("z"):
-        assert tell is None
+    with step_progress("x", "y") as report, learning_progress() as learned, working("z"):
+        assert report is None
         assert learned == (None, None, None)
     assert capsys.readouterr().err == ""  # a pipe gets nothing
 
@@ -62,10 +62,10 @@ def test_the_long_commands_tell_of_their_steps(here):
             assert dirprim(command) == DONE
         assert re.search(reported, text_of(shown)), command
     with redirect_stderr(Terminal()) as shown:
-        with learning_progress() as tell:
-            tell.stage(0)
-            tell.progress(18, -0.625)
-        with learning_progress() as tell:
-            tell.tiles(3, 7)
+        with learning_progress() as report:
+            report.stage(0)
+            report.progress(18, -0.625)
+        with learning_progress() as report:
+            report.tiles(3, 7)
     assert "18, log density 0.625" in text_of(shown)
     assert "4/4 3 of 7 tiles" in text_of(shown)

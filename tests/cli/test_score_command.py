@@ -19,7 +19,7 @@ from dirprim_filter.recording.tables import read_named
 from dirprim_filter.recording.writer import EstimateWriter
 
 
-def believed(tracks, *, seed=0, prefix="", off=0.3):
+def estimated(tracks, *, seed=0, prefix="", off=0.3):
     """Estimates of tracks, with errors as their covariances say, a quarter of the time in a gap of a second."""
     rng = np.random.default_rng(seed)
     n = len(tracks)
@@ -47,13 +47,13 @@ def write_log(estimates, path):
 @pytest.fixture
 def own(few, here):
     """Estimates of the log's vehicles, which `own.mcap` in the working folder holds."""
-    estimates = believed(few)
+    estimates = estimated(few)
     write_log(estimates, "own.mcap")
     return estimates
 
 
 def scored(command, capsys):
-    """What machines are told."""
+    """The object for machines."""
     assert dirprim(f"score {command} --json") == DONE
     return json.loads(capsys.readouterr().out)
 
@@ -78,7 +78,7 @@ def test_exported_estimates_come_back_to_the_last_digit(own, few, capsys, suffix
     assert not same(rows, TrackedRows.of(replace(estimates, unseen_s=estimates.unseen_s + 1e-15)), columns)
 
 
-def test_every_column_of_a_csv_is_what_is_believed_and_convert_reads_it(own):
+def test_every_column_of_a_csv_is_what_is_estimated_and_convert_reads_it(own):
     odd = np.where(own.track_id == 0, 'a "b", c', own.track_id.astype(str))
     estimates = replace(own, time_ns=own.time_ns + 1_700_000_000_123_456_789, track_id=odd)
     write_estimates(estimates, "out.csv")
@@ -101,7 +101,7 @@ def test_a_table_of_another_kind_is_refused(own, capsys):
 
 
 def test_score_tells_people_and_machines_the_same_and_draws(own, few, capsys):
-    write_log(believed(few, seed=1, prefix="t", off=0.9), "worse.mcap")
+    write_log(estimated(few, seed=1, prefix="t", off=0.9), "worse.mcap")
     assert dirprim("export worse.mcap -o other.csv") == DONE
     command = "own.mcap worse.mcap other.csv --truth log.mcap"
     assert dirprim(f"score {command} --plot plot.png") == DONE
@@ -135,9 +135,9 @@ def test_errors_are_of_the_ids_where_they_are_the_logs(own, few, capsys):
     assert rmse["swapped", "--ids"] > 5.0
 
 
-def test_groups_are_worlds_and_rows_say_which_they_are_of(ring, here, capsys):
+def test_groups_are_scenes_and_rows_say_which_they_are_of(ring, here, capsys):
     few = ring[ring.track_id < 3]
-    own = believed(few)
+    own = estimated(few)
     write_tracks(type(few).concatenate([few, replace(few, group=np.ones(len(few), np.int64))]), "groups.mcap")
     again = replace(own, track_id=np.char.add("1/", own.track_id.astype(str)))
     write_log(Estimates.concatenate([own, again]), "joined.mcap")

@@ -76,12 +76,12 @@ def test_what_cannot_be_done_is_said_in_one_line(logs, capsys, command, code, sa
         assert dirprim(f"learn 0.mcap -o of_log {GRID}") == DONE
     capsys.readouterr()
     assert dirprim(command) == code
-    told = capsys.readouterr()
-    assert said in " ".join(told.err.split())
+    output = capsys.readouterr()
+    assert said in " ".join(output.err.split())
     if code == FAILED:
-        assert told.err.startswith("error: ")
-        assert told.err.count("\n") == 1
-    assert ("added 1 log" in told.out) == ("none.mcap" in command)  # one that fails does not stop the others
+        assert output.err.startswith("error: ")
+        assert output.err.count("\n") == 1
+    assert ("added 1 log" in output.out) == ("none.mcap" in command)  # one that fails does not stop the others
 
 
 def test_fewer_vehicles_of_a_month_are_kept(logs, capsys):
@@ -100,9 +100,9 @@ def test_of_a_damaged_store_the_rest_is_learned_from_and_the_exit_code_says_so(l
     first.write_bytes(data)
     capsys.readouterr()
     assert dirprim(f"learn fleet -o map {GRID}") == INPUT_LOST
-    told = capsys.readouterr().err
-    assert told.startswith("error: ")
-    assert ".mcap is damaged in the store" in told
+    output = capsys.readouterr().err
+    assert output.startswith("error: ")
+    assert ".mcap is damaged in the store" in output
     assert load_map("map").tessellation.n_cells > 0
 
 

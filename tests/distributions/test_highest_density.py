@@ -1,4 +1,4 @@
-"""Laws of highest density regions: they hold the share of the futures that they say, and split where futures do."""
+"""Laws of highest density regions: they hold the share of the rollouts that they say, and split where rollouts do."""
 
 import numpy as np
 import pytest
@@ -39,7 +39,7 @@ def holds(triangles: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def fork(n: int, *, seed: int) -> np.ndarray:
-    """Futures that go on to the east or turn off to the north, at 10 m/s; (n, 16, 2)."""
+    """Rollouts that go on to the east or turn off to the north, at 10 m/s; (n, 16, 2)."""
     rng = np.random.default_rng(seed)
     turn = np.where(rng.random(n) < 0.5, 0.0, 0.35)[:, None] + rng.normal(0, 0.03, (n, 1))
     heading = np.cumsum(np.broadcast_to(turn, (n, 16)), axis=1) * 0.25
@@ -47,7 +47,7 @@ def fork(n: int, *, seed: int) -> np.ndarray:
     return np.cumsum(step, axis=1)
 
 
-def test_at_every_instant_the_fan_holds_its_share_of_the_futures() -> None:
+def test_at_every_instant_the_fan_holds_its_share_of_the_rollouts() -> None:
     paths = fork(60, seed=1)
     for share, fan in zip(SHARES, region_triangles(paths, SHARES), strict=True):
         for step in range(paths.shape[1]):  # straight edges between nodes cost a sample or two
@@ -71,7 +71,7 @@ def test_triangles_do_not_overlap_and_all_turn_one_way() -> None:
     assert inside.mean() * box == pytest.approx(area_of(fan).sum(), rel=0.1)
 
 
-def test_a_fan_splits_where_futures_do() -> None:
+def test_a_fan_splits_where_rollouts_do() -> None:
     (fan,) = region_triangles(fork(60, seed=5), (0.9,))
     ends = fork(60, seed=5)[:, -1]
     north = ends[:, 1] > 10
@@ -91,7 +91,7 @@ def test_the_area_is_that_of_the_highest_density_region() -> None:
 
 
 @pytest.mark.parametrize("paths", [np.full((5, 3, 2), 7.0), np.zeros((1, 1, 2)), np.arange(4.0).reshape(1, 2, 2)])
-def test_futures_that_agree_have_a_small_fan(paths: np.ndarray) -> None:
+def test_rollouts_that_agree_have_a_small_fan(paths: np.ndarray) -> None:
     for fan in region_triangles(paths, SHARES):
         assert 0.0 < area_of(fan).sum() < 40.0
         away = np.linalg.norm(fan.reshape(-1, 1, 2) - paths[0], axis=-1)

@@ -1,4 +1,4 @@
-"""Concentrations and shapes that moments tell, and what normalises them: against mpmath and scipy."""
+"""Concentrations and shapes by moments, and what normalises them: against mpmath and scipy."""
 
 import mpmath
 import numpy as np

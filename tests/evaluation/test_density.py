@@ -161,7 +161,9 @@ def test_where_the_place_tells_nothing_the_primitive_gains_nothing():  # the neg
 @pytest.mark.slow
 def test_random_rows_leak_what_held_out_vehicles_do_not():
     rng = np.random.default_rng(6)
-    course = rng.uniform(-np.pi, np.pi, 12)  # each drives its own way through its own square: nobody tells of another
+    course = rng.uniform(
+        -np.pi, np.pi, 12
+    )  # each drives its own way through its own square: none says anything of another
     tracks = Tracks(
         track_id=np.repeat(np.arange(12), 40), time_ns=np.tile(np.arange(40) * 10**9, 12),
         position=np.repeat(20.0 * np.arange(12), 40)[:, None] + rng.uniform(0, 3, (480, 2)),

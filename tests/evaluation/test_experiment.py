@@ -221,7 +221,7 @@ def test_by_a_sensors_model_the_prior_takes_off_bias_and_latency(traffic, ring_m
         ({"tracking": 3}, "tracking: expected a table of names and values, got 3"),
         ({"noise_m": "much"}, "experiment: noise_m: expected a value of type float, got 'much'"),
         ({"noise_m": -1.0}, "noise_m: expected a positive number"),
-        ({"methods": ["luck"]}, "methods: expected some of prior, place-free"),
+        ({"methods": ["chance"]}, "methods: expected some of prior, place-free"),
         ({"learn": 1.0}, "learn: expected a share between 0 and 1"),
         ({"miss_rate": 1}, "miss_rate: expected a probability below 1"),
         ({"gap_s": -1}, "gap_s: expected at least 0"),

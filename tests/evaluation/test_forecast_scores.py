@@ -199,7 +199,7 @@ def test_the_gain_is_paired_over_vehicles_however_many_seeds():
 
 
 @pytest.mark.parametrize(
-    ("knobs", "message"),
+    ("given", "message"),
     [
         ({"horizons_s": (1.0, 1.0)}, "ascending"),
         ({"horizons_s": ()}, "ascending"),
@@ -210,7 +210,7 @@ def test_the_gain_is_paired_over_vehicles_however_many_seeds():
         ({"n_folds": 1}, "n_folds"),
     ],
 )
-def test_what_cannot_be_evaluated_is_refused(knobs, message):
+def test_what_cannot_be_evaluated_is_refused(given, message):
     ring = ring_traffic(np.random.default_rng(0), n_vehicles=4, n_rows=30)
     with pytest.raises(ValueError, match=message):
-        evaluate_forecasts(ring, **{"methods": (by_constant_velocity,)} | knobs, rng=np.random.default_rng(0))
+        evaluate_forecasts(ring, **{"methods": (by_constant_velocity,)} | given, rng=np.random.default_rng(0))

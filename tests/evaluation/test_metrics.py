@@ -117,7 +117,7 @@ def test_of_nothing_scores_are_trackevals(without):
     assert of_ours(*chosen) == pytest.approx(expected, abs=1e-12)
 
 
-def test_groups_are_worlds_however_much_they_lie_on_each_other():
+def test_groups_are_scenes_however_much_they_lie_on_each_other():
     """Two groups at the same times and places, with the same ids, score as two sequences that TrackEval combines."""
     one, other = traffic(1, side=8.0), traffic(2, side=8.0)
     combined = {}

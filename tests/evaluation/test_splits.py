@@ -58,7 +58,7 @@ def test_an_id_in_two_groups_is_two_vehicles_to_whoever_evaluates():
         np.testing.assert_array_equal(mine, other)
     np.testing.assert_array_equal(ours.around.state[ours.at, :2], ours.position)
     off = np.linalg.norm(ours.later - ours.position[:, None], axis=-1)
-    assert np.nanmax(off) < 8.0 * 8.0 * 1.5  # nobody is interpolated over to the other group, 700 m away
+    assert np.nanmax(off) < 8.0 * 8.0 * 1.5  # no vehicle is interpolated over to the other group, 700 m away
     assert acceleration_density(both) == acceleration_density(apart)
     folds = split(both, by="vehicle", n_folds=12, rng=np.random.default_rng(0))
     assert [len(fold.test) for fold in folds] == [60] * 12

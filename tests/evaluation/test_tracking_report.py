@@ -26,7 +26,7 @@ HIDDEN = np.random.default_rng(0).random(len(TRUTH)) < 0.3
 
 
 def tracked(seed):
-    """Most rows of the truth, with errors across the wrap; some are of nobody, and of some this or that is unknown."""
+    """Most rows of the truth, with errors across the wrap; some are of no vehicle, some lack this or that."""
     rng = np.random.default_rng(seed)
     row = np.flatnonzero((rng.random(len(TRUTH)) < 0.8) & ~((TRUTH.track_id == "b") & (TRUTH.group == 4)))
     n = row.size
@@ -35,7 +35,7 @@ def tracked(seed):
     direction, speed = TRUTH.direction[row] + rng.normal(0, 0.1, n), TRUTH.speed[row] + rng.normal(0, 1.0, n)
     for unknown in (covariance, direction, speed):
         unknown[rng.random(n) < 0.2] = np.nan
-    names = np.where(rng.random(n) < 0.1, np.char.add("nobody ", np.arange(n).astype(str)), TRUTH.track_id[row])
+    names = np.where(rng.random(n) < 0.1, np.char.add("none ", np.arange(n).astype(str)), TRUTH.track_id[row])
     return TrackedRows(
         track_id=names, time_ns=TRUTH.time_ns[row], group=TRUTH.group[row], covariance=covariance,
         position=TRUTH.position[row] + rng.normal(0, 0.5, (n, 2)), direction=direction, speed=speed,
@@ -94,7 +94,7 @@ def test_errors_are_those_of_a_slow_loop_over_the_rows_of_the_same_name(seed, is
 
 def test_without_ids_errors_are_of_the_vehicle_that_is_near_whatever_the_names():
     rows = tracked(0)
-    rows = rows[~np.char.startswith(rows.track_id, "nobody")]
+    rows = rows[~np.char.startswith(rows.track_id, "none")]
     renamed = replace(rows, track_id=np.char.add("track-", rows.track_id))
     named, unnamed = report(rows), report(renamed, with_ids=False)
     assert (unnamed.rmse, unnamed.reported) == pytest.approx((named.rmse, named.reported))

@@ -35,7 +35,7 @@ def test_on_a_ring_it_goes_along_the_ring_and_off_it_straight_on(memory):
     angle = np.arctan2(path[..., 1], path[..., 0]) - np.array([0.3, 2.0])[:, None, None]
     assert np.median(np.abs(radius - RADIUS)) < 1.0
     np.testing.assert_allclose(np.median(angle % (2 * np.pi), axis=1), [[0.4, 1.2]] * 2, rtol=0.1)
-    beside = States(np.array([[200.0, 0.0]]), np.array([0.0]), np.array([SPEED]))  # the control: nobody was there
+    beside = States(np.array([[200.0, 0.0]]), np.array([0.0]), np.array([SPEED]))  # the control: no vehicle was there
     unfamiliar = drawn(memory, beside, (3.0,))
     bend = np.linalg.norm(unfamiliar - [200.0, 0.0], axis=-1)
     assert np.median(np.abs(np.linalg.norm(unfamiliar, axis=-1) - RADIUS)) > 100.0
@@ -49,7 +49,7 @@ def test_a_vehicle_never_follows_itself():
     radius = {but: np.linalg.norm(drawn(memory, start, (3.0,), but=np.array([but])), axis=-1) for but in (-1, 0)}
     own = np.linalg.norm(alone.position[0])
     assert np.median(np.abs(radius[-1] - own)) < 1.0
-    assert (radius[0] > own + 5.0).all()  # straight on: there is nobody else
+    assert (radius[0] > own + 5.0).all()  # straight on: there is no other
 
 
 @pytest.mark.slow

@@ -29,7 +29,7 @@ def crossing(*, right, straight, left):
 
 
 def turned_by(primitive_map, cue):
-    """Shares of 4,000 futures that went right, straight on and left."""
+    """Shares of 4,000 rollouts that went right, straight on and left."""
     paths = forecast(
         primitive_map, position=MIDDLE, direction=0.0, speed=10.0, horizon_s=3.0, n_samples=4000, cue=cue,
         rng=np.random.default_rng(0),

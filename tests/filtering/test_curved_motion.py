@@ -28,7 +28,7 @@ def off_the_ring(primitive_map, *, horizon_s=3.0):
     return np.abs(np.hypot(last[..., 0], last[..., 1]) - RADIUS).mean()
 
 
-def test_on_a_ring_futures_of_a_curved_map_keep_the_lane_better_than_those_of_a_flat_one(ring):
+def test_on_a_ring_rollouts_of_a_curved_map_keep_the_lane_better_than_those_of_a_flat_one(ring):
     curved, flat = (  # by their primitives alone
         replace(
             learn_primitives(
@@ -44,9 +44,9 @@ def test_on_a_ring_futures_of_a_curved_map_keep_the_lane_better_than_those_of_a_
     assert of_curved < 0.2 * of_free
 
 
-def circling(**knobs):
+def circling(**settings):
     """A cell whose mode turns to the left by 1 / RADIUS along its way east, at first."""
-    straight = one_cell_map(side=60.0, **knobs)
+    straight = one_cell_map(side=60.0, **settings)
     bend = np.zeros((2, 1, 2))
     bend[0, 0, 0] = 1 / RADIUS
     return only_places(replace(straight, bend=bend, motion=None))

@@ -34,14 +34,14 @@ def existence_by_enumeration(steps, config):
 
 def existence_by_the_filter(steps, config):
     first = np.array([config.birth_density])
-    believed = existence.at_birth(first, config)
+    state = existence.at_birth(first, config)
     for dt_s, density in steps:
-        believed = existence.later(believed, np.array([dt_s]), config)
+        state = existence.later(state, np.array([dt_s]), config)
         if density is None:
-            believed = existence.after_miss(believed, config)
+            state = existence.after_miss(state, config)
         else:
-            believed = existence.after_hit(believed, np.log([density]), first + config.clutter_density, config)
-    return believed[0]
+            state = existence.after_hit(state, np.log([density]), first + config.clutter_density, config)
+    return state[0]
 
 
 @pytest.mark.parametrize(
@@ -61,8 +61,8 @@ def test_existence_is_the_sum_over_all_ways_through_the_states(steps):
 
 
 def test_who_is_out_of_sight_where_nobody_goes_has_left_and_who_is_seen_there_has_not():
-    believed = np.array([[0.1, 0.6, 0.3], [0.9, 0.0, 0.1]])
-    inside, outside = (existence.probability(believed, np.full(2, share)) for share in (0.0, 1.0))
+    state = np.array([[0.1, 0.6, 0.3], [0.9, 0.0, 0.1]])
+    inside, outside = (existence.probability(state, np.full(2, share)) for share in (0.0, 1.0))
     np.testing.assert_allclose(inside, [0.7, 0.9])
     np.testing.assert_allclose(outside, [0.1, 0.9])
 

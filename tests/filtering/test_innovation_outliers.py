@@ -81,13 +81,13 @@ def test_a_probable_measurement_moves_no_particle():
     np.testing.assert_allclose(weight, 1.0 / N)
 
 
-def worst_of_who_stops(seed, **knobs):
+def worst_of_who_stops(seed, **given):
     """Drives at 8 m/s, stops within a second and stands for four; -> metres, the worst error once it has stood one."""
     rng, times = np.random.default_rng(seed), 0.1 * np.arange(80)
     speed = np.interp(times, [0.0, 3.0, 3.6, 8.0], [8.0, 8.0, 0.0, 0.0])
     east = np.append(0.0, np.cumsum(0.05 * (speed[1:] + speed[:-1])))
     tracker = Tracker(
-        one_cell_map(concentration=50.0, shape=60.0), config=FilterConfig(n_particles=300, **knobs), tracking=TRUSTING,
+        one_cell_map(concentration=50.0, shape=60.0), config=FilterConfig(n_particles=300, **given), tracking=TRUSTING,
         rng=rng,
     )  # fmt: skip
     error = []

@@ -1,4 +1,4 @@
-"""Innovations are chi-squared where the filter is right, and beliefs begun anew are reported."""
+"""Innovations are chi-squared where the filter is right, and reinitialised beliefs are reported."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Vehicles that heed who drives ahead of them: joint scenes."""
+"""Vehicles that respond to who drives ahead of them: joint scenes."""
 
 from dataclasses import replace
 
@@ -21,7 +21,7 @@ from dirprim_filter.primitives.motion_table import motion_table
 from moving import motion_by_hand, squares
 from situations import TRUSTING
 
-HEEDING = FilterConfig(interaction="leader", n_particles=100)
+RESPONDING = FilterConfig(interaction="leader", n_particles=100)
 ALWAYS, ROOM = 0, 1
 
 
@@ -36,7 +36,7 @@ def road(*, trust=1.0, push=0.0, start_rate=(0.0, 0.0, 5.0), by=ROOM, gained=0.5
     return squares(20, 1, replace(motion, leader=leader))
 
 
-def futures(primitive_map, place, speed, *, interaction="leader", time_s=(1.0, 5.0), seed=0):
+def rollouts(primitive_map, place, speed, *, interaction="leader", time_s=(1.0, 5.0), seed=0):
     n = len(place)
     return forecast_states(
         primitive_map, position=np.column_stack([place, np.full(n, 10.0)]), direction=np.zeros(n), speed=speed,
@@ -46,17 +46,17 @@ def futures(primitive_map, place, speed, *, interaction="leader", time_s=(1.0, 5
 
 def test_nobody_drives_through_a_queue_but_who_heeds_nobody():
     place, speed = [100.0, 60.0, 20.0], [0.0, 10.0, 10.0]
-    responding = futures(road(start_rate=(0.0, 0.0, 0.0)), place, speed)
+    responding = rollouts(road(start_rate=(0.0, 0.0, 0.0)), place, speed)
     standing = responding[0, :, -1] < 101.0
     assert (responding[1, standing, -1] < 96.0).all()
     assert (responding[2, standing, -1] < responding[1, standing, -1] - 4.0).all()
-    alone = futures(road(), place, speed, interaction="none")
+    alone = rollouts(road(), place, speed, interaction="none")
     assert (alone[1, :, -1] > 105.0).all()
 
 
 def test_samples_of_one_number_are_one_scene():
     """When the leader starts is drawn; who waits behind it moves up as far as it goes, in that sample."""
-    found = futures(road(start_rate=(0.0, 5.0, 5.0)), [100.0, 93.0], [0.0, 0.0], time_s=(10.0,))[..., 0]
+    found = rollouts(road(start_rate=(0.0, 5.0, 5.0)), [100.0, 93.0], [0.0, 0.0], time_s=(10.0,))[..., 0]
     leads, follows = found[0] - 100.0, found[1] - 93.0
     assert leads.std() > 0.5
     assert (follows < leads + 0.8).all()
@@ -65,7 +65,7 @@ def test_samples_of_one_number_are_one_scene():
 
 
 def test_order_does_not_matter():
-    table, response = motion_table(road(push=0.5)), leader_table(road(push=0.5), HEEDING)
+    table, response = motion_table(road(push=0.5)), leader_table(road(push=0.5), RESPONDING)
     place, speed = np.array([100.0, 60.0, 20.0, 140.0]), np.array([4.0, 10.0, 12.0, 9.0])
     dt_s, order = np.full(6, 0.5), np.array([2, 0, 3, 1])
     alone = [
@@ -79,33 +79,33 @@ def test_order_does_not_matter():
 
 def test_where_leaders_are_not_trusted_vehicles_go_on_as_if_alone():
     place, speed, steps = [100.0, 85.0], [5.0, 10.0], tuple(0.2 * np.arange(1, 20))
-    alone = futures(road(trust=0.0), place, speed, interaction="none", time_s=steps)
+    alone = rollouts(road(trust=0.0), place, speed, interaction="none", time_s=steps)
     for trust in (0.0, 1e-12):
-        found = futures(road(trust=trust), place, speed, time_s=steps)
+        found = rollouts(road(trust=trust), place, speed, time_s=steps)
         np.testing.assert_allclose(found, alone, atol=1e-6 * (trust > 0))
-    assert (futures(road(trust=0.5), place, speed, time_s=steps)[0] == alone[0]).all()  # nobody is ahead of it
-    assert (futures(road(trust=0.5), place, speed, time_s=steps)[1] != alone[1]).any()
+    assert (rollouts(road(trust=0.5), place, speed, time_s=steps)[0] == alone[0]).all()  # nothing is ahead of it
+    assert (rollouts(road(trust=0.5), place, speed, time_s=steps)[1] != alone[1]).any()
 
 
 def test_on_a_map_that_does_not_know_leaders_vehicles_go_on_as_if_alone():
     alone, unknown = road(), road()
     unknown = replace(unknown, motion=replace(unknown.motion, leader=None))
     place, speed = [100.0, 85.0], [5.0, 10.0]
-    np.testing.assert_array_equal(futures(unknown, place, speed), futures(alone, place, speed, interaction="none"))
-    assert np.abs(futures(alone, place, speed) - futures(unknown, place, speed)).max() > 1.0
+    np.testing.assert_array_equal(rollouts(unknown, place, speed), rollouts(alone, place, speed, interaction="none"))
+    assert np.abs(rollouts(alone, place, speed) - rollouts(unknown, place, speed)).max() > 1.0
 
 
 def test_forecasts_of_a_frame_are_worlds_of_its_groups():
     """Who brakes behind its leader does not brake behind a vehicle of another group."""
     place, group = np.array([60.0, 90.0, 60.0]), np.array([0, 0, 1])
     learned = road(by=ALWAYS, gained=-2.0)
-    worlds = Worlds(lambda _: Tracker(learned, config=HEEDING, tracking=TRUSTING, rng=np.random.default_rng(1)))
+    worlds = Worlds(lambda _: Tracker(learned, config=RESPONDING, tracking=TRUSTING, rng=np.random.default_rng(1)))
     where = np.column_stack([place, np.full(3, 10.0)])
     worlds.predict(Detections(track_id=["a", "b", "a"], time_ns=np.zeros(3, np.int64), position=where, group=group))
     worlds.weigh()
     ways = {}
     for interaction in ("leader", "none"):
-        config = replace(HEEDING, interaction=interaction)
+        config = replace(RESPONDING, interaction=interaction)
         forecaster = Forecaster(learned, [], horizon_s=3.0, config=config, rng=np.random.default_rng(0))
         frame = worlds.frame()
         assert frame.names == ["a", "b", "1/a"]

@@ -21,8 +21,8 @@ from dirprim_filter.tracks import Tracks
 from situations import TRUSTING
 
 
-def run(frames, **knobs):
-    config = FilterConfig(noise_m=0.7, outlier_probability=1e-13, **knobs)
+def run(frames, **settings):
+    config = FilterConfig(noise_m=0.7, outlier_probability=1e-13, **settings)
     kalman = ConstantVelocityKalman(acceleration_density=2.0, config=config)
     tracker = Tracker(kalman, config=config, tracking=TRUSTING, rng=np.random.default_rng(0))
     return Estimates.concatenate([tracker.step(frame) for frame in frames])

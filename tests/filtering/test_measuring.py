@@ -1,4 +1,4 @@
-"""Particles against measurements that tell more than a position: numpy and scipy as oracles."""
+"""Particles against measurements of more than a position: numpy and scipy as oracles."""
 
 import numpy as np
 import pytest

@@ -96,7 +96,7 @@ def test_a_vehicle_that_stands_starts_at_its_rate():
         assert stats.binomtest(int(started.sum()), n, 1 - np.exp(-1.1 * rate * t)).pvalue < FALSE_ALARM
         assert (found.manoeuvre == started).all()
         np.testing.assert_array_equal(found.position[~started], 100.0)
-        # Speed since the start tells when that was: 10 - 9.69 exp(-0.2 age).
+        # Speed since the start shows when that was: 10 - 9.69 exp(-0.2 age).
         age = 5.0 * np.log(9.69 / (10.0 - found.speed[started]))
         law = stats.truncexpon(rate * t, scale=1 / rate)
         assert stats.kstest(t - age, law.cdf).pvalue > FALSE_ALARM

@@ -40,9 +40,9 @@ def round_the_ring(name, times_s, start_s=0.0):
     return [one(name, t, *on_the_ring(t - start_s)) for t in times_s]
 
 
-def track(model, frames, *, filter_of="particles", seed=1, n_particles=100, tracking=TRUSTING, **knobs):
+def track(model, frames, *, filter_of="particles", seed=1, n_particles=100, tracking=TRUSTING, **settings):
     """Estimates of every frame, and the tracker: on a map, or by a Kalman filter."""
-    config = FilterConfig(n_particles=n_particles, **knobs)
+    config = FilterConfig(n_particles=n_particles, **settings)
     if filter_of == "kalman":
         model = ConstantVelocityKalman(acceleration_density=3.0, config=config)
     tracker = Tracker(model, config=config, tracking=tracking, rng=np.random.default_rng(seed))
@@ -50,7 +50,7 @@ def track(model, frames, *, filter_of="particles", seed=1, n_particles=100, trac
 
 
 def of_vehicle(estimates, name, *, but=()):
-    """The bytes of everything that was believed of one vehicle, but for some columns."""
+    """The bytes of everything that was estimated of one vehicle, but for some columns."""
     rows = np.asarray(estimates.track_id) == name
     assert rows.any()
     return [getattr(estimates, f.name)[rows].tobytes() for f in fields(estimates)[1:] if f.name not in but]
@@ -219,7 +219,7 @@ def test_where_motion_is_linear_and_gaussian_the_belief_is_the_kalman_filters_to
         assert off(**change) > 5
 
 
-def believed(turn, shift, seed):
+def estimated(turn, shift, seed):
     """Places and covariances of a vehicle on a slow bend in a world that is turned and shifted, turned back."""
     c, s = np.cos(turn), np.sin(turn)
     there = np.array([[c, s], [-s, c]])
@@ -238,14 +238,14 @@ def believed(turn, shift, seed):
 def test_turn_and_shift_the_world_and_estimates_turn_and_shift_with_it():
     """The mean of six seeds of a thousand particles is known to some 3 % of a deviation."""
     own, other = (
-        [np.mean(column, axis=0) for column in zip(*(believed(turn, shift, seed) for seed in range(6)), strict=True)]
+        [np.mean(column, axis=0) for column in zip(*(estimated(turn, shift, seed) for seed in range(6)), strict=True)]
         for turn, shift in ((0.0, np.zeros(2)), (2.0, np.array([300.0, -700.0])))
     )
     deviation = np.sqrt(np.trace(own[1], axis1=1, axis2=2) / 2.0)[:, None]
     assert (np.abs(other[0] - own[0]) / deviation).mean() < 0.1
     assert np.abs(np.log(np.linalg.eigvalsh(other[1]) / np.linalg.eigvalsh(own[1]))).mean() < 0.15
     assert (np.abs(other[1] - own[1]) / deviation[..., None] ** 2).mean() < 0.1
-    other = believed(0.3, np.zeros(2), 0)  # a control: not turned back far enough
+    other = estimated(0.3, np.zeros(2), 0)  # a control: not turned back far enough
     assert (
         np.abs(other[0] @ [[np.cos(0.1), -np.sin(0.1)], [np.sin(0.1), np.cos(0.1)]] - own[0]) / deviation
     ).mean() > 0.5
@@ -302,7 +302,7 @@ def test_out_of_sight_a_labelled_vehicle_is_reported_until_it_is_likelier_gone(r
 
 @on_either_filter
 def test_out_of_sight_a_vehicle_is_the_same_whenever_others_are_seen(ring_map, filter_of):
-    """Frames at odd times cut the gap in odd pieces; where the vehicle is believed to be must not depend on them.
+    """Frames at odd times cut the gap in odd pieces; its estimate must not depend on them.
 
     Whether it exists does: each is a frame in which it was not seen.
     """

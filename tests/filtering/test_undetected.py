@@ -13,12 +13,12 @@ from dirprim_filter.primitives.traffic import Traffic
 from situations import one_cell_map, with_ways
 from tessellation import GridTessellation
 
-KNOBS = FilterConfig(n_particles=100)
+SETTINGS = FilterConfig(n_particles=100)
 STAY_S = 2.0
 
 
 def road(n_cells=4, side=20.0):
-    """Squares side by side: journeys begin in the first, stay 2 s in each on average, and end in the last."""
+    """Squares side by side: trajectories begin in the first, stay 2 s in each on average, and end in the last."""
     flow = (np.eye(n_cells, k=-1) - np.eye(n_cells)) / STAY_S
     cells = GridTessellation(origin=np.zeros(2), cell_size=side, n_x=n_cells, n_y=1, square=np.arange(n_cells))
     return Traffic(
@@ -49,11 +49,11 @@ def test_traffic_learned_from_a_log_neither_grows_nor_shrinks_and_comes_back(rin
     after = traffic.later(0.1 * traffic.present, 1.0)
     assert (after <= traffic.present * (1 + 1e-9)).all()
     assert 0.1 < after.sum() < traffic.later(after, 1.0).sum() < 1.0
-    assert of_map(ring_map.without_places()) is None  # the controls: nothing is known of journeys
+    assert of_map(ring_map.without_places()) is None  # the controls: nothing is known of trajectories
     assert of_map(one_cell_map()) is None
 
 
-def test_journeys_begin_and_end_where_visits_have_none_before_or_after_them(ring_map):
+def test_trajectories_begin_and_end_where_visits_have_none_before_or_after_them(ring_map):
     made = with_ways(one_cell_map(), [0, 0, 0], [(0, 1, 1.0), (1, 2, 0.5)])  # of one visit and one second each
     traffic = of_map(made)
     np.testing.assert_allclose(traffic.begins, np.array([1.0, 0.0, 0.5]) / 3.0)
@@ -63,7 +63,7 @@ def test_journeys_begin_and_end_where_visits_have_none_before_or_after_them(ring
 
 def test_who_is_not_detected_passes_on_by_the_chains_exact_solution_and_is_thinned_by_frames():
     traffic, config = road(), TrackingConfig(detection_probability=0.6)
-    undetected, share, b = Undetected(traffic, config, KNOBS), traffic.present, traffic.begins
+    undetected, share, b = Undetected(traffic, config, SETTINGS), traffic.present, traffic.begins
     generator = np.zeros((5, 5))
     generator[:4, :4], generator[:4, 4] = traffic.flow.toarray(), b
     level = config.vehicle_density * traffic.tessellation.area.sum()
@@ -74,7 +74,7 @@ def test_who_is_not_detected_passes_on_by_the_chains_exact_solution_and_is_thinn
         undetected = thinned(undetected, level)
         share = (expm(generator * 0.2) @ np.append(0.4 * share, 1.0))[:4]
         undetected.advance(0.2, 5.0)
-    assert share[0] > 5.0 * share[-1]  # the first cell is where journeys begin
+    assert share[0] > 5.0 * share[-1]  # the first cell is where trajectories begin
     assert undetected.first_detections(centers + 1e3) == pytest.approx(config.birth_density)
 
 
@@ -95,20 +95,20 @@ def test_the_level_is_learned_from_vehicles_and_not_from_clutter():
     for truth in (0.0, 40.0):
         found = []
         for seed in range(40):
-            undetected, rng = Undetected(traffic, config, KNOBS), np.random.default_rng(seed)
+            undetected, rng = Undetected(traffic, config, SETTINGS), np.random.default_rng(seed)
             see(undetected, seen_in(traffic, rng, level=0.9 * truth, clutter=config.clutter_density))
             found.append(undetected.level)
         levels[truth] = np.mean(found)
     assert levels[40.0] == pytest.approx(40.0, rel=0.1)  # 16 were expected
     assert levels[0.0] < 4.0
-    stays = Undetected(traffic, config, KNOBS)
+    stays = Undetected(traffic, config, SETTINGS)
     see(stays, seen_in(traffic, np.random.default_rng(0), level=40.0, clutter=0.0), labelled=True)
     assert stays.level == pytest.approx(config.vehicle_density * traffic.tessellation.area.sum())
 
 
 def test_the_level_follows_the_traffic_up_and_down_within_its_time_constant():
     traffic, config = road(), TrackingConfig(clutter_density=1e-6, vehicle_density=1e-2)
-    undetected, rng, levels = Undetected(traffic, config, KNOBS), np.random.default_rng(0), []
+    undetected, rng, levels = Undetected(traffic, config, SETTINGS), np.random.default_rng(0), []
     for truth in (40.0, 2.0):
         for _ in range(2 * round(LEVEL_S) // 10):
             undetected.advance(10.0, 5.0)  # after a pause longer than a gap all are first detections
@@ -119,14 +119,14 @@ def test_the_level_follows_the_traffic_up_and_down_within_its_time_constant():
 
 
 def test_labels_on_a_map_of_many_kilometres_are_not_taken_for_thousands_of_false_ones():
-    assert Undetected(road(side=5e3), TrackingConfig(), KNOBS).of_labels == pytest.approx(0.01)
-    assert Undetected(road(), TrackingConfig(), KNOBS).of_labels == 1.0
+    assert Undetected(road(side=5e3), TrackingConfig(), SETTINGS).of_labels == pytest.approx(0.01)
+    assert Undetected(road(), TrackingConfig(), SETTINGS).of_labels == 1.0
 
 
 def test_after_a_pause_everybody_is_undetected_again_and_without_a_map_frames_thin_alike():
     place = np.zeros((1, 2))
     for traffic in (None, road()):
-        undetected = Undetected(traffic, TrackingConfig(), KNOBS)
+        undetected = Undetected(traffic, TrackingConfig(), SETTINGS)
         place = np.full((1, 2), 10.0)
         first = undetected.first_detections(place)
         assert see(undetected, place, labelled=True) == pytest.approx(first)
@@ -141,14 +141,14 @@ def test_a_first_frame_full_of_vehicles_on_the_road_is_believed_and_one_detectio
     rng = np.random.default_rng(0)
     angle, off_road = rng.uniform(0, 2 * np.pi, 20 if is_dense else 1), rng.uniform(40, 80, (5, 2))
     places = np.concatenate([20.0 * np.column_stack([np.cos(angle), np.sin(angle)]), off_road])
-    tracker = Tracker(ring_map, config=KNOBS, rng=np.random.default_rng(1))
+    tracker = Tracker(ring_map, config=SETTINGS, rng=np.random.default_rng(1))
     seen = Detections(track_id=[""] * len(places), time_ns=[0] * len(places), position=places)
     found = tracker.step(seen)
     assert len(found) == (angle.size if is_dense else 0)
     assert (np.linalg.norm(found.position, axis=1) < 30.0).all()
 
 
-def test_who_is_missed_where_journeys_end_is_gone_sooner_than_elsewhere(ring_map):
+def test_who_is_missed_where_trajectories_end_is_gone_sooner_than_elsewhere(ring_map):
     ends = np.array([0.0, 2.0])
 
     class AtAnExit:
@@ -163,8 +163,8 @@ def test_who_is_missed_where_journeys_end_is_gone_sooner_than_elsewhere(ring_map
 
     left = []
     for rate in ends:
-        model = AtAnExit(ParticleFilter(ring_map, KNOBS), rate)
-        tracker = Tracker(model, config=KNOBS, rng=np.random.default_rng(1))
+        model = AtAnExit(ParticleFilter(ring_map, SETTINGS), rate)
+        tracker = Tracker(model, config=SETTINGS, rng=np.random.default_rng(1))
         names = []
         for i in range(30):
             place = 20.0 * np.array([[np.cos(0.04 * i), np.sin(0.04 * i)]])[: i < 20]

@@ -1,4 +1,4 @@
-"""Vehicles without ids: found, told apart, kept through gaps, and not made up."""
+"""Vehicles without ids: found, kept apart, kept through gaps, and not made up."""
 
 import numpy as np
 import pytest
@@ -8,10 +8,10 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.filtering import ConstantVelocityKalman, Tracker
 
-KNOBS = TrackingConfig(detection_probability=0.9, clutter_density=5e-4)
+SETTINGS = TrackingConfig(detection_probability=0.9, clutter_density=5e-4)
 
 
-def made(ring_map, filter_of, *, tracking=KNOBS, seed=1):
+def made(ring_map, filter_of, *, tracking=SETTINGS, seed=1):
     config = FilterConfig(n_particles=200)
     model = ring_map if filter_of == "particles" else ConstantVelocityKalman(acceleration_density=3.0, config=config)
     return Tracker(model, config=config, tracking=tracking, rng=np.random.default_rng(seed))
@@ -63,7 +63,7 @@ def test_clutter_alone_is_no_vehicle(ring_map):
     rng = np.random.default_rng(1)
     frames = [(0.1 * i, rng.uniform(-40, 40, (rng.poisson(3.0), 2))) for i in range(100)]
 
-    def n_tracks(tracking=KNOBS):
+    def n_tracks(tracking=SETTINGS):
         found = Estimates.concatenate(followed(made(ring_map, "particles", tracking=tracking), frames))
         return np.unique(found.track_id).size
 
@@ -114,8 +114,8 @@ def test_unlabelled_tracks_are_the_same_each_time_and_keep_out_of_the_way_of_lab
     assert once.position.tobytes() == again.position.tobytes()
     assert once.track_id.tolist() == again.track_id.tolist()
 
-    def of_label(believed):
-        return believed.position[believed.track_id == "track-1"].tobytes()
+    def of_label(found):
+        return found.position[found.track_id == "track-1"].tobytes()
 
     named = made(ring_map, "particles")
     alone = made(ring_map, "particles")
@@ -126,10 +126,10 @@ def test_unlabelled_tracks_are_the_same_each_time_and_keep_out_of_the_way_of_lab
             position=np.vstack([on_the_ring(1.0 + 0.4 * time_s), places]),
         )  # fmt: skip
         for tracker, frame in ((named, mixed), (alone, mixed[np.array([0])])):
-            believed = tracker.step(frame)
+            found = tracker.step(frame)
             if tracker is named:
-                first = of_label(believed)
-        assert of_label(believed) == first
+                first = of_label(found)
+        assert of_label(found) == first
     assert len(first) > 0
     assert np.unique(named.estimate().track_id).size == 3
 

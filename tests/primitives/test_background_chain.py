@@ -54,7 +54,7 @@ def test_groups_tell_who_turns_from_who_does_not():
     turned = columns["curvature"] - np.average(columns["curvature"][before], weights=count)
     shared = np.average(turned[before] * turned[after], weights=count) / np.average(turned[before] ** 2, weights=count)
     assert shared == pytest.approx(0.25, abs=0.05)
-    assert (columns["start_rate"][after] == 0).all()  # nobody stood
+    assert (columns["start_rate"][after] == 0).all()  # none stood
 
 
 def test_who_brakes_and_who_speeds_up_are_of_different_groups():
@@ -115,4 +115,4 @@ def test_vehicles_of_no_place_go_over_once_a_second_as_counted():
         still = a / (a + b)
         expected = still + (0.5 - still) * np.exp(-(a + b) * seconds)
         assert stats.binomtest(turning, N, expected).pvalue > FALSE_ALARM
-        assert stats.binomtest(turning, N, 0.5).pvalue < FALSE_ALARM  # as if nobody went over
+        assert stats.binomtest(turning, N, 0.5).pvalue < FALSE_ALARM  # as if none went over

@@ -34,9 +34,9 @@ def simulated(truth, rng, *, n, low=-SIDE / 2):
     return one_cell(direction, speed, n_vehicles=n, position=offset)
 
 
-def fitted(rows, **knobs):
+def fitted(rows, **settings):
     """What BIC prefers, as rows of BENT, heaviest first."""
-    given = {"max_modes": 3, "prior_strength": 0.02, "speed_spread": 0.2, "curved": True} | knobs
+    given = {"max_modes": 3, "prior_strength": 0.02, "speed_spread": 0.2, "curved": True} | settings
     out = Modes.of(fit_all(rows, bounds_of(LearningConfig(), **given))[0])
     used = out.weight > 0
     weight, mean, concentration, shape, rate, *slopes = (column[used] for column in out)
@@ -62,7 +62,7 @@ def test_known_bends_and_gains_are_recovered_to_four_standard_errors(seed):
     assert slopes_off(found, BENT, n).max() < 4
     assert np.abs(difference(found[:, 1], BENT[:, 1])).max() < 0.03
     np.testing.assert_allclose(found[:, [0, 2, 3, 4]], BENT[:, [0, 2, 3, 4]], rtol=0.2)
-    for column in range(5, 9):  # the tolerance can tell neighbours apart
+    for column in range(5, 9):  # the tolerance separates neighbours
         other = BENT.copy()
         other[:, column] += 0.01
         assert slopes_off(found, other, n).max() > 4

@@ -18,7 +18,7 @@ from dirprim_filter.primitives._modes import N_CURVED, Modes
 from dirprim_filter.primitives.fitting import bounds_of, columns_of, fit_all
 from situations import one_cell
 
-# The mixture of the paper's Fig. 2; all modes at one distribution of speed, which tells nothing of the mode.
+# The mixture of the paper's Fig. 2; all modes at one distribution of speed, which says nothing of the mode.
 FIG_2 = np.array(
     [
         [1 / 3, np.deg2rad(-45), 20.0, 20.0, 10.0],
@@ -111,7 +111,7 @@ def test_the_objective_never_falls_and_is_the_one_reported(*, seed, n, k, prior,
         assert reached == pytest.approx(objective(modes, rows, bounds), rel=1e-6, abs=1e-6 * n)
         trace.append(reached)
         driven.append((modes.weight > 0).sum())
-    steps = np.diff(trace)[np.diff(driven) == 0]  # a mode that nobody drives takes its prior with it
+    steps = np.diff(trace)[np.diff(driven) == 0]  # a mode that no vehicle drives takes its prior with it
     assert (steps >= -1e-9 * max(n, np.abs(trace).max())).all()
 
 

@@ -1,4 +1,4 @@
-"""The vehicle ahead: found as a slow twin finds it, and the response is what drivers do who heed it."""
+"""The vehicle ahead: found as a slow twin finds it, and the response is what drivers do who respond to it."""
 
 import numpy as np
 import pytest
@@ -41,7 +41,7 @@ def test_features_are_the_slow_twins():
         np.testing.assert_allclose(feature[p], leader_features(speed[p], seen[p, 0], seen[p, 1]), rtol=1e-12)
 
 
-def pairs(rng, n, *, heed, group=0):
+def pairs(rng, n, *, responds, group=0):
     """Drivers behind leaders of other speeds: they take on their leader's speed at 0.4/s, or keep to their own."""
     rows = []
     for pair in range(n):
@@ -52,7 +52,7 @@ def pairs(rng, n, *, heed, group=0):
                 (2 * pair, tick, place, 100.0 * pair, own),
                 (2 * pair + 1, tick, 0.1 * tick * lead, 100.0 * pair, lead),
             ]
-            own += 0.1 * 0.4 * ((lead if heed else wanted) - own)
+            own += 0.1 * 0.4 * ((lead if responds else wanted) - own)
             place += 0.1 * own
     track_id, tick, x, y, speed = np.array(rows).T
     return Tracks(
@@ -64,13 +64,13 @@ def pairs(rng, n, *, heed, group=0):
 
 def test_a_law_that_drivers_follow_is_learned_and_none_where_they_follow_none():
     rng = np.random.default_rng(2)
-    response = learn_leader(pairs(rng, 80, heed=True))
+    response = learn_leader(pairs(rng, 80, responds=True))
     assert response.trust == pytest.approx(80 / 130)
     for own, lead in ((6.0, 10.0), (10.0, 6.0), (8.0, 8.0)):
         expected = (lead - own) * (1.0 - np.exp(-0.4))  # gained in one second
         assert leader_features(own, 25.0, lead) @ response.gain == pytest.approx(expected, abs=0.15)
     assert response.push < 0.2
-    assert learn_leader(pairs(rng, 80, heed=False)) is None
+    assert learn_leader(pairs(rng, 80, responds=False)) is None
 
 
 def test_who_stands_starts_as_often_as_it_did_behind_such_a_leader():
@@ -92,13 +92,13 @@ def test_who_stands_starts_as_often_as_it_did_behind_such_a_leader():
         0.0,
         15.0 * 2 + 15.0 * 3,
         30.0 * 3,
-    ]  # three instants of each, last nobody's
+    ]  # three instants of each, last no vehicle's
     assert sums.started.tolist() == [0.0, 0.0, 30.0, 0.0]
 
 
 def test_sums_of_two_groups_are_the_sums_of_both():
     rng = np.random.default_rng(3)
-    one, other = pairs(rng, 12, heed=True), pairs(rng, 9, heed=False, group=1)
+    one, other = pairs(rng, 12, responds=True), pairs(rng, 9, responds=False, group=1)
     both = LeaderSums.of(Tracks.concatenate([one, other]))
     added = LeaderSums.of(one) + LeaderSums.of(other)
     for ours, theirs in zip((*added.acceleration, *added[1:]), (*both.acceleration, *both[1:]), strict=True):
@@ -106,7 +106,10 @@ def test_sums_of_two_groups_are_the_sums_of_both():
 
 
 def test_who_knows_nothing_of_leaders_heeds_none():
-    for tracks in (pairs(np.random.default_rng(4), 1, heed=True)[:1], pairs(np.random.default_rng(4), 1, heed=True)):
+    for tracks in (
+        pairs(np.random.default_rng(4), 1, responds=True)[:1],
+        pairs(np.random.default_rng(4), 1, responds=True),
+    ):
         assert learn_leader(tracks) is None
 
 

@@ -78,7 +78,7 @@ def test_a_known_mixture_is_recovered_in_each_cell(two_cells, cell, position):
     found = own_modes(learned, position)
     assert found.shape == TRUTH[cell].shape  # BIC found the number of modes
     assert sigmas_off(found, TRUTH[cell]) < FALSE_ALARM_SIGMAS
-    for column, change in enumerate((0.05, 0.05, 10.0, 10.0, 0.5)):  # the tolerance can tell neighbours apart
+    for column, change in enumerate((0.05, 0.05, 10.0, 10.0, 0.5)):  # the tolerance separates neighbours
         other = TRUTH[cell].copy()
         other[:, column] += change
         other[:, 0] /= other[:, 0].sum() if column else 1.0
@@ -131,9 +131,9 @@ def test_neither_the_order_of_the_rows_nor_their_parts_matter(ring, ring_map):
     assert_same_map(learn_primitives(parts, tessellation="grid", cell_size=6.0, rng=np.random.default_rng(7)), ring_map)
 
 
-def learned_ring(tracks, **knobs):
+def learned_ring(tracks, **settings):
     return learn_primitives(
-        tracks, tessellation="grid", cell_size=6.0, config=LearningConfig(**knobs), rng=np.random.default_rng(0)
+        tracks, tessellation="grid", cell_size=6.0, config=LearningConfig(**settings), rng=np.random.default_rng(0)
     )
 
 

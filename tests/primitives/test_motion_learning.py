@@ -112,7 +112,7 @@ def test_labels_are_of_one_cell_and_mode_each(junction):
 
 
 def test_the_manoeuvres_of_a_junction_tell_who_turns(junction):
-    """Before the junction nobody has turned; by their manoeuvre's count vehicles go on left, right and straight."""
+    """Before the junction no vehicle has turned; by their manoeuvre's count vehicles go on left, right and straight."""
     learned, rows = junction
     motion = learn_motion(learned, rows, background_of(rows), rng=np.random.default_rng(0))
     entry = learned.tessellation.cell_of(np.array([[35.0, 0.5], [35.0, -0.5]]))

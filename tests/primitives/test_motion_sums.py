@@ -107,7 +107,7 @@ def test_regressions_are_numpys_least_squares_of_the_same_rows():
 
 
 def test_the_course_of_a_manoeuvre_is_numpys_least_squares_of_its_instants(counted):
-    """Each visit counts once, however long it lasts, and who creeps tells little of the course."""
+    """Each visit counts once, however long it lasts, and who creeps says little of the course."""
     learned, visits, labels, (of_all, *_) = counted
     z = int(np.argmax(of_all.visits))
     of_instant = visits.of_instant

@@ -117,7 +117,7 @@ def test_a_step_follows_the_arc():
 def fork():
     """A stem whose vehicles leave it up or down into cells of three ways that differ by how often they were seen.
 
-    Cells from south to north: 0, the stem, 2. Who came up went on by manoeuvre 5 six times and 6 once; nobody was seen
+    Cells from south to north: 0, the stem, 2. Who came up went on by manoeuvre 5 six times and 6 once; none was seen
     to come down. Vehicles start in the middle of the stem, heading between the two.
     """
     up = 1.2
@@ -144,7 +144,7 @@ def test_vehicles_go_where_the_counts_say_and_back_off_where_nothing_was_counted
     seen, backed_off = np.array([6 - unseen, 1 - unseen, 0.0]), 2 * unseen * np.array([0.4, 0.4, 0.2])
     assert as_seen((seen + backed_off) / 7, up)
     assert not as_seen(np.array([6 - 0.01, 1.0, 0.01]) / 7, up)  # counts as they are
-    assert as_seen([1 / 8, 2 / 8, 5 / 8], down)  # by visits, for nobody was counted
+    assert as_seen([1 / 8, 2 / 8, 5 / 8], down)  # by visits, for none was counted
     assert not as_seen([1 / 3, 1 / 3, 1 / 3], down)  # by seconds
 
 

@@ -100,7 +100,7 @@ def test_a_cell_without_data_has_the_background_density(ring):
     everywhere = np.stack(np.meshgrid(np.arange(-30.0, 30, 6), np.arange(-30.0, 30, 6)), axis=-1).reshape(-1, 2)
     cells = GridTessellation.covering(everywhere, cell_size=6.0)
     learned = learn_primitives(ring, tessellation=cells, rng=np.random.default_rng(0))
-    centre = np.array([1.0, 1.0])  # of the ring, where nobody drives
+    centre = np.array([1.0, 1.0])  # of the ring, where no vehicle drives
     cell = int(cells.cell_of(centre))
     assert cell >= 0
     assert learned.n_rows[cell] == 0

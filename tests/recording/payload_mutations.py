@@ -216,7 +216,7 @@ TABLES = {
     "csv": (TABLE, {}), "trajnet": (WALKS, {"frames_per_second": 25}), "sdd": (LABELS, {"metres_per_pixel": 0.1}),
     "sumo-fcd": (FCD + b"</fcd-export>", {}), "parquet": (b"", {}), "feather": (b"", {}),
 }  # fmt: skip
-"""Each format's whole table, and what its reader is told; Arrow's are those of the csv's cells."""
+"""Each format's whole table, and its reader's arguments; Arrow's are those of the csv's cells."""
 CELLS = b"nan inf -inf 1e308 1e999 9e15 1_0 0x1 True - ' \" = 1970-01-01T00:00:00Z 9999-12-31T23:59:59 \xff 99".split()
 TYPES = (pa.float64(), pa.float32(), pa.int64(), pa.string(), pa.decimal128(18, 2))
 

@@ -202,7 +202,7 @@ OF = {"trajnet": lambda path: read_trajnet(path, frames_per_second=25), "fcd": r
 
 
 @pytest.mark.parametrize(
-    ("form", "text", "told"),
+    ("form", "text", "message"),
     [
         ("trajnet", "0 1 2 3\n10 1 2\n", r"line 2: expected 4 cells, got 3"),
         ("trajnet", "0 1 2 north\n", r"line 1: expected a number as y, got 'north'"),
@@ -224,9 +224,9 @@ OF = {"trajnet": lambda path: read_trajnet(path, frames_per_second=25), "fcd": r
         ),
     ],
 )  # fmt: skip
-def test_a_wrong_file_is_told_in_one_line(tmp_path, form, text, told):
+def test_a_wrong_file_is_one_line(tmp_path, form, text, message):
     (tmp_path / "t.txt").write_text(text)
-    with pytest.raises(TableError, match=told) as caught:
+    with pytest.raises(TableError, match=message) as caught:
         OF[form](tmp_path / "t.txt")
     assert "\n" not in str(caught.value)
 

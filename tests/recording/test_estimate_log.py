@@ -81,11 +81,11 @@ def estimate_log(tmp_path):
         log.write_map_scene(a_map())
         for time_ns in range(0, 3_000_000_000, 100_000_000):
             log.write(a_frame(time_ns))
-        log.write_forecast(Forecasts.of(2_900_000_000, ["a", "b"], np.zeros((2, 2)), futures()))
+        log.write_forecast(Forecasts.of(2_900_000_000, ["a", "b"], np.zeros((2, 2)), rollouts()))
     return path
 
 
-def futures():
+def rollouts():
     """Of two vehicles, 60 each, that part as they go on: (2, 60, 10, 2) metres."""
     rng = np.random.default_rng(0)
     heading = np.cumsum(rng.normal(0.0, 0.1, (2, 60, 10)), axis=2)

@@ -9,7 +9,7 @@ from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from matplotlib.path import Path as Outline
 from scipy.stats import chi2
-from test_estimate_log import a_frame, a_map, futures, messages
+from test_estimate_log import a_frame, a_map, messages, rollouts
 
 from dirprim_filter.detections import Detections
 from dirprim_filter.drawing import shapes
@@ -155,7 +155,7 @@ def test_far_from_the_origin_all_is_drawn_in_a_frame_near_by(tmp_path):
     with EstimateWriter(tmp_path / "far.mcap", metadata={}) as log:
         frame = moved(a_frame(STEP), FAR)
         log.write(frame)
-        log.write_forecast(Forecasts.of(STEP, ["a", "b"], FAR + np.zeros((2, 2)), FAR + futures()))
+        log.write_forecast(Forecasts.of(STEP, ["a", "b"], FAR + np.zeros((2, 2)), FAR + rollouts()))
     (sent,) = messages(tmp_path / "far.mcap", "/tf")
     transform = FrameTransform.FromString(sent.data)
     assert (transform.parent_frame_id, transform.child_frame_id) == ("map", "scene")
@@ -168,7 +168,7 @@ def test_far_from_the_origin_all_is_drawn_in_a_frame_near_by(tmp_path):
     np.testing.assert_allclose(bodies.astype(np.float32) + origin, frame.estimates.position, atol=1e-4, rtol=0)
     (forecast,) = messages(tmp_path / "far.mcap", "/dirprim/forecast")
     points = [(p.x, p.y) for e in SceneUpdate.FromString(forecast.data).entities for p in e.lines[0].points]
-    np.testing.assert_allclose(np.float32(points) + origin, (FAR + futures()).reshape(-1, 2), atol=1e-4, rtol=0)
+    np.testing.assert_allclose(np.float32(points) + origin, (FAR + rollouts()).reshape(-1, 2), atol=1e-4, rtol=0)
 
 
 def test_the_cloud_holds_the_particles_to_the_micrometre_and_their_directions_as_colours():
@@ -221,11 +221,11 @@ def test_outlines_are_the_cells_sides():
 
 
 def test_forecasts_are_lines():
-    sent = Forecasts.of(STEP, ["a", "b", "c"], np.zeros((3, 2)), np.concatenate([futures(), futures()[:1]]))
+    sent = Forecasts.of(STEP, ["a", "b", "c"], np.zeros((3, 2)), np.concatenate([rollouts(), rollouts()[:1]]))
     update = as_read(forecast_scene(sent, HERE, hidden=frozenset({"c"})))
     assert [e.id for e in update.entities] == ["a", "b"]
     assert (opacities(update) < 0.5).all()
-    for entity, paths in zip(update.entities, futures(), strict=True):
+    for entity, paths in zip(update.entities, rollouts(), strict=True):
         line = entity.lines[0]
         points = np.array([(p.x, p.y) for p in line.points])
         np.testing.assert_array_equal(points.reshape(paths.shape), paths)
@@ -236,8 +236,8 @@ def test_forecasts_are_lines():
 
 def test_regions_of_forecasts_hold_their_share_of_the_paths():
     """Judged by matplotlib: at every instant, and not much more than the share."""
-    update = as_read(forecast_scene(Forecasts.of(STEP, ["a", "b"], np.zeros((2, 2)), futures()), HERE))
-    for entity, paths in zip(update.entities, futures(), strict=True):
+    update = as_read(forecast_scene(Forecasts.of(STEP, ["a", "b"], np.zeros((2, 2)), rollouts()), HERE))
+    for entity, paths in zip(update.entities, rollouts(), strict=True):
         assert {note.key: float(note.value) for note in entity.metadata} == {
             "triangles_0_share": 0.9, "triangles_1_share": 0.5,
         }  # fmt: skip
@@ -266,7 +266,7 @@ def test_of_vehicles_that_are_out_of_sight_no_forecast_is_drawn(tmp_path):
     )  # fmt: skip
     with EstimateWriter(tmp_path / "a.mcap", metadata={}) as log:
         log.write(replace(frame, estimates=estimates))
-        paths = np.concatenate([futures(), futures()])
+        paths = np.concatenate([rollouts(), rollouts()])
         log.write_forecast(Forecasts.of(STEP, ["a", "b", "c", "d"], np.zeros((4, 2)), paths))
     (message,) = messages(tmp_path / "a.mcap", "/dirprim/forecast")
     assert [entity.id for entity in SceneUpdate.FromString(message.data).entities] == ["a", "d"]

@@ -146,7 +146,7 @@ def test_who_has_no_name_is_nobody_in_the_stream_and_someone_each_time_as_a_trac
 
 
 def covariance(k, *, n_rows=6):
-    """As a message tells it, row by row; of x and y [[4, 1], [1, 2 + k]]."""
+    """As a message contains it, row by row; of x and y [[4, 1], [1, 2 + k]]."""
     matrix = np.diag(np.arange(1.0, n_rows + 1))
     matrix[:2, :2] = [[4.0, 1.0], [1.0, 2.0 + k]]
     return matrix.ravel().tolist()

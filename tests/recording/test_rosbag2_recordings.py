@@ -90,7 +90,7 @@ def test_a_split_recording_is_recovered_into_one_file(split, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("metadata", "told"),
+    ("metadata", "message"),
     [
         (None, r"run: expected a file, or a folder of rosbag2 with metadata\.yaml, got one without"),
         ("a: [", r"metadata\.yaml: expected rosbag2_bagfile_information, got "),
@@ -104,12 +104,12 @@ def test_a_split_recording_is_recovered_into_one_file(split, tmp_path):
         ),
     ],
 )
-def test_a_folder_that_is_no_recording_is_told_in_one_line(split, metadata, told, capsys):
+def test_a_folder_that_is_no_recording_is_one_line(split, metadata, message, capsys):
     if metadata is None:
         (split / "metadata.yaml").unlink()
     else:
         (split / "metadata.yaml").write_text(metadata)
-    with pytest.raises(RecordingError, match=told) as caught:
+    with pytest.raises(RecordingError, match=message) as caught:
         scan(split)
     assert "\n" not in str(caught.value)
     assert run(["info", str(split)]) == FAILED
@@ -205,7 +205,7 @@ def test_a_broken_bag_says_how_to_save_what_is_left(tmp_path):
 
 
 @pytest.mark.parametrize("data", [b"", b"SQLite format 3\0" + bytes(100)])
-def test_a_file_that_is_no_bag_is_told_in_one_line(tmp_path, data):
+def test_a_file_that_is_no_bag_is_one_line(tmp_path, data):
     (tmp_path / "a.db3").write_bytes(data)
     with pytest.raises(RecordingError, match=r"a\.db3: expected a bag that rosbags can read, got ") as caught:
         scan(tmp_path / "a.db3")

@@ -352,7 +352,7 @@ def test_bad_rows_of_an_arrow_table_are_dropped_and_counted(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "message"),
     [
         ({"x_m": None}, r"expected columns time_ns, track_id, x_m, y_m.* missing: x_m"),
         ({"x_m": ["east"] * N}, r"row 1: expected a number as x_m, got 'east'"),
@@ -365,9 +365,9 @@ def test_bad_rows_of_an_arrow_table_are_dropped_and_counted(tmp_path):
         ({"time_ns": pa.array(TIMES_NS).cast(pa.timestamp("us"))}, "column time_ns: expected times until"),
     ],
 )
-def test_a_wrong_arrow_table_is_told_in_one_line(tmp_path, change, told):
+def test_a_wrong_arrow_table_is_one_line(tmp_path, change, message):
     pa.parquet.write_table(columns(**change), tmp_path / "t.parquet")
-    with pytest.raises(TableError, match=told) as caught:
+    with pytest.raises(TableError, match=message) as caught:
         read_named(tmp_path / "t.parquet")
     assert "\n" not in str(caught.value)
 
@@ -391,7 +391,7 @@ def of_names_that_are_no_text():
     [b"PAR1" + bytes(50) + b"PAR1", b"ARROW1\0\0" + bytes(50), b"PAR1", b"", of_offsets_beyond_its_texts(),
      of_names_that_are_no_text()],
 )  # fmt: skip
-def test_a_broken_arrow_file_is_told_in_one_line(tmp_path, data):
+def test_a_broken_arrow_file_is_one_line(tmp_path, data):
     (tmp_path / "t.parquet").write_bytes(data)
     with pytest.raises(TableError, match="expected a Parquet, Feather or Arrow file, got") as caught:
         read_named(tmp_path / "t.parquet")

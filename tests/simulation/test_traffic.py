@@ -87,7 +87,7 @@ def test_roundabout_is_driven_counter_clockwise(observed: dict[str, Tracks]) -> 
     tangent = np.arctan2(y, x) + np.pi / 2
     assert on_ring.sum() > 500
     assert np.abs(difference(tracks.direction, tangent))[on_ring].max() < np.radians(60.0)
-    assert radius.min() > RING_RADIUS - 2.5, "nobody drives over the central island"
+    assert radius.min() > RING_RADIUS - 2.5, "no vehicle drives over the central island"
     for quarter in range(4):
         assert (on_ring & (np.floor((np.arctan2(y, x) + np.pi) / (np.pi / 2)) == quarter)).any()
 

@@ -12,7 +12,7 @@ TRUE = np.array([[0.0, 0.0], [20.0, 4.0], [6.0, 18.0], [26.0, 22.0], [-14.0, 14.
 LEVEL = np.array([0.0, 3.0, -3.0, 6.0, -6.0])
 
 
-def world(n=2500, seed=0, generators=TRUE, level=LEVEL):
+def sample(n=2500, seed=0, generators=TRUE, level=LEVEL):
     """Positions all over a square, and numbers around the level of the true cell that they lie in."""
     rng = np.random.default_rng(seed)
     position = rng.uniform([-20, -6], [34, 30], (n, 2))
@@ -28,7 +28,7 @@ def learned(position, value, seed=0, **options):
 
 def held_out(found, position, value):
     """Mean log density of data that the cells have not seen."""
-    generators, (known, of_known, _) = found.tessellation.generators, world()
+    generators, (known, of_known, _) = found.tessellation.generators, sample()
     fitted = GaussianCells().fit(known, of_known, members_of(known, generators, softness=0.0)[0])
     cell = cKDTree(generators).query(position)[1]
     return GaussianCells().log_density(fitted, position, value, np.arange(len(value)), cell).mean()
@@ -36,30 +36,30 @@ def held_out(found, position, value):
 
 @pytest.fixture(scope="module")
 def found() -> JointFit:
-    return learned(*world()[:2])
+    return learned(*sample()[:2])
 
 
 def test_the_known_optimum_is_found(found):
-    position, value, _ = world(20_000, seed=9)
+    position, value, _ = sample(20_000, seed=9)
     best = -0.5 * np.log(2 * np.pi * np.e)  # minus the entropy of a unit normal distribution
     four_errors = 4 * np.sqrt(0.5 / 20_000)
-    asked_for = learned(*world()[:2], n_cells=5)
+    asked_for = learned(*sample()[:2], n_cells=5)
     assert best - 0.15 < held_out(asked_for, position, value) < best + four_errors
     assert best - 0.22 < held_out(found, position, value) < best + four_errors
-    single = learned(*world()[:2], n_cells=1)
-    assert held_out(single, position, value) < best - 1.0  # what is lost without cells: the test can tell
+    single = learned(*sample()[:2], n_cells=1)
+    assert held_out(single, position, value) < best - 1.0  # what is lost without cells: the test can see it
 
 
 def test_borders_lie_where_the_true_ones_are(found):
     """Cells are of one true cell each, but for slivers: few data share a learned cell with another true one's."""
-    position, _, true = world(20_000, seed=9)
+    position, _, true = sample(20_000, seed=9)
     cell = found.tessellation.cell_of(position)
     assert (cell != OUTSIDE).all()
     table = np.zeros((found.tessellation.n_cells, len(TRUE)))
     np.add.at(table, (cell, true), 1)
     astray = 1.0 - table.max(axis=1).sum() / len(position)
     assert astray < 0.03
-    even = learned(*world()[:2], n_cells=3)
+    even = learned(*sample()[:2], n_cells=3)
     table = np.zeros((3, len(TRUE)))
     np.add.at(table, (even.tessellation.cell_of(position), true), 1)
     assert 1.0 - table.max(axis=1).sum() / len(position) > 0.2
@@ -67,7 +67,7 @@ def test_borders_lie_where_the_true_ones_are(found):
 
 def test_where_all_is_alike_one_cell_is_found():
     for seed in range(5):
-        position, value, _ = world(1500, seed=seed, generators=TRUE[:1], level=LEVEL[:1])
+        position, value, _ = sample(1500, seed=seed, generators=TRUE[:1], level=LEVEL[:1])
         assert learned(position, value, seed=seed).tessellation.n_cells == 1
 
 
@@ -76,14 +76,14 @@ def test_the_trace_never_rises_and_ends_with_the_cells(found):
     assert (np.diff(found.trace) <= 0).all()
     assert found.trace[-1] < found.trace[0] - 0.1
     assert found.n_cells[-1] >= found.tessellation.n_cells  # empty ones are dropped
-    nearest = cKDTree(found.tessellation.generators).query(world()[0])[1]
+    nearest = cKDTree(found.tessellation.generators).query(sample()[0])[1]
     assert np.bincount(nearest, minlength=found.tessellation.n_cells).min() > 0
 
 
 def test_a_seed_decides_everything(found):
-    again = learned(*world()[:2])
+    again = learned(*sample()[:2])
     np.testing.assert_array_equal(again.tessellation.generators, found.tessellation.generators)
-    other = learned(*world()[:2], seed=1)
+    other = learned(*sample()[:2], seed=1)
     assert other.tessellation.generators.shape != found.tessellation.generators.shape or not np.array_equal(
         other.tessellation.generators, found.tessellation.generators
     )
@@ -95,7 +95,7 @@ def turned(position):
 
 @pytest.mark.parametrize("moved", [turned, lambda p: p + np.array([1e6, -1e6])])
 def test_data_that_are_moved_or_turned_have_the_same_cells(found, moved):
-    position, value, _ = world()
+    position, value, _ = sample()
     there = learned(moved(position), value)
     assert there.tessellation.n_cells == found.tessellation.n_cells
     apart, _ = cKDTree(there.tessellation.generators).query(moved(found.tessellation.generators))
@@ -104,7 +104,7 @@ def test_data_that_are_moved_or_turned_have_the_same_cells(found, moved):
 
 
 def test_as_many_cells_as_asked_for():
-    position, value, _ = world(1000)
+    position, value, _ = sample(1000)
     for n in (1, 2, 7, 20):  # but for one that may starve
         assert n - (n > 7) <= learned(position, value, n_cells=n, softness=0.25).tessellation.n_cells <= n
 
@@ -120,14 +120,14 @@ def test_groups_are_held_out_whole():
 
 
 def test_a_sample_lays_out_the_cells_when_there_are_many_data():
-    position, value, _ = world(6000)
+    position, value, _ = sample(6000)
     some = learned(position, value, max_rows=2000)
-    assert held_out(some, *world(20_000, seed=9)[:2]) > -1.42 - 0.2
+    assert held_out(some, *sample(20_000, seed=9)[:2]) > -1.42 - 0.2
 
 
 def test_progress_is_reported_step_by_step():
     reported = []
-    found = learned(*world(600)[:2], progress=lambda n, objective: reported.append((n, objective)))
+    found = learned(*sample(600)[:2], progress=lambda n, objective: reported.append((n, objective)))
     assert [n for n, _ in reported] == found.n_cells.tolist()
     assert [objective for _, objective in reported] == found.trace.tolist()
 
@@ -163,7 +163,7 @@ def test_little_or_odd_data_give_cells(name, n_cells):
     ],
 )
 def test_bad_options_are_refused(options, message):
-    position, value, _ = world(50)
+    position, value, _ = sample(50)
     with pytest.raises(ValueError, match=message):
         learned(position, value, **options)
 

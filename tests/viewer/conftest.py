@@ -57,7 +57,7 @@ def scene_frames(scene_tracks: Tracks) -> list[TrackedFrame]:
         now = scene_tracks[scene_tracks.time_ns == time_ns]
         m = len(now)
         cloud = now.position[:, None] + rng.normal(0.0, 0.7, (m, N_PARTICLES, 2))
-        believed = Estimates(
+        estimates = Estimates(
             track_id=now.track_id, time_ns=now.time_ns, position=now.position,
             covariance=np.tile(0.49 * np.eye(2), (m, 1, 1)),
             direction=now.direction, direction_resultant=np.full(m, 0.9),
@@ -72,7 +72,7 @@ def scene_frames(scene_tracks: Tracks) -> list[TrackedFrame]:
             vehicle=np.repeat(np.arange(m), N_PARTICLES),
         )
         seen = Detections.of(now)
-        frames.append(TrackedFrame(time_ns=int(time_ns), detections=seen, estimates=believed, particles=samples))
+        frames.append(TrackedFrame(time_ns=int(time_ns), detections=seen, estimates=estimates, particles=samples))
     return [*frames, _nothing_at(frames[-1], frames[-1].time_ns + STEP_NS)]
 
 

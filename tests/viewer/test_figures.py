@@ -23,7 +23,7 @@ from dirprim_filter.viewer.figures.place import place_at
 from dirprim_filter.viewer.layers import INK
 from tessellation import GridTessellation
 
-FUTURES = np.cumsum(np.full((6, 5, 2), 2.0), axis=1) + 20.0
+ROLLOUTS = np.cumsum(np.full((6, 5, 2), 2.0), axis=1) + 20.0
 
 
 def test_the_map_shows_every_petal_with_north_up_and_equal_scales(
@@ -83,7 +83,7 @@ def test_an_instant_shows_particles_of_the_vehicle_that_is_forecast_and_no_regio
     estimates = Estimates.concatenate([replace(frame, estimates=lost).estimates, frame.estimates])
     figure = map_figure(
         scene_map, tracks=scene_tracks, frame=replace(frame, estimates=lost), truth=scene_tracks,
-        estimates=estimates, forecasts={"8": FUTURES},
+        estimates=estimates, forecasts={"8": ROLLOUTS},
     )  # fmt: skip
     cloud, shown = [c for c in figure.axes[0].collections if type(c) is PathCollection]
     assert (cloud.get_offsets() == frame.particles.of(1).position).all()

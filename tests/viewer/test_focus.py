@@ -27,7 +27,7 @@ def test_the_vehicle_that_is_least_expected_is_looked_at_for_a_while(scene_frame
     frames = [with_evidence(frame, -1.0, -5.0) for frame in scene_frames[:3]]
     frames += [with_evidence(frame, -50.0, -5.0) for frame in scene_frames[3:5]]
     assert looks_of(Focus("7"), frames) == ["7"] * 5
-    assert looks_of(Focus("nobody"), frames) == [None] * 5
+    assert looks_of(Focus("none"), frames) == [None] * 5
     focus = Focus(None)
     assert looks_of(focus, frames) == ["8"] * 5
     later = replace(frames[4], time_ns=frames[0].time_ns + int(1.1e9 * KEPT_S))

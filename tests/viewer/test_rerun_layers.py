@@ -167,18 +167,18 @@ def test_a_frame_shows_the_same_whether_it_is_sent_alone_or_in_a_batch(
 def test_forecasts_are_shown_until_they_are_old_but_of_no_vehicle_that_coasts(
     tmp_path: Path, tracked: list[TrackedFrame]
 ) -> None:
-    futures = np.arange(72.0).reshape(3, 12, 2)  # with where the vehicle is, 13 instants, of which seven are shown
+    rollouts = np.arange(72.0).reshape(3, 12, 2)  # with where the vehicle is, 13 instants, of which seven are shown
     start, at = tracked[1].estimates.position, tracked[1].time_ns
     later = replace(tracked[-1], time_ns=at + 1_300_000_000)
     with open_stream(save=tmp_path / "f.rrd") as shown:
         for frame in [*tracked, later]:
             shown.write(frame)
             if frame is tracked[1]:
-                shown.write_forecast(Forecasts.of(at, ["7", "8"], start, np.stack([futures, futures])))
+                shown.write_forecast(Forecasts.of(at, ["7", "8"], start, np.stack([rollouts, rollouts])))
     first, last = rows_of(tmp_path / "f.rrd", "/forecasts/paths", "LineStrips3D:strips")
     assert (first[0], last[0]) == (at, later.time_ns)
     assert first[1].shape == (3, 7, 3)  # of vehicle 7 alone
-    assert first[1][:, 1:, :2] == pytest.approx(futures[:, 1::2])
+    assert first[1][:, 1:, :2] == pytest.approx(rollouts[:, 1::2])
     assert first[1][:, 0, :2] == pytest.approx(np.tile(start[0], (3, 1)))
     assert last[1].size == 0
     for entity in marks.FANS:
