@@ -20,10 +20,13 @@ from PIL import Image
 
 from dirprim_filter import Estimates, Tracker, learn_primitives, read_tracks
 from dirprim_filter.arrays import AnyArray, IntArray
-from dirprim_filter.cli.blind_demo import FAR_M, NEAR_M, departure_rate, followers, with_blind_ring
+from dirprim_filter.cli.demo import FAR_M, NEAR_M, departure_rate, with_blind_ring
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
+from dirprim_filter.evaluation.metrics.clear_mot import clear_mot
 from dirprim_filter.evaluation.rivals import fitted
+from dirprim_filter.evaluation.tracked_rows import TrackedRows
+from dirprim_filter.evaluation.tracking_report import Scales
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.recording.reader import stream_detections
 from dirprim_filter.tracks import Tracks
@@ -51,6 +54,15 @@ class Side(NamedTuple):
     found: Estimates
     follower: AnyArray
     color: Mapping[str, str]
+
+
+def followers(found: Estimates, truth: Tracks) -> AnyArray:
+    """(n,) str, the track that follows each row of the truth, as CLEAR MOT matches them; empty where none does."""
+    matched = clear_mot(Scales().comparison(TrackedRows.of(found), truth)).matches
+    names = found.track_id.astype(np.str_)
+    of_row = np.full(len(truth), "", names.dtype)
+    of_row[matched.row] = names[matched.column]
+    return of_row
 
 
 def changes_of(truth: Tracks, follower: AnyArray) -> IntArray:

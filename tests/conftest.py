@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dirprim_filter import learn_primitives, read_tracks, write_tracks
-from dirprim_filter.cli.warm_up import warm_up
+from dirprim_filter.cli.compiling import warm_up
 from dirprim_filter.detections import Detections
 from dirprim_filter.recording.reader import stream_detections
 from situations import ring_traffic

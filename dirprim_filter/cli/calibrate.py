@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dirprim_filter.cli import losses
+from dirprim_filter.cli import exit_codes
 from dirprim_filter.cli.options import Force, Log, Output
 from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.sensing import number_lines
@@ -47,7 +47,7 @@ def calibrate(
         measured = measure(seen, known)
     save_sensor(measured.sensor, output, force=force)
     typer.echo("\n".join(_lines(measured)))
-    return losses.exit_code(stream.losses)
+    return exit_codes.of_losses(stream.losses)
 
 
 def _lines(measured: Calibration) -> list[str]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dirprim_filter.cli import losses
+from dirprim_filter.cli import exit_codes
 from dirprim_filter.cli.options import Force, Output
 from dirprim_filter.cli.texts import counted, say
 
@@ -56,7 +56,7 @@ def convert(
     Example: dirprim convert survey.csv.gz -o tracks.mcap --columns x_m=Easting,y_m=Northing,track_id=Id
     """
     from dirprim_filter.cli.progress import step_progress, working
-    from dirprim_filter.cli.provenance import provenance
+    from dirprim_filter.cli.results import provenance
     from dirprim_filter.recording import write_tracks
     from dirprim_filter.recording.name_patterns import named_values
     from dirprim_filter.recording.tables.named_columns import COLUMNS
@@ -87,7 +87,7 @@ def convert(
         say(f"{output}: {counted(table.tracks.n_tracks, 'track')}, {counted(len(table.tracks), 'row')}")
     for sensor, seen in table.detections.items():
         say(f"{output}: {counted(len(seen), 'detection')}{' of ' * bool(sensor)}{sensor}")
-    return losses.exit_code(table.losses)
+    return exit_codes.of_losses(table.losses)
 
 
 def _read(source: Path, form: str, given: dict[str, Any]) -> Table:

@@ -19,7 +19,9 @@ def export(
     ] = False,
     force: Force = False,
 ) -> None:
-    """Write estimates as .csv or .parquet: the columns of `dirprim convert`, then what else is known.
+    """Write estimates as .csv or .parquet.
+
+    The columns are those of `dirprim convert`, then what else is known.
 
     Example: dirprim export tracks.mcap -o tracks.csv
     """

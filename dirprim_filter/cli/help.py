@@ -10,6 +10,7 @@ from typer.core import TyperCommand, TyperGroup
 
 from dirprim_filter.cli.outputs import checked
 from dirprim_filter.cli.reading import OPTIONS
+from dirprim_filter.cli.settings import with_settings_of_today
 
 
 def register(app: typer.Typer, command: Callable[..., Any]) -> None:
@@ -18,7 +19,11 @@ def register(app: typer.Typer, command: Callable[..., Any]) -> None:
 
 
 class _Grouped(TyperCommand):
-    """Lists what all commands that read logs share after a command's own options."""
+    """Lists what all commands that read logs share after a command's own options; takes former ones too."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        known = {name for of in self.get_params(ctx) for name in of.opts}
+        return super().parse_args(ctx, list(with_settings_of_today(args, known)))
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         titled: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": [], "Reading a log": []}

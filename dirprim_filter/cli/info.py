@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dirprim_filter.cli import losses
+from dirprim_filter.cli import exit_codes
 from dirprim_filter.cli.options import Logs
 from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.texts import columns, counted, say
@@ -49,7 +49,7 @@ def info(
     from dirprim_filter.recording.summary import summarise_by_index
 
     by_index = not check and reading.given.keys() <= {"topics"}
-    worst = losses.DONE
+    worst = exit_codes.DONE
     for path in logs:
         summary, faults = summarise_by_index(path, topics=reading.given.get("topics")) if by_index else None, Faults()
         if summary is None:
@@ -58,7 +58,7 @@ def info(
             typer.echo(json.dumps(summary.as_json() | {"faults": asdict(faults)}))
         else:
             say(f"{path}: {counted(summary.messages, 'message')}{_span(summary)}", *_lines(summary, faults))
-        worst = max(worst, losses.INPUT_LOST if summary.damage else losses.DONE)
+        worst = max(worst, exit_codes.INPUT_LOST if summary.damage else exit_codes.DONE)
     return worst
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dirprim_filter.cli import losses
+from dirprim_filter.cli import exit_codes
 from dirprim_filter.cli.options import Cells, Force, LogsOrStore, Output, Seed, SensorFile, Tessellation
 from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.texts import counted
@@ -100,7 +100,7 @@ def write_map(learn: Callable[..., Learned], output: Path, *, seed: int, force: 
     import numpy as np
 
     from dirprim_filter.cli.progress import learning_progress
-    from dirprim_filter.cli.provenance import provenance
+    from dirprim_filter.cli.results import provenance
     from dirprim_filter.config import LearningConfig
     from dirprim_filter.recording import save_map
 
@@ -147,5 +147,5 @@ def _from_logs(logs: list[Path], sensor: Path | None, reading: Reading) -> Calla
         map=learn_primitives(tracks, progress=bars.progress, stage=bars.stage, **options), files=logs,
         said={"sensor": None if sensing is None else repr(sensing), **reading.said()},
         counts=f"{counted(log.tracks.n_tracks, 'track')}, {counted(len(log.tracks), 'row')}",
-        exit_code=losses.exit_code(log.losses),
+        exit_code=exit_codes.of_losses(log.losses),
     )  # fmt: skip

@@ -18,10 +18,10 @@ from dirprim_filter.cli import (
     demo,
     doctor,
     evaluate,
+    exit_codes,
     export,
     forecast,
     info,
-    interruption,
     learn,
     plot,
     recover,
@@ -33,8 +33,7 @@ from dirprim_filter.cli import (
     view,
 )
 from dirprim_filter.cli.help import register, titled
-from dirprim_filter.cli.losses import DONE, FAILED
-from dirprim_filter.cli.settings import renamed
+from dirprim_filter.cli.settings import with_commands_of_today
 
 COMMANDS: dict[str, list[Any]] = {
     "See what is there": [info.info, plot.plot, view.view, doctor.doctor],
@@ -112,32 +111,32 @@ for command in chain.from_iterable(COMMANDS.values()):
 
 def main() -> None:
     """Run the command line and exit with its code."""
-    interruption.listen()
+    exit_codes.listen()
     sys.exit(run(sys.argv[1:]))
 
 
 def run(arguments: list[str]) -> int:
     """Run the command line; -> its exit code."""
     try:
-        code = app(list(renamed(arguments)), prog_name="dirprim", standalone_mode=False)
+        code = app(with_commands_of_today(arguments), prog_name="dirprim", standalone_mode=False)
     except KeyboardInterrupt:
-        code = interruption.INTERRUPTED
+        code = exit_codes.INTERRUPTED
     except BrokenPipeError:  # the reader of our output has seen enough
         sys.stderr.close()
-        return DONE
+        return exit_codes.DONE
     except Exception as error:
         if hasattr(error, "exit_code") and hasattr(error, "show"):  # the parser's own: usage
             error.show()
             return int(error.exit_code)
-        if interruption.Terminated.came:
-            return interruption.exit_code()
+        if exit_codes.Terminated.came:
+            return exit_codes.of_interruption()
         if not _is_the_users(error) or logging.getLogger().isEnabledFor(logging.INFO):
             raise
         sys.stderr.write(f"error: {_one_line(error)}\n")
-        return FAILED
-    if code == interruption.INTERRUPTED:  # as the parser returns it too
-        return interruption.exit_code()
-    return code if isinstance(code, int) else DONE
+        return exit_codes.FAILED
+    if code == exit_codes.INTERRUPTED:  # as the parser returns it too
+        return exit_codes.of_interruption()
+    return code if isinstance(code, int) else exit_codes.DONE
 
 
 def _is_the_users(error: Exception) -> bool:

@@ -5,56 +5,15 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, NamedTuple, TypeVar
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 if TYPE_CHECKING:
-    from rich.progress import Progress, ProgressColumn
-
     from dirprim_filter.detections import Detections
     from dirprim_filter.estimates import TrackedFrame
 
 NS_PER_S = 1e9
 Frame = TypeVar("Frame", "Detections", "TrackedFrame")
-
-
-def with_progress(frames: Iterable[Frame], *, what: str, end_ns: int | None = None) -> Iterator[Frame]:
-    """The frames as they are; on a terminal, with a bar over the log's time.
-
-    Args:
-        frames: ascending in time.
-        what: is being done to them.
-        end_ns: of the log, if known: without it the remaining time is unknown.
-    """
-    if not sys.stderr.isatty():
-        yield from frames
-        return
-    with _bar("{task.completed:.1f} of {task.total:.1f} s of the log", "{task.fields[done]} frames") as progress:
-        task = progress.add_task(what, total=None, done=0)
-        first_ns: int | None = None
-        for done, frame in enumerate(frames, start=1):
-            yield frame
-            now_ns = frame.time_ns if isinstance(frame.time_ns, int) else int(frame.time_ns[0])
-            if first_ns is None:
-                first_ns = now_ns
-                # A log of one instant, or with a wrong end time, must not appear done early.
-                lasts_ns = None if end_ns is None or end_ns <= now_ns else end_ns - now_ns
-                progress.update(task, total=None if lasts_ns is None else lasts_ns / NS_PER_S)
-            progress.update(task, completed=(now_ns - first_ns) / NS_PER_S, done=done)
-
-
-@contextmanager
-def step_progress(what: str, unit: str) -> Iterator[Callable[[int, int], None] | None]:
-    """Progress of a long task in steps; on a terminal, a bar."""
-    if not sys.stderr.isatty():
-        yield None
-        return
-    with _bar("{task.completed:.0f} of {task.total:.0f} " + unit, "") as progress:
-        task = progress.add_task(what, total=None, done=0)
-
-        def report(done: int, of: int) -> None:
-            progress.update(task, completed=done, total=of)
-
-        yield report
 
 
 class LearningProgress(NamedTuple):
@@ -66,56 +25,71 @@ class LearningProgress(NamedTuple):
 
 
 @contextmanager
-def learning_progress() -> Iterator[LearningProgress]:
-    """Progress of `learn_primitives`; on a terminal, a line with the stage and what its search has reached."""
+def _bar(what: str) -> Iterator[Callable[..., None] | None]:
+    """A bar with a text and the remaining time; what is yielded changes `completed`, `total`, `text`, `description`."""
     if not sys.stderr.isatty():
-        yield LearningProgress(None, None, None)
+        yield None
         return
-    from rich.progress import MofNCompleteColumn, SpinnerColumn, TextColumn, TimeElapsedColumn
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-    from dirprim_filter.primitives.learning import STAGES
+    columns: tuple[Any, ...] = (
+        SpinnerColumn(), TextColumn("{task.description}"), BarColumn(bar_width=24), TextColumn("{task.fields[text]}"),
+        TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(),
+    )  # fmt: skip
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        yield partial(progress.update, progress.add_task(what, total=None, text=""))
 
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), MofNCompleteColumn(),
-               TextColumn("{task.fields[reached]}"), TimeElapsedColumn())  # fmt: skip
-    with _on_stderr(*columns) as progress:
-        task = progress.add_task("learning", total=len(STAGES), reached="")
 
-        def begin(number: int) -> None:
-            progress.update(task, completed=number + 1, description=STAGES[number], reached="")
+def with_progress(frames: Iterable[Frame], *, what: str, end_ns: int | None = None) -> Iterator[Frame]:
+    """The frames as they are; on a terminal, with a bar over the log's time.
 
-        def report(n_cells: int, objective: float) -> None:
-            progress.update(task, reached=f"{n_cells}, log density {-objective:.3f}")
+    Args:
+        frames: ascending in time.
+        what: is being done to them.
+        end_ns: of the log, if known: without it the remaining time is unknown.
+    """
+    with _bar(what) as show:
+        first_ns: int | None = None
+        for done, frame in enumerate(frames, start=1):
+            yield frame
+            if show is None:
+                continue
+            now_ns = frame.time_ns if isinstance(frame.time_ns, int) else int(frame.time_ns[0])
+            if first_ns is None:
+                first_ns = now_ns
+            passed = (now_ns - first_ns) / NS_PER_S
+            # A log of one instant, or with a wrong end time, must not appear done early.
+            total = None if end_ns is None or end_ns <= first_ns else (end_ns - first_ns) / NS_PER_S
+            of = "s" if total is None else f"of {total:.1f} s"
+            show(completed=passed, total=total, text=f"{passed:.1f} {of} of the log, {done} frames")
 
-        def count(done: int, of: int) -> None:
-            progress.update(task, completed=len(STAGES), reached=f"{done} of {of} tiles")
 
-        yield LearningProgress(report, begin, count)
+@contextmanager
+def step_progress(what: str, unit: str) -> Iterator[Callable[[int, int], None] | None]:
+    """Progress of a long task in steps; on a terminal, a bar."""
+    with _bar(what) as show:
+        yield show and (lambda done, of: show(completed=done, total=of, text=f"{done:.0f} of {of:.0f} {unit}"))
 
 
 @contextmanager
 def working(what: str) -> Iterator[None]:
     """On a terminal, a line that says what is being done, and for how long already."""
-    with step_progress(what, ""):
+    with _bar(what):
         yield
 
 
-def _bar(counted: str, done: str) -> Progress:
-    """A bar with a count and the remaining time; a spinner while the total is unknown."""
-    from rich.progress import BarColumn, SpinnerColumn, Task, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-    from rich.text import Text
+@contextmanager
+def learning_progress() -> Iterator[LearningProgress]:
+    """Progress of `learn_primitives`; on a terminal, a line with the stage and what its search has reached."""
+    with _bar("learning") as show:
+        if show is None:
+            yield LearningProgress(None, None, None)
+            return
+        from dirprim_filter.primitives.learning import STAGES
 
-    class Count(TextColumn):
-        def render(self, task: Task) -> Text:
-            return Text("") if task.total is None else super().render(task)
-
-    return _on_stderr(
-        SpinnerColumn(), TextColumn("{task.description}"), BarColumn(bar_width=24), Count(counted), TextColumn(done),
-        TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(),
-    )  # fmt: skip
-
-
-def _on_stderr(*columns: ProgressColumn) -> Progress:
-    from rich.console import Console
-    from rich.progress import Progress
-
-    return Progress(*columns, console=Console(stderr=True), transient=True)
+        yield LearningProgress(
+            progress=lambda n_cells, objective: show(text=f"{n_cells} cells, log density {-objective:.3f}"),
+            stage=lambda n: show(completed=n + 1, total=len(STAGES), description=STAGES[n], text=""),
+            tiles=lambda done, of: show(text=f"{done} of {of} tiles"),
+        )

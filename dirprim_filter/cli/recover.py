@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from dirprim_filter.cli import losses
+from dirprim_filter.cli import exit_codes
 from dirprim_filter.cli.options import Force, Log, Output, Strict
 from dirprim_filter.cli.texts import counted, say
 
@@ -31,7 +31,7 @@ def recover(
 
     with step_progress(f"recovering {log.name}", "chunks") as progress:
         found = recover_log(log, output, strict=strict, force=force, progress=progress)
-    exit_code = losses.DONE if found.is_lossless else losses.INPUT_LOST
+    exit_code = exit_codes.DONE if found.is_lossless else exit_codes.INPUT_LOST
     if as_json:
         typer.echo(json.dumps(found.as_json()))
         return exit_code

@@ -1,18 +1,20 @@
-"""Results as JSON: the figures, and the settings that reproduce them; reading those settings again."""
+"""What outputs and results say of their run, so that it can be had again: as metadata, as JSON; reading it again."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from dataclasses import asdict, fields
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
-from dirprim_filter.cli import losses
+from dirprim_filter.cli import exit_codes
 from dirprim_filter.cli.settings import Settings, deal
 
 if TYPE_CHECKING:
@@ -28,18 +30,50 @@ CONFIG_KEY = "experiment"
 """Of the metadata record and the JSON object that hold an experiment."""
 
 
+def provenance(command: str, *, inputs: Sequence[Path], config: Any = None, **options: object) -> dict[str, str]:
+    """The command, its options, its configuration, the version and the inputs' checksums, as text."""
+    from dirprim_filter.recording.container.errors import without_secrets
+
+    said = {"command": command, "version": version("dirprim-filter")}
+    said |= {name: without_secrets(str(value)) for name, value in options.items() if value is not None}
+    if config is not None:
+        said["config"] = json.dumps(asdict(config), sort_keys=True)
+    names = [without_secrets(str(path)).rpartition("/")[2] for path in inputs]
+    for path, name in zip(inputs, names, strict=True):
+        said[f"sha256 {name if names.count(name) == 1 else without_secrets(str(path))}"] = checksum(path)
+    return said
+
+
+def metadata_of(path: Path) -> dict[str, str]:
+    """What the metadata records of a log say."""
+    from dirprim_filter.recording.scan import scan
+
+    with scan(path) as log:
+        return {key: value for _, entries in log.metadata for key, value in entries.items()}
+
+
+def checksum(path: Path) -> str:
+    """The file's SHA-256, in hexadecimal; of several files that of theirs."""
+    from dirprim_filter.recording.container.source import open_files
+
+    sums = []
+    for _, bytes_of in open_files(path):
+        whole = hashlib.sha256()
+        for block in bytes_of.blocks():
+            whole.update(block)
+        bytes_of.close()
+        sums.append(whole.hexdigest())
+    return sums[0] if len(sums) == 1 else hashlib.sha256(" ".join(sums).encode()).hexdigest()
+
+
 def report(
     command: str, inputs: Sequence[Path], reading: Reading, lost: Losses, *, table: Mapping[str, Any],
     settings: Mapping[str, Any], text: Callable[[], str], as_json: bool,
 ) -> int:  # fmt: skip
     """Print a table as text, or as JSON with what reproduces it: version, checksums, options; -> the exit code."""
-    from importlib.metadata import version
-
-    from dirprim_filter.cli.provenance import checksum
-
     if not as_json:
         typer.echo(text())
-        return losses.exit_code(lost)
+        return exit_codes.of_losses(lost)
     said = {
         "format": f"dirprim {command}", "format_version": FORMAT_VERSION, "version": version("dirprim-filter"),
         "inputs": [{"name": path.name, "sha256": checksum(path)} for path in inputs],
@@ -47,7 +81,7 @@ def report(
         CONFIG_KEY: settings,
     }  # fmt: skip
     typer.echo(json.dumps(_plain({**table, **said})))
-    return losses.exit_code(lost)
+    return exit_codes.of_losses(lost)
 
 
 def _plain(value: Any) -> Any:
@@ -80,7 +114,6 @@ def read_experiment(path: Path | None, *, of: str) -> dict[str, Any]:
     Raises:
         ValueError: the file describes none.
     """
-    from dirprim_filter.cli.provenance import metadata_of
     from dirprim_filter.recording.errors import RecordingError
 
     if path is None:

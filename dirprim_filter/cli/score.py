@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dirprim_filter.cli.figures import figure_lines
 from dirprim_filter.cli.options import Force, Json, Plot
 from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.results import draw, report
 from dirprim_filter.cli.settings import Settings, deal, taken
-from dirprim_filter.cli.texts import counted, number, say
+from dirprim_filter.cli.texts import counted, figure_lines, number, say
 
 if TYPE_CHECKING:
     from dirprim_filter.evaluation.scores import ScoreTable

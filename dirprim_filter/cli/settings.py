@@ -74,51 +74,44 @@ def _value(text: str) -> Any:
         return text
 
 
-_READ = {f"--{name}": f"{name}=" for name in READING}
-_SCALES = {"--cutoff": "cutoff_m=", "--similarity": "similarity_m="}
-_SENSOR = {"--noise": "noise_m=", "--miss-rate": "miss_rate=", "--false-per-frame": "false_per_frame="}
-FORMER: Mapping[str, Mapping[str, str]] = {
-    **dict.fromkeys(("info", "learn", "calibrate", "view", "evaluate density", "evaluate cues"), _READ),
-    "evaluate forecast": _READ | {"--interaction": "interaction="},
-    "score": _READ | _SCALES,
-    "track": _READ | {
-        "--interaction": "interaction=", "--detection-probability": "detection_probability=",
-        "--clutter-density": "clutter_density=", "--motion": "motion=true", "--place-free": "without_map=true",
-        "--truth": "truth=", "--focus": "focus=", "--particles-out": "particles_out=",
-        "--rate": "rate_hz=",
-    },
-    "evaluate tracking": _READ | _SCALES | _SENSOR | {
-        "--interaction": "interaction=", "--learn": "learn=", "--smooth": "smooth=true",
-        "--particles": "n_particles=",
-    },
+FORMER = {f"--{name}": f"{name.replace('-', '_')}=" for name in (
+    *READING, "interaction", "detection-probability", "clutter-density", "miss-rate", "false-per-frame", "learn",
+    "truth", "focus", "particles-out",
+)} | {
+    "--cutoff": "cutoff_m=", "--similarity": "similarity_m=", "--noise": "noise_m=", "--particles": "n_particles=",
+    "--rate": "rate_hz=", "--motion": "motion=true", "--place-free": "without_map=true", "--smooth": "smooth=true",
 }  # fmt: skip
-"""By command, each option that is now a setting; where it took a value, the setting's text ends with `=`."""
+"""Options that are now settings of the commands that no longer have them; where one takes a value, the text ends with
+`=`."""
 FORMER_COMMANDS = {"update": ("store", "update"), "replay": ("view", "--rate", "1")}
 OF_STORES = {"--min-vehicles", "--half-life", "--now", "--zone", "--workers", "--scheduler"}
 """With these `learn` is `store learn`."""
 
 
-def renamed(arguments: Sequence[str]) -> Iterator[str]:
-    """The same arguments by today's names, with a warning for each former one, which go after the first release."""
-    words = [argument for argument in arguments if not argument.startswith("-")]
-    command = " ".join(words[:2]) if words[:1] == ["evaluate"] else "".join(words[:1])
-    former = FORMER.get("view" if command == "replay" else command, {})
-    commands = dict(FORMER_COMMANDS)
-    if command == "learn" and OF_STORES & {argument.partition("=")[0] for argument in arguments}:
-        commands["learn"] = ("store", "learn")
+def with_commands_of_today(arguments: Sequence[str]) -> list[str]:
+    """The same arguments with today's name of a former command, and a warning; these go after the first release."""
+    words = list(arguments)
+    at, command = next(((i, word) for i, word in enumerate(words) if not word.startswith("-")), (0, ""))
+    now = FORMER_COMMANDS.get(command, ())
+    if command == "learn" and OF_STORES & {word.partition("=")[0] for word in words}:
+        now = ("store", "learn")
+    if now:
+        _warn(f"`dirprim {command}`", f"`dirprim {' '.join(now)}`")
+        words[at : at + 1] = now
+    return words
+
+
+def with_settings_of_today(arguments: Sequence[str], known: Iterable[str]) -> Iterator[str]:
+    """The same for the options of a command that has `known` ones."""
     rest = iter(arguments)
     for argument in rest:
         name, equals, value = argument.partition("=")
-        if argument == command in commands:
-            now = commands.pop(argument)
-            yield from now
-            _warn(f"`dirprim {argument}`", f"`dirprim {' '.join(now)}`")
-        elif name not in former:
+        if name in known or name not in FORMER or "--set" not in known:
             yield argument
-        else:
-            setting = former[name]
-            _warn(name, f"--set {setting}{'...' * setting.endswith('=')}")
-            yield from ("--set", setting + (value if equals else next(rest, "")) if setting[-1] == "=" else setting)
+            continue
+        setting = FORMER[name]
+        _warn(name, f"--set {setting}{'...' * setting.endswith('=')}")
+        yield from ("--set", setting + (value if equals else next(rest, "")) if setting[-1] == "=" else setting)
 
 
 def _warn(old: str, new: str) -> None:

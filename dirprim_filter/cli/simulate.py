@@ -45,7 +45,7 @@ def simulate(
     """
     import numpy as np
 
-    from dirprim_filter.cli.provenance import provenance
+    from dirprim_filter.cli.results import provenance
     from dirprim_filter.recording import write_tracks
     from dirprim_filter.recording.sensor_file import load_sensor
     from dirprim_filter.simulation.sensor import detect, sense

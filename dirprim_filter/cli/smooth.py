@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dirprim_filter.cli import losses
+from dirprim_filter.cli import exit_codes
 from dirprim_filter.cli.options import Force, Log, Map, Output, Particles, Seed
 from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.results import read_filter
@@ -48,7 +48,7 @@ def smooth(
     import numpy as np
 
     from dirprim_filter.cli.progress import working
-    from dirprim_filter.cli.provenance import provenance
+    from dirprim_filter.cli.results import provenance
     from dirprim_filter.detections import NO_ID, Detections
     from dirprim_filter.estimates import EstimateList
     from dirprim_filter.recording import load_map
@@ -84,7 +84,7 @@ def smooth(
     )
     if truth is not None:
         typer.echo(_scored(rows, output, truth, reading))
-    return losses.exit_code(stream.losses)
+    return exit_codes.of_losses(stream.losses)
 
 
 def _scored(before: Detections, output: Path, truth: Path, reading: Reading) -> str:

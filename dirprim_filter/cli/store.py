@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from dirprim_filter.cli import losses, store_maps
+from dirprim_filter.cli import exit_codes, store_maps
 from dirprim_filter.cli.help import register
 from dirprim_filter.cli.options import Scheduler, StoreFolder, StoreWorkers, Topics
 from dirprim_filter.cli.reading import TimeSource
@@ -77,8 +77,8 @@ def add(
         f"{added.known} known, {len(added.receipts) - len(done)} failed"
     )
     if len(done) < len(added.receipts):
-        return losses.FAILED
-    return losses.INPUT_LOST if any(receipt.is_damaged for receipt in done) else losses.DONE
+        return exit_codes.FAILED
+    return exit_codes.INPUT_LOST if any(receipt.is_damaged for receipt in done) else exit_codes.DONE
 
 
 def info(
@@ -121,7 +121,7 @@ def info(
                 for e in entries
             ),
         )
-    return losses.INPUT_LOST if contents.damaged else losses.DONE
+    return exit_codes.INPUT_LOST if contents.damaged else exit_codes.DONE
 
 
 def forget(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dirprim_filter.cli import losses
+from dirprim_filter.cli import exit_codes
 from dirprim_filter.cli.learn import CellCount, CellSize, HowModes, HowShaped, Learned, Modes, Shape, write_map
 from dirprim_filter.cli.options import (
     WRITTEN,
@@ -92,7 +92,7 @@ def from_store(
         for line in found.damaged:
             typer.echo(f"error: {line}", err=True)
         return Learned(
-            map=found.primitive_map, exit_code=losses.INPUT_LOST if found.damaged else losses.DONE,
+            map=found.primitive_map, exit_code=exit_codes.INPUT_LOST if found.damaged else exit_codes.DONE,
             counts=f"{counted(found.n_logs, 'log')}, {counted(found.n_rows, 'row')}; {found.n_fitted} of "
             f"{counted(found.n_blocks, 'block')} learned anew",
             said={
@@ -126,7 +126,7 @@ def update(
 
     Example: dirprim store update map.mcap fleet
     """
-    from dirprim_filter.cli.provenance import metadata_of
+    from dirprim_filter.cli.results import metadata_of
 
     said = metadata_of(map_file)
     if "sha256 store" not in said:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dirprim_filter.cli import losses
+from dirprim_filter.cli import exit_codes
 from dirprim_filter.cli.options import (
     Config,
     Connect,
@@ -113,7 +113,7 @@ def track(
     import numpy as np
 
     from dirprim_filter.cli.progress import with_progress
-    from dirprim_filter.cli.provenance import provenance
+    from dirprim_filter.cli.results import provenance
     from dirprim_filter.cli.view import exit_code, open_viewer
     from dirprim_filter.filtering import Tracker, Worlds
     from dirprim_filter.filtering.smoothing import Smoother
@@ -190,7 +190,7 @@ def track(
         if viewer is not None:
             viewer.log_run(said, {"frames": str(n_frames), "beliefs reinitialised": str(worlds.recoveries)})
     _say(worlds, f"{output}: {counted(n_frames, 'frame')} of {', '.join(sorted(stream.topics))}", coverage)
-    return exit_code(viewer, losses.INPUT_LOST if coverage.is_poor else losses.exit_code(stream.losses))
+    return exit_code(viewer, exit_codes.INPUT_LOST if coverage.is_poor else exit_codes.of_losses(stream.losses))
 
 
 class Coverage:

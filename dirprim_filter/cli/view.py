@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dirprim_filter.cli import losses
+from dirprim_filter.cli import exit_codes
 from dirprim_filter.cli.options import WRITTEN, Connect, Force, Save, Spawn
 from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.texts import counted, say
@@ -64,12 +64,12 @@ def view(
         if len(recordings) < len(files) or is_elsewhere:
             raise ValueError(f"{recordings[0]}: an .rrd opens beside other .rrd files alone, on a screen")
         spawn_viewer(recordings)
-        return losses.DONE
+        return exit_codes.DONE
     kinds = _sorted(files)
     if layout is not None:
         _write_layout(kinds[MAP], layout, force=force)
         if save is None and connect is None and not spawn:
-            return losses.DONE
+            return exit_codes.DONE
     playback, frames = (None, iter(())) if rate is None else _played(files, rate, reading)
     with open_viewer(
         " ".join(file.stem for file in files), save=save, spawn=spawn or not is_elsewhere, connect=connect,
@@ -83,7 +83,7 @@ def view(
                 viewer.write(frame)
                 n_frames += 1
             say(f"{files[0]}: {counted(n_frames, 'frame')} of {', '.join(sorted(playback.topics))}")
-    return exit_code(viewer, losses.DONE if playback is None else losses.exit_code(playback.losses))
+    return exit_code(viewer, exit_codes.DONE if playback is None else exit_codes.of_losses(playback.losses))
 
 
 def open_viewer(place: str, *, truth: Path | None = None, group: int | None = None, **options: Any) -> RerunSink:
@@ -106,7 +106,7 @@ def open_viewer(place: str, *, truth: Path | None = None, group: int | None = No
 
 def exit_code(viewer: RerunSink | None, otherwise: int) -> int:
     """1 where a viewer or its file was left, of which the log has said why; once it is closed."""
-    return losses.FAILED if viewer is not None and viewer.stream.failures else otherwise
+    return exit_codes.FAILED if viewer is not None and viewer.stream.failures else otherwise
 
 
 def _sorted(files: Sequence[Path]) -> dict[str, list[Path]]:

@@ -15,8 +15,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 from dirprim_filter import Tracks, read_tracks
 from dirprim_filter.arrays import BoolArray
-from dirprim_filter.cli.blind_demo import in_ring, with_blind_ring
-from dirprim_filter.cli.demo import recordings_folder
+from dirprim_filter.cli.demo import in_ring, recordings_folder, with_blind_ring
 from dirprim_filter.config import TrackingConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.recording.reader import stream_detections

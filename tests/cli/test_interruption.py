@@ -7,11 +7,11 @@ import pytest
 
 CALLBACK = """
 import ctypes, signal, sys, time
-from dirprim_filter.cli import interruption
+from dirprim_filter.cli import exit_codes
 
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
 if sys.argv[1] == "listen":
-    interruption.listen()
+    exit_codes.listen()
 number = getattr(signal, sys.argv[2])
 
 @ctypes.CFUNCTYPE(None)
@@ -24,7 +24,7 @@ try:
     time.sleep(0.5)
     print("swallowed")
 except KeyboardInterrupt:
-    print(interruption.exit_code())
+    print(exit_codes.of_interruption())
 """
 
 COMMAND = """

@@ -52,7 +52,7 @@ def test_the_long_commands_tell_of_their_steps(here):
     (here / "t.csv").write_text("time_s,track_id,x_m,y_m\n" + "".join(f"{t},a,{t},0\n" for t in range(9)))
     commands = {
         "convert t.csv -o t.mcap": r"9 of 9 instants",
-        f"learn log.mcap -o m {GRID}": r"how vehicles go on 4/4",
+        f"learn log.mcap -o m {GRID}": r"how vehicles go on",
         "recover t.mcap -o whole.mcap": r"(\d+) of \1 chunks",
         "replay log.mcap --rate inf --save r.rrd": r"(\d+\.\d) of \1 s of the log",
         "evaluate forecast log.mcap --folds 2 --horizon 1 --samples 20": r"8 of 8 fits",
@@ -67,5 +67,5 @@ def test_the_long_commands_tell_of_their_steps(here):
             report.progress(18, -0.625)
         with learning_progress() as report:
             report.tiles(3, 7)
-    assert "18, log density 0.625" in text_of(shown)
-    assert "4/4 3 of 7 tiles" in text_of(shown)
+    assert "18 cells, log density 0.625" in text_of(shown)
+    assert "3 of 7 tiles" in text_of(shown)

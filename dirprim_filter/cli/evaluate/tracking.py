@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dirprim_filter.cli.figures import figure_lines
 from dirprim_filter.cli.options import WRITTEN, Config, Force, Json, Logs, Plot, SensorFile, named_file
 from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.results import CONFIG_KEY, draw, read_experiment, report
 from dirprim_filter.cli.settings import Settings, deal
-from dirprim_filter.cli.texts import counted, number
+from dirprim_filter.cli.texts import counted, figure_lines, number
 
 if TYPE_CHECKING:
     from dirprim_filter.estimates import EstimateSink
@@ -65,7 +64,7 @@ def tracking(
     Example: dirprim evaluate tracking recordings/roundabout_learn.mcap --gap 3 --seeds 2
     """
     from dirprim_filter.cli.progress import step_progress
-    from dirprim_filter.cli.provenance import provenance
+    from dirprim_filter.cli.results import provenance
     from dirprim_filter.evaluation.experiment import evaluate_tracking
     from dirprim_filter.recording.writer import EstimateWriter
 

@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM end a command early: both close its outputs, and neither is lost.
+"""How a command ends: its exit code; and Ctrl-C and SIGTERM, which close its outputs, and neither of which is lost.
 
 Where compiled code calls back into Python, as the compiler does at each kernel it loads, Python prints and drops what
 the callback raises, a `KeyboardInterrupt` too. It is then raised again, until the command receives it.
@@ -15,8 +15,11 @@ from typing import TYPE_CHECKING, NoReturn
 if TYPE_CHECKING:
     from sys import UnraisableHookArgs
 
+    from dirprim_filter.recording.losses import Losses
+
+DONE, FAILED, INPUT_LOST = 0, 1, 3
 INTERRUPTED, TERMINATED = 130, 143
-"""Exit codes, as shells have them: 128 and the number of the signal."""
+"""As shells have them: 128 and the number of the signal."""
 AGAIN_AFTER_S = 0.05
 
 
@@ -44,7 +47,12 @@ def listen() -> None:
     sys.unraisablehook = repeat
 
 
-def exit_code() -> int:
+def of_losses(losses: Losses) -> int:
+    """3 where a part of the input, if one row, could not be read or used; the library's log has said what."""
+    return INPUT_LOST if losses.damage or losses.dropped else DONE
+
+
+def of_interruption() -> int:
     """What an interrupted command ends with."""
     return TERMINATED if Terminated.came else INTERRUPTED
 
