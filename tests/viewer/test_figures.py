@@ -10,20 +10,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection, PathCollection, PolyCollection
+from matplotlib.collections import LineCollection, PolyCollection
 
 from dirprim_filter.drawing import shapes
-from dirprim_filter.estimates import Estimates, TrackedFrame
 from dirprim_filter.primitives.cues import TURN_LEFT, TURN_RIGHT
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
 from dirprim_filter.viewer.charts import tracking_chart
 from dirprim_filter.viewer.figures import map_figure, place_figure, save_figure
+from dirprim_filter.viewer.figures.page import INK
 from dirprim_filter.viewer.figures.place import place_at
-from dirprim_filter.viewer.layers import INK
 from tessellation import GridTessellation
-
-ROLLOUTS = np.cumsum(np.full((6, 5, 2), 2.0), axis=1) + 20.0
 
 
 def test_the_map_shows_every_petal_with_north_up_and_equal_scales(
@@ -73,23 +70,6 @@ def test_a_vehicle_is_one_line_for_each_time_it_is_in_sight(scene_map: Primitive
     axes = map_figure(scene_map, tracks=tracks).axes[0]
     ways = [c for c in axes.collections if isinstance(c, LineCollection)][-1]
     assert sorted(len(path.vertices) for path in ways.get_paths()) == [2, 2, 3]
-
-
-def test_an_instant_shows_particles_of_the_vehicle_that_is_forecast_and_no_region_of_one_that_may_be_anywhere(
-    scene_map: PrimitiveMap, scene_tracks: Tracks, scene_frames: list[TrackedFrame]
-) -> None:
-    frame = scene_frames[2]
-    lost = replace(frame.estimates, unseen_s=np.array([9.0, 0.0]), covariance=np.stack([99.0 * np.eye(2), np.eye(2)]))
-    estimates = Estimates.concatenate([replace(frame, estimates=lost).estimates, frame.estimates])
-    figure = map_figure(
-        scene_map, tracks=scene_tracks, frame=replace(frame, estimates=lost), truth=scene_tracks,
-        estimates=estimates, forecasts={"8": ROLLOUTS},
-    )  # fmt: skip
-    cloud, shown = [c for c in figure.axes[0].collections if type(c) is PathCollection]
-    assert (cloud.get_offsets() == frame.particles.of(1).position).all()
-    assert (shown.get_offsets() == frame.estimates.position[1:]).all()
-    explained = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert explained[-4:] == ["forecast samples", "estimate, 90 % region", "detection", "true vehicle"]
 
 
 @pytest.mark.parametrize("name", ["map.png", "map.svg", "map.pdf"])
@@ -159,9 +139,9 @@ def test_the_posterior_moves_towards_the_signal(scene_map: PrimitiveMap) -> None
 
 
 def test_the_place_left_out_is_where_most_goes_different_ways(scene_map: PrimitiveMap) -> None:
-    assert place_at(scene_map, None, None, None).cell == 1
+    assert place_at(scene_map, None, None).cell == 1
     one_way = replace(scene_map, n_rows=np.array([10_000, 0, 0, 10_000]))
-    assert place_at(one_way, None, TURN_LEFT, None).cell == 0
+    assert place_at(one_way, None, None).cell == 0
     nothing = replace(scene_map, n_rows=np.zeros(4, np.int64))
     for of, position, said in (
         (scene_map, OUTSIDE, r"expected a place in a cell, got \(500, -3\) m, outside of all 3"),

@@ -1,4 +1,7 @@
-"""The map, petals by speed, and closer where most happens."""
+"""The map, petals by speed, and closer where most happens.
+
+Sizes that mean something are in metres, so that they hold at every scale; line widths are in points.
+"""
 
 from __future__ import annotations
 
@@ -8,27 +11,19 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import EllipseCollection, LineCollection, PolyCollection
+from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from dirprim_filter.arrays import FloatArray
+from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.drawing import shapes
-from dirprim_filter.estimates import Estimates, TrackedFrame
+from dirprim_filter.drawing.colors import speed_color
+from dirprim_filter.estimates import Estimates
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
-from dirprim_filter.viewer.figures.page import SMALL, color_bar, dress_map, mark_close_up, new_figure
-from dirprim_filter.viewer.layers import (
-    CELL_GREY,
-    FOCUS_COLOR,
-    INK,
-    OTHER_COLOR,
-    TRACK_GREY,
-    draw_estimates,
-    draw_forecast,
-    draw_frame,
-    draw_map,
-    draw_tracks,
-)
+from dirprim_filter.viewer.figures.page import FOCUS_COLOR, INK, SMALL, color_bar, dress_map, mark_close_up, new_figure
 
 Forecasts = Mapping[str, FloatArray]
 """Rollouts by track id, (n_samples, n_steps, 2) metres each."""
@@ -43,17 +38,23 @@ LARGEST_CLOSE_UP = 0.6
 """A close-up spans no more than this share of the whole."""
 KEY_WIDTH = 1.6
 """Inches, of an entry below the maps."""
-FADED = 0.35
-"""Opacity of the roses under vehicles."""
+MAX_GAP_S = 2.0
+"""A vehicle unseen for longer is drawn as two lines."""
+ROOT_DIAMETER = 0.12
+"""Of the dot at a rose's root, as a share of its reach: it shows which way the petals point."""
+DISC_OPACITY = 0.4
+"""Of standing vehicles: they must not hide those that go."""
+FEW_VEHICLES = 12
+"""Of more, lines are thin: they would hide the map."""
+CELL_GREY, TRACK_GREY, ESTIMATES_COLOR = "0.87", "0.45", "#0072B2"
+TRACKS_OPACITY, FAINTEST_TRACK, BOLDEST_TRACK = 60.0, 0.15, 0.7
+"""Of all tracks together where they lie over each other, and the limits of each one's."""
 KEY: Mapping[str, dict[str, Any]] = {
     "cells": {"color": CELL_GREY, "linewidth": 0.8},
     "roots, where petals start": {"color": INK, "marker": "o", "markersize": 3, "linestyle": "none"},
     "tracks": {"color": TRACK_GREY, "linewidth": 0.5},
-    "estimates, thin: coasting": {"color": OTHER_COLOR, "linewidth": 1.6},
+    "estimates, thin: coasting": {"color": ESTIMATES_COLOR, "linewidth": 1.6},
     "forecast samples": {"color": FOCUS_COLOR, "linewidth": 0.7},
-    "estimate, 90 % region": {"color": OTHER_COLOR, "marker": "o", "markersize": 4, "linewidth": 1.4},
-    "detection": {"color": INK, "marker": "x", "markersize": 4, "linestyle": "none"},
-    "true vehicle": {"color": INK, "linewidth": 0.9},
 }
 
 
@@ -63,8 +64,6 @@ def map_figure(
     tracks: Tracks | None = None,
     estimates: Estimates | None = None,
     forecasts: Forecasts | None = None,
-    frame: TrackedFrame | None = None,
-    truth: Tracks | None = None,
     extent: FloatArray | None = None,
     width: float | None = None,
 ) -> Figure:
@@ -78,8 +77,6 @@ def map_figure(
         tracks: what it was learned from, as thin lines underneath.
         estimates: tracked vehicles, as lines.
         forecasts: sampled rollouts.
-        frame: vehicles at one instant; the roses fade.
-        truth: where they truly were.
         extent: (2, 2) metres, the south-west and the north-east corner to show. Default: 99 % of the traffic.
         width: inches, of the figure.
     """
@@ -90,18 +87,15 @@ def map_figure(
         near = box.mean(axis=0) + 0.5 * np.ptp(box, axis=0).max() * np.array([[-1.0], [1.0]])
     if extent is None and np.ptp(near, axis=0).max() <= LARGEST_CLOSE_UP * np.ptp(boxes[0], axis=0).max():
         boxes.append(near)
-    forecast = frozenset(forecasts or ())
     figure, panels = _page(boxes, width)
     for axes, box in zip(panels, boxes, strict=True):
-        colors = draw_map(axes, primitives, opacity=1.0 if frame is None else FADED)
+        colors = _draw_map(axes, primitives)
         if tracks is not None:
-            draw_tracks(axes, tracks)
+            _draw_tracks(axes, tracks)
         if estimates is not None:
-            draw_estimates(axes, estimates, forecast)
+            _draw_estimates(axes, estimates)
         for paths in (forecasts or {}).values():
-            draw_forecast(axes, paths, FOCUS_COLOR, opacity=0.4)
-        if frame is not None:
-            draw_frame(axes, frame, truth, forecast)
+            _draw_forecast(axes, paths)
         dress_map(axes, box)
     if len(panels) > 1:
         dress_map(panels[0], boxes[0], "(a)  Overview")
@@ -109,16 +103,7 @@ def map_figure(
         panels[1].set_ylabel("")
         mark_close_up(panels[0], boxes[1], "b")
     color_bar(figure, colors, panels, "mean speed [m/s]")
-    has_truth = frame is not None and truth is not None
-    shown = (
-        True,
-        True,
-        tracks is not None,
-        estimates is not None,
-        bool(forecasts),
-        *[frame is not None] * 2,
-        has_truth,
-    )
+    shown = (True, True, tracks is not None, estimates is not None, bool(forecasts))
     lines = [Line2D([], [], label=name, **style) for name, style in compress(KEY.items(), shown)]
     n_rows = -(-len(lines) // max(int(figure.get_figwidth() / KEY_WIDTH), 2))
     columns = -(-len(lines) // n_rows)
@@ -135,3 +120,58 @@ def _page(boxes: list[FloatArray], width: float | None) -> tuple[Figure, list[Ax
         across, height = (TALLEST - AROUND[1]) * sum(shape) + AROUND[0], TALLEST
     figure = new_figure(across, height)
     return figure, list(figure.subplots(1, len(boxes), width_ratios=shape, squeeze=False)[0])
+
+
+def _draw_map(axes: Axes, primitives: PrimitiveMap) -> ScalarMappable:
+    """Cells and roses; -> the colours of speed, for a colour bar."""
+    petals = shapes.rose_petals(primitives)
+    fastest = shapes.fastest_speed(petals)
+    outlines = shapes.cell_outlines(primitives.tessellation)
+    axes.add_collection(LineCollection(outlines, colors=CELL_GREY, linewidths=0.4, zorder=1))
+    color = shapes.petal_colors(petals, fastest=fastest)[:, 1] / 255.0
+    color[:, 3] = np.where(petals.is_disc, DISC_OPACITY, 1.0)
+    axes.add_collection(PolyCollection(list(petals.polygon), facecolors=color, linewidths=0, zorder=3))
+    _, first = np.unique(petals.cell, return_index=True)
+    width = ROOT_DIAMETER * petals.reach[first]
+    axes.add_collection(
+        EllipseCollection(
+            width, width, np.zeros_like(width), offsets=petals.polygon[first, 0], offset_transform=axes.transData,
+            units="xy", facecolors=INK, linewidths=0, zorder=4,
+        )
+    )  # fmt: skip
+    steps = speed_color(np.linspace(0.0, 1.0, 256), fastest=1.0) / 255.0
+    return ScalarMappable(Normalize(0.0, fastest), ListedColormap(steps))
+
+
+def _draw_tracks(axes: Axes, tracks: Tracks) -> None:
+    """Observed motion, as thin lines under the roses, fainter the more there are."""
+    paths = _paths(tracks.vehicle, tracks.time_ns, tracks.position)
+    opacity = float(np.clip(TRACKS_OPACITY / max(len(paths), 1), FAINTEST_TRACK, BOLDEST_TRACK))
+    axes.add_collection(LineCollection(paths, colors=TRACK_GREY, linewidths=0.6, alpha=opacity, zorder=2))
+
+
+def _draw_estimates(axes: Axes, estimates: Estimates) -> None:
+    """The path of each vehicle; thin and faint where it coasts."""
+    usual = 1.6 if np.unique(estimates.track_id).size <= FEW_VEHICLES else 0.8
+    for coasts, width, opacity in ((False, usual, 1.0), (True, 0.3 * usual, 0.6)):
+        own = estimates[estimates.is_coasting == coasts]
+        axes.add_collection(
+            LineCollection(
+                _paths(own.track_id, own.time_ns, own.position), colors=ESTIMATES_COLOR, linewidths=width,
+                alpha=opacity, capstyle="round", zorder=6,
+            )
+        )  # fmt: skip
+
+
+def _draw_forecast(axes: Axes, paths: FloatArray) -> None:
+    """Rollouts of one vehicle, (n_samples, n_steps, 2) metres, as thin lines with a dot at their ends."""
+    axes.add_collection(LineCollection(list(paths), colors=FOCUS_COLOR, linewidths=0.7, alpha=0.4, zorder=5))
+    axes.plot(*paths[:, -1].T, ".", color=FOCUS_COLOR, markersize=3.5, alpha=0.8, markeredgewidth=0, zorder=5)
+
+
+def _paths(track_id: AnyArray, time_ns: IntArray, position: FloatArray) -> list[FloatArray]:
+    """The line of each vehicle, split where it was unseen for longer than `MAX_GAP_S`."""
+    _, vehicle = np.unique(track_id, return_inverse=True)
+    order = np.lexsort((time_ns, vehicle))
+    gap = np.diff(time_ns[order]) > MAX_GAP_S * 1e9
+    return np.split(position[order], np.flatnonzero(gap | (np.diff(vehicle[order]) != 0)) + 1)

@@ -23,8 +23,10 @@ SMALL, NORMAL, LARGE = 8, 9, 10
 """Points: numbers at ticks and keys, labels, titles."""
 PAD = 0.1
 """Inches around all that is drawn."""
-FAINT = "0.6"
-"""Of frames and ticks."""
+FAINT, INK = "0.6", "0.15"
+"""Of frames and ticks; of what is drawn."""
+FOCUS_COLOR = "#D55E00"
+"""Of Okabe and Ito (2008): what a figure is about."""
 
 
 def new_figure(width: float, height: float) -> Figure:

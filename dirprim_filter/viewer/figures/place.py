@@ -21,12 +21,10 @@ from dirprim_filter.distributions.product import multiply_mixtures
 from dirprim_filter.drawing import shapes
 from dirprim_filter.drawing.colors import direction_color
 from dirprim_filter.drawing.shapes import STANDING_SPEED
-from dirprim_filter.evaluation.turn_signal import clearest_choice
 from dirprim_filter.primitives.cues import Cue
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
-from dirprim_filter.viewer.figures.page import FAINT, NORMAL, SMALL, dress, new_figure
-from dirprim_filter.viewer.layers import FOCUS_COLOR, INK
+from dirprim_filter.viewer.figures.page import FAINT, FOCUS_COLOR, INK, NORMAL, SMALL, dress, new_figure
 from tessellation import OUTSIDE
 from tessellation.anchors import anchors
 
@@ -57,45 +55,33 @@ class Place(NamedTuple):
     shown: list[int]
 
 
-def place_at(primitives: PrimitiveMap, position: npt.ArrayLike | None, cue: Cue | None, heading: float | None) -> Place:
-    """The place at a position (2,), metres; what is left out is taken where going on and turning are usual.
-
-    Without a cue, or where no vehicle turns, it is the cell where most goes different ways, and the usual heading.
+def place_at(primitives: PrimitiveMap, position: npt.ArrayLike | None, heading: float | None) -> Place:
+    """The place at a position (2,), metres; left out, where most goes different ways, and the usual heading there.
 
     Raises:
         ValueError: no cell is there, or none holds data.
     """
-    cells, mean = primitives.tessellation, primitives.direction.mean_direction[:-1].copy()
-    weight = np.zeros_like(mean)
-    weight[:, : primitives.n_own_modes] = primitives.own_weight
-    moving = weight * (primitives.speed.mean[:-1] >= STANDING_SPEED)
-    rows = primitives.n_rows[:-1, None] * moving
+    cells, own = primitives.tessellation, primitives.n_own_modes
     if position is None:
         if not (primitives.n_rows[:-1] > 0).any():
             raise ValueError("map: expected a cell that holds data, got none; learn it from a log with vehicles")
-    else:
-        place = np.asarray(position, dtype=np.float64)
-        cell = int(cells.cell_of(place))
-        if cell == OUTSIDE:
-            (west, south), (east, north) = shapes.map_extent(primitives)
-            raise ValueError(
-                f"position: expected a place in a cell, got ({place[0]:g}, {place[1]:g}) m, outside of all "
-                f"{cells.n_cells}; they lie between ({west:.0f}, {south:.0f}) and ({east:.0f}, {north:.0f}) m"
-            )
-        mean[cell] = primitives.primitive_at(place).direction.mean_direction
-        rows[np.arange(cells.n_cells) != cell] = 0.0
-    choice = clearest_choice(mean, rows, float(np.asarray(cue.turn)[0])) if cue is not None and rows.any() else None
-    if choice is not None and choice.weight == 0:
-        choice = None
-    if position is None:
-        spread = rows.sum(axis=-1) - np.abs((rows * np.exp(1j * mean)).sum(axis=-1))
-        cell = int(np.argmax(spread)) if choice is None else choice.place
-        place = anchors(cells)[cell]
-    if heading is None:
-        heading = float(mean[cell, np.argmax(rows[cell])]) if choice is None else choice.heading
+        moves = primitives.speed.mean[:-1, :own] >= STANDING_SPEED
+        rows = primitives.n_rows[:-1, None] * primitives.own_weight * moves
+        toward = np.exp(1j * primitives.direction.mean_direction[:-1, :own])
+        position = anchors(cells)[np.argmax(rows.sum(axis=-1) - np.abs((rows * toward).sum(axis=-1)))]
+    place = np.asarray(position, dtype=np.float64)
+    cell = int(cells.cell_of(place))
+    if cell == OUTSIDE:
+        (west, south), (east, north) = shapes.map_extent(primitives)
+        raise ValueError(
+            f"position: expected a place in a cell, got ({place[0]:g}, {place[1]:g}) m, outside of all "
+            f"{cells.n_cells}; they lie between ({west:.0f}, {south:.0f}) and ({east:.0f}, {north:.0f}) m"
+        )
     here = primitives.primitive_at(place)
-    often = here.direction.weight * (moving[cell] > 0)
+    often = here.direction.weight * (here.speed.mean >= STANDING_SPEED) * (np.arange(here.speed.mean.size) < own)
     shown = [int(mode) for mode in np.argsort(-often, kind="stable") if often[mode] >= LEAST_WEIGHT]
+    if heading is None:
+        heading = float(here.direction.mean_direction[np.argmax(often)])
     return Place(cell, place, heading, here.direction, here.speed, shown)
 
 
@@ -110,12 +96,12 @@ def place_figure(
         position: (2,) metres; left out: where going different ways is most usual.
         tracks: rows in the same cell, drawn as histograms.
         cue: a turn signal, drawn with its product with the prior (the paper's Fig. 8).
-        heading: radians, of the vehicle that signals; left out, one from which turning and going on are usual.
+        heading: radians, of the vehicle that signals; left out, the usual one.
 
     Raises:
         ValueError: no cell covers the position.
     """
-    place = place_at(primitives, position, cue, heading)
+    place = place_at(primitives, position, heading)
     rows = None if tracks is None else tracks[primitives.tessellation.cell_of(tracks.position) == place.cell]
     curves: list[tuple[str, VonMisesMixture, dict[str, Any]]] = [
         ("p(direction) and p(speed) at the place", place.direction, {"color": INK, "linewidth": 1.2})
