@@ -11,10 +11,10 @@ from functools import cache
 from importlib import metadata as installed
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
-from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.message import Message
+from mcap_protobuf.schema import build_file_descriptor_set
 
 from dirprim_filter.partial_file import PartialFile
 from dirprim_filter.recording.container.mcap_writer import McapWriter, uninterrupted
@@ -33,19 +33,6 @@ def producer_version() -> str:
         return installed.version(PRODUCER)
     except installed.PackageNotFoundError:
         return "not installed"
-
-
-class SdkMessage(Protocol):
-    """A message of `foxglove.messages`."""
-
-    def encode(self) -> bytes:
-        """Its bytes."""
-        ...
-
-    @staticmethod
-    def get_schema() -> Any:
-        """Its name, encoding and data."""
-        ...
 
 
 class LogWriter:
@@ -111,15 +98,14 @@ class LogWriter:
                         self._writer.finish()
                 self._opened.__exit__(kind, error, trace)
 
-    def write(self, topic: str, message: Message | SdkMessage, time_ns: int) -> None:
-        """Append a message; log time and publish time are `time_ns`.
+    def write(self, topic: str, message: Any, time_ns: int) -> None:
+        """Append a message of protobuf or of `foxglove.messages`; log time and publish time are `time_ns`.
 
         Raises:
             ValueError: a time that MCAP or the messages of Foxglove cannot hold.
         """
         data = message.SerializeToString() if isinstance(message, Message) else message.encode()
-        kind: Any = type(message)
-        self.write_encoded(topic, schema_of(kind), data, time_ns)
+        self.write_encoded(topic, schema_of(type(message)), data, time_ns)
 
     def write_encoded(self, topic: str, schema: Schema, data: bytes, time_ns: int) -> None:
         """Append a message of this schema that is encoded already.
@@ -171,7 +157,5 @@ def schema_of(kind: Any) -> Schema:
     if not issubclass(kind, Message):
         said = kind.get_schema()
         return Schema(name=said.name, encoding=said.encoding, data=said.data)
-    files, own = FileDescriptorSet(), kind.DESCRIPTOR.file
-    for file in (*own.dependencies, own):  # those depend on none
-        file.CopyToProto(files.file.add())
-    return Schema(name=kind.DESCRIPTOR.full_name, encoding="protobuf", data=files.SerializeToString())
+    definition = build_file_descriptor_set(kind).SerializeToString()
+    return Schema(name=kind.DESCRIPTOR.full_name, encoding="protobuf", data=definition)

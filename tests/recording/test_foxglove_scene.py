@@ -270,15 +270,3 @@ def test_of_vehicles_that_are_out_of_sight_no_forecast_is_drawn(tmp_path):
         log.write_forecast(Forecasts.of(STEP, ["a", "b", "c", "d"], np.zeros((4, 2)), paths))
     (message,) = messages(tmp_path / "a.mcap", "/dirprim/forecast")
     assert [entity.id for entity in SceneUpdate.FromString(message.data).entities] == ["a", "d"]
-
-
-def test_what_was_reported_is_drawn_beside_the_estimates(tmp_path):
-    frame = moved(a_frame(STEP), FAR)
-    with EstimateWriter(tmp_path / "a.mcap", metadata={}) as log:
-        log.write(frame)
-    (message,) = messages(tmp_path / "a.mcap", "/dirprim/detections")
-    cloud = PointCloud.FromString(message.data)
-    points = np.frombuffer(cloud.data, "<f4").reshape(-1, 2)
-    assert len(points) == len(frame.detections)
-    spread = points - points[0]
-    np.testing.assert_allclose(spread, frame.detections.position - frame.detections.position[0], atol=1e-3)

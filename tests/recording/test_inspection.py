@@ -129,13 +129,6 @@ def test_info_decodes_a_chunk_of_any_size_in_pieces(tmp_path, monkeypatch):
     assert sum(sizes) == 300 * update.ByteSize()
 
 
-def test_the_index_knows_no_span_of_some_topics(log):
-    path = log(log_bytes([("/a", 0, bytes(100)), ("/b", 7, b"")]))
-    assert (summarise_by_index(path, from_bytes=0).start_ns, summarise_by_index(path, from_bytes=0).end_ns) == (0, 7)
-    some = summarise_by_index(path, topics="/b", from_bytes=0)
-    assert (some.messages, some.start_ns, some.end_ns) == (1, None, None)
-
-
 def test_what_info_does_not_need_it_does_not_import():
     code = (
         "import sys; from dirprim_filter.cli.main import run;"

@@ -8,7 +8,6 @@ import pytest
 from dirprim_filter.columns import is_held
 from dirprim_filter.detections import Detections
 from dirprim_filter.recording import read_tracks, write_tracks
-from dirprim_filter.recording.reader import stream_detections
 from dirprim_filter.tracks import Tracks
 
 COLUMNS = ("track_id", "time_ns", "position", "direction", "speed", "group", "heading")
@@ -40,13 +39,3 @@ def test_tracks_read_back_equal(tmp_path, vehicles):
         np.testing.assert_array_equal(getattr(back, name), getattr(tracks, name), err_msg=name)
     write_tracks(replace(tracks, heading=[]), tmp_path / "b.mcap")
     assert not is_held(read_tracks(tmp_path / "b.mcap").heading)
-
-
-def test_detections_read_back_frame_by_frame(tmp_path):
-    tracks = crossing(["a", "b", "c"])
-    sent = Detections(track_id=tracks.track_id, time_ns=tracks.time_ns + 1_000_000, position=tracks.position + 0.1)
-    write_tracks(tracks, tmp_path / "a.mcap", detections=sent)
-    frames = zip(stream_detections(tmp_path / "a.mcap", topics="/detections"), sent.frames(), strict=True)
-    for back, frame in frames:
-        for name in ("track_id", "time_ns", "position"):
-            np.testing.assert_array_equal(getattr(back, name), getattr(frame, name), err_msg=name)

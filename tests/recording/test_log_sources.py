@@ -14,7 +14,7 @@ import pytest
 from mcap.writer import CompressionType, Writer
 from mcap_files import log_bytes
 
-from dirprim_filter import load_map, read_estimates, read_tracks, save_map, write_tracks
+from dirprim_filter import read_estimates, read_tracks, save_map, write_tracks
 from dirprim_filter.cli.main import run
 from dirprim_filter.detections import Detections
 from dirprim_filter.recording.container import log_file, message_columns, source
@@ -183,27 +183,6 @@ print((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) // 1024)
         (tmp_path / f"{name}.mcap").write_bytes(log_bytes(sent))
     arguments = [sys.executable, "-c", code, tmp_path / "few.mcap", tmp_path / "many.mcap"]
     assert int(subprocess.run(arguments, capture_output=True, text=True, check=True).stdout) < 70
-
-
-def test_learn_and_track_read_pipes_and_urls(tmp_path, ring, monkeypatch):
-    fsspec = pytest.importorskip("fsspec", reason="reading URLs needs fsspec")
-    write_tracks(ring[ring.track_id < 6], tmp_path / "ring.mcap")
-    data = (tmp_path / "ring.mcap").read_bytes()
-    with fsspec.open("memory://folder/ring.mcap", "wb") as file:
-        file.write(data)
-    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(data)))
-    maps, outs = [], []
-    for name, log in (("file", tmp_path / "ring.mcap"), ("url", "memory://folder/ring.mcap"), ("pipe", "-")):
-        learned, out = tmp_path / f"{name}.map", tmp_path / f"{name}.out"
-        assert run(["learn", str(log), "-o", str(learned), "--tessellation", "grid", "--cell-size", "8"]) == 0
-        assert (
-            run(["track", str(log), "--map", str(learned), "-o", str(out), "--particles", "20", "--noise", "0.5"]) == 0
-        )
-        maps.append(load_map(learned).direction.mean_direction)
-        outs.append(read_estimates(out).position)
-    for same in (maps, outs):
-        np.testing.assert_array_equal(same[1], same[0])
-        np.testing.assert_array_equal(same[2], same[0])
 
 
 def test_a_copy_that_finds_no_room_blames_the_disk_and_not_the_pipe(tmp_path, monkeypatch):

@@ -12,7 +12,7 @@ import pytest
 
 from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.primitives.leader import LeaderResponse
-from dirprim_filter.primitives.motion import AMOUNTS, FLOATS, Motion
+from dirprim_filter.primitives.motion import FLOATS, Motion
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording import load_map, save_map, topic_names
 from dirprim_filter.recording.container.records import Schema
@@ -212,45 +212,30 @@ def column(table, name, made):
 
 TILE = [
     (number("version", 5), "an older version, 5"),
-    (number("version", 7), "a newer version, 7"),
     (number("version", "6"), "version: expected a whole number, got '6'"),
     (number("n_tiles", 2**62), "expected tiles 0 to 4611686018427387903, got 1"),
     (number("kind", "hexagons"), "kind: expected grid or voronoi"),
     (number("n_x", 2**40), "squares, more than"),
-    (number("cell_size", 5e-324), "cell_size: expected a positive"),
     (number("origin_x", -1e300), "origin: expected places within"),
     (number("n_background_modes", 9), "n_background_modes: expected 0 to 3"),
-    *((number("background_visits", value), "background_visits: expected a positive") for value in (0.0, -1.0, np.nan)),
+    (number("background_visits", np.nan), "background_visits: expected a positive"),
     (without("background"), "background.weight: expected float64, got none"),
-    (without("cell", "weight"), "cell.weight: expected float64, got none"),
     (without("manoeuvre", "push"), "manoeuvre.push: expected float64, got none"),
     (column("square", "number", lambda of: of.astype(np.float64)), "square.number: expected int64"),
     (column("cell", "rate", lambda of: of[:, :2]), "background.rate: expected rows as wide as others"),
-    (column("cell", "bend", lambda of: of[:, :3]), "background.bend: expected rows as wide as others"),
-    (column("manoeuvre", "path", lambda of: of[:, :2]), "manoeuvre.path: expected rows as wide as others"),
     (cell("cell", "weight", 0, 0.9), "expected to sum to one"),
     (cell("cell", "rate", 0, np.nan), "rate: expected finite"),
-    (cell("cell", "shape", 0, -1.0), "shape, rate: expected positive"),
-    (cell("cell", "bend", 0, np.inf), "bend: expected finite"),
     (cell("square", "number", -1, 2**62), "square: expected numbers"),
-    *((cell("manoeuvre", name, 2, value), "expected finite")
-      for name in ("course", "bend", "path", "acceleration") for value in (np.nan, -np.inf)),
-    *((cell("manoeuvre", name, 2, -1.0), f"{name}: expected no negative") for name in AMOUNTS if name != "count"),
+    (cell("manoeuvre", "path", 2, -np.inf), "expected finite"),
+    (cell("manoeuvre", "push", 2, -1.0), "push: expected no negative"),
     (cell("transition", "count", 2, -1.0), "count: expected no negative"),
-    (cell("background_manoeuvre", "cell", -1, 3), "expected cells in ascending order"),
-    (cell("manoeuvre", "cell", 0, -1), "expected"),
     (cell("background_manoeuvre", "cell", -1, -2), "expected cells in ascending order"),
-    *((cell("manoeuvre", "cell", 19, value), "expected manoeuvres of 10 cells and 3 modes") for value in (10, 2**62)),
-    *((cell("manoeuvre", "mode", 0, value), "expected manoeuvres of 10 cells and 3 modes") for value in (3, -1)),
-    *((cell("manoeuvre", "n_following", 0, value), "n_following: expected numbers that sum to")
-      for value in (2**62, -(2**63), 99)),
-    *((cell("transition", "following", 0, value), "expected transitions to manoeuvres 0 to 22") for value in (23, -1)),
-]  # fmt: skip
+    (cell("manoeuvre", "cell", 19, 2**62), "expected manoeuvres of 10 cells and 3 modes"),
+    (cell("manoeuvre", "mode", 0, -1), "expected manoeuvres of 10 cells and 3 modes"),
+    (cell("manoeuvre", "n_following", 0, -(2**63)), "n_following: expected numbers that sum to"),
+    (cell("transition", "following", 0, 23), "expected transitions to manoeuvres 0 to 22"),
+]  # map_mutations.py has them by the thousand, with checks of bounds
 GENERATORS = [
-    (
-        lambda _, tables: cell("cell", "place", 3, tables["cell"]["place"][7])(_, tables),
-        "generators: expected each once",
-    ),
     (cell("cell", "place", 0, np.inf), "generators: expected finite"),
     (lambda _, tables: tables["cell"].update(place=1e300 + 1e290 * tables["cell"]["place"]), "places within 1e.09 m"),
 ]

@@ -95,23 +95,6 @@ def test_the_stream_gives_the_same_rows_as_the_tracks():
     assert stream.losses.dropped == {}
 
 
-def test_velocity_is_differenced_where_a_scene_tells_none(tmp_path):
-    path = write_protobuf_log(tmp_path / "log.mcap", circling())
-    tracks = read_tracks(path, time_source="log")
-    inner = slice(5, -5)
-    assert tracks.track_id.tolist() == [7] * 40
-    np.testing.assert_allclose(tracks.speed[inner], 20.0 * 0.5, rtol=5e-3)
-    tangent = np.arctan2(tracks.position[:, 1], tracks.position[:, 0]) + np.pi / 2
-    np.testing.assert_allclose(np.cos(tracks.direction - tangent)[inner], 1.0, atol=1e-6)
-
-
-def test_entities_without_a_cube_are_no_objects(tmp_path):
-    messages = circling(n=5)
-    for _, _, update in messages:
-        update.entities.add(id="lane").lines.add()
-    assert read_tracks(write_protobuf_log(tmp_path / "log.mcap", messages)).n_tracks == 1
-
-
 def test_bad_rows_and_messages_are_counted_and_cost_no_others(tmp_path, caplog):
     messages = circling(n=10)
     messages[4][2].entities.add(id="8").cubes.add().pose.position.x = float("nan")
@@ -243,22 +226,6 @@ def test_a_log_without_objects_says_what_it_has_and_what_was_looked_for(tmp_path
         read_estimates(path)
     with pytest.raises(ValueError, match="regular expression"):
         read_tracks(path, topics="(")
-
-
-def test_an_osi_schema_that_is_no_descriptor_set_costs_its_messages(tmp_path):
-    from mcap.writer import Writer
-
-    path = tmp_path / "log.mcap"
-    with path.open("wb") as file:
-        writer = Writer(file)
-        writer.start()
-        schema = writer.register_schema("osi3.GroundTruth", "protobuf", b"\xff\xff\xff")
-        writer.add_message(writer.register_channel("/truth", "protobuf", schema), 1, b"", 1)
-        writer.finish()
-    with pytest.raises(NoTracksError, match="/truth"):
-        read_tracks(path)
-    with pytest.raises(DecodeError, match="FileDescriptorSet"):
-        read_tracks(path, topics="/truth", strict=True)
 
 
 def test_reading_osi_leaves_the_default_descriptor_pool_alone():

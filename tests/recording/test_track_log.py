@@ -5,41 +5,14 @@ from collections import defaultdict
 
 import numpy as np
 import pytest
-from google.protobuf.message import DecodeError
 from mcap.reader import make_reader
-from mcap_files import columns_of
-from mcap_protobuf.schema import build_file_descriptor_set
 
 from dirprim_filter.detections import Detections
-from dirprim_filter.recording.container.records import Channel, Schema
 from dirprim_filter.recording.foxglove.elements import scene_transform
 from dirprim_filter.recording.log_writer import LogWriter
 from dirprim_filter.recording.scan import scan
-from dirprim_filter.recording.schemas import dirprim_pb2
-from dirprim_filter.recording.schemas.decoders import Decoders
-from dirprim_filter.recording.schemas.dirprim import encode_observations
 from dirprim_filter.recording.writer import write_tracks
 from dirprim_filter.tracks import Tracks
-
-OBSERVATIONS = Channel(
-    topic="/objects",
-    message_encoding="protobuf",
-    schema=Schema(
-        name="dirprim.Observations",
-        encoding="protobuf",
-        data=build_file_descriptor_set(dirprim_pb2.Observations).SerializeToString(),
-    ),
-    metadata=(),
-)
-DECODERS = Decoders()
-
-
-def decode_observations(data):
-    rows, failures = DECODERS.rows(columns_of(OBSERVATIONS, [data]))
-    if failures:
-        raise DecodeError(failures[0])
-    return rows
-
 
 COLUMNS = ("track_id", "time_ns", "position", "direction", "speed", "group")
 
@@ -83,23 +56,6 @@ def test_every_instant_is_a_message(tmp_path):
     for messages in found.values():
         assert [m.log_time for _, m in messages] == np.unique(tracks.time_ns).tolist()
         assert [m.sequence for _, m in messages] == list(range(30))
-
-
-def test_detections_tell_positions_alone(tmp_path):
-    tracks = some_tracks()
-    later = Detections(
-        track_id=tracks.track_id[::-1],
-        time_ns=tracks.time_ns[::-1] + 50_000_000,
-        position=tracks.position[::-1],
-    )
-    write_tracks(tracks, tmp_path / "a.mcap", detections=later)
-    with (tmp_path / "a.mcap").open("rb") as file:
-        written = [m.log_time for _, _, m in make_reader(file).iter_messages(log_time_order=False)]
-    assert written == sorted(written)
-    _, message = messages_by_topic(tmp_path / "a.mcap")["/detections"][0]
-    frame = decode_observations(message.data)
-    assert np.isnan(frame.direction).all()
-    assert np.isnan(frame.speed).all()
 
 
 def test_the_metadata_record_names_producer_and_source(tmp_path):
@@ -174,17 +130,3 @@ def test_after_a_kill_all_but_the_last_chunk_is_in_the_partial_file(tmp_path):
         assert [m.log_time_ns for m in left] == list(range(0, 9_900_000_000, 100_000_000))
         assert left.damage
         left.close()
-
-
-def test_columns_of_unlike_lengths_are_refused():
-    tracks = some_tracks()
-    message = encode_observations(tracks, np.arange(4), 0)
-    decode_observations(message.SerializeToString())
-    for name in ("x", "y", "direction", "speed", "group"):
-        short = dirprim_pb2.Observations()
-        short.CopyFrom(message)
-        getattr(short, name).pop()
-        with pytest.raises(DecodeError, match="expected as many as of"):
-            decode_observations(short.SerializeToString())
-    with pytest.raises(DecodeError, match="beyond the message"):
-        decode_observations(message.SerializeToString()[:-3])

@@ -261,14 +261,6 @@ def test_a_log_in_one_frame_without_transforms_is_left_alone(tmp_path):
     assert read_tracks(path, frame="map").position.tolist() == [[k, 2.0 * k] for k in range(5)]
 
 
-def test_transforms_themselves_are_objects_where_named(tmp_path):
-    path = write_ros(tmp_path / "log.mcap", [("map", [carla(k, 1)]) for k in range(N)])
-    tracks = read_tracks(path, topics="/tf", frame="map")
-    place = np.array([(homogeneous(*MAP_TO_ODOM) @ homogeneous(*ego(k * 0.1 + 0.05)))[:2, 3] for k in range(-1, N + 1)])
-    assert set(tracks.track_id) == {"base_link"}
-    np.testing.assert_allclose(tracks.position, place, atol=1e-9)
-
-
 def broken_transform(k):
     """One that is none: not finite, of no rotation, of a frame in itself."""
     one = ros_transform(START_NS, "odom", "base_link", *ego(0))
