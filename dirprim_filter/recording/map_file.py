@@ -1,9 +1,9 @@
-"""A map file: an MCAP log with `/dirprim/map`, messages of its cells, and a drawing of them."""
+"""A map file: an MCAP log with `/dirprim/map`, a message of its cells, and a drawing of them."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 from dirprim_filter.arrays import require
@@ -15,7 +15,7 @@ from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.foxglove.elements import origin_of, scene_transform, view_of
 from dirprim_filter.recording.foxglove.scenes import map_scene
 from dirprim_filter.recording.log_writer import LogWriter
-from dirprim_filter.recording.schemas.map_tiles import ENCODING, encoded_tiles, map_of
+from dirprim_filter.recording.schemas.map_message import ENCODING, encoded, map_of
 
 logger = logging.getLogger(__name__)
 
@@ -44,9 +44,8 @@ def save_map(
     """
     require("primitive_map", primitive_map, PrimitiveMap)
     with LogWriter(path, metadata=metadata or {}, force=force) as log:
-        for tile in encoded_tiles(primitive_map):
-            log.write_encoded(topic_names.MAP, MAP, tile, 0)  # a map holds at no time of its own
-            log.end_chunk()  # damage to one is of a few cells
+        log.write_encoded(topic_names.MAP, MAP, encoded(primitive_map), 0)  # a map holds at no time of its own
+        log.end_chunk()  # damage to the drawing costs no cell
         origin = origin_of(view_of(primitive_map))
         log.write(topic_names.TRANSFORM, scene_transform(0, origin), 0)
         log.write(topic_names.MAP_SCENE, map_scene(primitive_map, 0, origin), 0)
@@ -55,7 +54,7 @@ def save_map(
 def load_map(path: str | Path) -> PrimitiveMap:
     """Read a map that `save_map` wrote.
 
-    A damaged file gives its map if every tile can be read; that is logged.
+    A damaged file gives its map if its message can be read; that is logged.
 
     Args:
         path: the MCAP file.
@@ -85,13 +84,14 @@ def load_map(path: str | Path) -> PrimitiveMap:
     return primitive_map
 
 
-def _data(messages: list[Message]) -> Iterator[bytes]:
-    """The bytes of messages of this form.
+def _data(found: list[Message]) -> bytes:
+    """The bytes of the only message.
 
     Raises:
-        ValueError: one is of another, as maps were before version 5.
+        ValueError: there is none, or it is of another form, as maps were before version 5, or before 7 in several.
     """
-    for message in messages:
-        if message.message_encoding != ENCODING:
-            raise ValueError(f"it is of an older version, in {message.message_encoding}, not {ENCODING}")
-        yield message.data
+    if len(found) != 1:
+        raise ValueError(f"expected one message, got {len(found)}{', as of an older version' * bool(found)}")
+    if found[0].message_encoding != ENCODING:
+        raise ValueError(f"it is of an older version, in {found[0].message_encoding}, not {ENCODING}")
+    return found[0].data

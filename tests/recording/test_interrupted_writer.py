@@ -40,13 +40,7 @@ def test_interrupted_tracks_leave_what_was_there(good):
 
 
 def test_an_interrupted_map_leaves_what_was_there(good, monkeypatch):
-    tiles = map_file.encoded_tiles
-
-    def one_tile(*given):
-        yield next(iter(tiles(*given)))
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(map_file, "encoded_tiles", one_tile)
+    monkeypatch.setattr(map_file, "map_scene", interrupting)
     with pytest.raises(KeyboardInterrupt):
         save_map(some_map(5), good, force=True)
 
