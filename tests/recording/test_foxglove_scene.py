@@ -188,26 +188,13 @@ def test_the_cloud_holds_the_particles_to_the_micrometre_and_their_directions_as
     assert points["green"][north].min() > points["green"][south].max()
 
 
-def test_petals_are_those_of_the_other_pictures_and_discs_where_vehicles_stand():
+def test_petals_are_those_of_the_other_pictures():
     primitive_map, origin = a_map(), np.array([3.0, 4.0])
-    roses = as_read(map_scene(primitive_map, 0, origin)).entities[1]
-    area = roses.triangles[0]
+    area = as_read(map_scene(primitive_map, 0, origin)).entities[1].triangles[0]
     points = np.array([(p.x, p.y) for p in area.points]) + origin
     polygons = shapes.rose_petals(primitive_map).polygon
     np.testing.assert_allclose(points, polygons.reshape(-1, 2), atol=6e-4, rtol=0)  # half of FINEST_M, on each axis
-    disc, moving, _ = points.reshape(polygons.shape)  # the heaviest first
-    ahead, root = moving[1:].mean(axis=0) - moving[0], moving[0]
-    assert np.arctan2(*ahead[::-1]) == pytest.approx(0.0, abs=0.01)
-    # Narrow at its root and round at its tip, and dark where it begins: no arrowhead that points back.
-    distance = np.hypot(*(moving[1:] - root).T)
-    assert distance.argmax() in (11, 12)
-    assert distance[[0, -1]].max() < 0.4 * distance.max()
-    color = np.array([(c.r, c.g, c.b, c.a) for c in area.colors]).reshape(3, -1, 4)
-    assert color[1, 0, :3].sum() < 0.3 * color[1, 1, :3].sum()
-    # Who stands has no direction.
-    np.testing.assert_allclose(np.hypot(*(disc[1:] - disc[0]).T), np.hypot(*(disc[1] - disc[0])), rtol=1e-3)
-    np.testing.assert_allclose(disc[1:-1].mean(axis=0), disc[0], atol=1e-3)
-    assert ((color[..., 3] > 0) & (color[..., 3] < 1)).all()
+    assert 0 < min(c.a for c in area.colors) <= max(c.a for c in area.colors) < 1
 
 
 def test_outlines_are_the_cells_sides():

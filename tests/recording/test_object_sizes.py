@@ -6,15 +6,14 @@ from google.protobuf import json_format
 from mcap_files import scene, write_protobuf_log
 from test_estimate_log import a_frame
 from test_foxglove_schemas import json_log
-from test_ros2_schemas import N_TIMES, NAMES, array_log, carla, detected, detection, marker, point, tracked
+from test_ros2_schemas import N_TIMES, array_log, carla, detected, detection, marker, point, tracked
 
 from dirprim_filter.cli.main import run
 from dirprim_filter.columns import is_held
-from dirprim_filter.recording import read_tracks, write_tracks
+from dirprim_filter.recording import read_tracks
 from dirprim_filter.recording.reader import stream_detections
 from dirprim_filter.recording.tables import read_named
 from dirprim_filter.recording.writer import EstimateWriter
-from dirprim_filter.tracks import Tracks
 
 NAN = np.nan
 L, W, H = 4.25, 1.875, 1.5
@@ -127,28 +126,6 @@ def test_sizes_of_scenes(tmp_path, encoding):
         rows = tracks[tracks.track_id == name]
         np.testing.assert_array_equal(rows.size, [size] * 5)
         np.testing.assert_array_equal(rows.position, [[10.0 * i + k, 0.0] for k in range(5)])
-
-
-def three(size):
-    """Three vehicles at twenty instants, the first without a size, the last without a height."""
-    n = 60
-    rows = {
-        "track_id": np.tile(NAMES, 20), "time_ns": 10**9 + np.repeat(np.arange(20), 3) * 10**8,
-        "position": np.random.default_rng(2).normal(size=(n, 2)), "direction": np.zeros(n), "speed": np.ones(n),
-    }  # fmt: skip
-    return Tracks(**rows, size=np.tile(size, (20, 1)))
-
-
-SOME = np.array([[NAN, NAN, NAN], [L, W, H], [12.0 + 1e-12, 2.5, NAN]])
-
-
-@pytest.mark.parametrize("size", [SOME, SOME * NAN])
-def test_sizes_read_back_equal(tmp_path, size):
-    tracks = three(size)
-    write_tracks(tracks, tmp_path / "log.mcap")
-    back = read_tracks(tmp_path / "log.mcap")
-    np.testing.assert_array_equal(back.size, tracks.size)
-    assert is_held(back.size) == is_held(tracks.size)
 
 
 def test_a_box_that_stands_for_an_estimate_is_no_measured_size(tmp_path):

@@ -145,19 +145,6 @@ def test_of_the_log_times_that_are_not_wanted_chunks_stay_closed(tmp_path, monke
     assert n_opened < n_chunks / 4 if source == "log" else n_opened == n_chunks > 10
 
 
-def test_messages_of_one_time_are_one_instant(tmp_path):
-    messages = [
-        (topic, time_ns, scene([(name, float(time_ns), 0.0), *[("both", 1.0, 0.0)] * n]))
-        for time_ns in (10, 20)
-        for topic, name, n in (("/left", "a", 1), ("/right", "b", 2))
-    ]
-    stream = stream_detections(write_protobuf_log(tmp_path / "log.mcap", messages), topics="/left|/right")
-    frames = list(stream)
-    assert [f.time_ns.tolist() for f in frames] == [[10] * 4, [20] * 4]
-    assert [f.track_id.tolist() for f in frames] == [["/left/a", "/left/both", "/right/b", "/right/both"]] * 2
-    assert stream.losses.dropped[REPEATED] == 2
-
-
 def test_several_logs_keep_their_vehicles_and_groups_apart(tmp_path):
     (tmp_path / "x").mkdir()
     a = write_protobuf_log(tmp_path / "a.mcap", circling(n=5) + circling(n=5, name="own"))

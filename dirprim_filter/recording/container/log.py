@@ -161,10 +161,7 @@ class Scan(AbstractContextManager["Scan"]):
         self.log = log
         self._topics = topics
         self._waits = waits and log.is_live
-        self._times = (
-            NO_TIMES[0] if start_ns is None else max(start_ns, NO_TIMES[0]),
-            NO_TIMES[1] if end_ns is None else max(min(end_ns, NO_TIMES[1]), NO_TIMES[0]),
-        )
+        self._times = (start_ns or NO_TIMES[0], NO_TIMES[1] if end_ns is None else end_ns)
         self._is_wanted = np.empty(0, np.bool_)  # by number of the channel
         self._begin()
 
@@ -248,10 +245,7 @@ class Scan(AbstractContextManager["Scan"]):
             self._is_wanted = np.append(self._is_wanted, [self.is_wanted(channel.topic) for channel in more])
         wanted = self._is_wanted[columns.channel]
         if self._times != NO_TIMES:
-            times = columns.log_time_ns
-            wanted &= times >= self._times[0]
-            if self._times[1] < NO_TIMES[1]:
-                wanted &= times < self._times[1]
+            wanted &= (columns.log_time_ns >= self._times[0]) & (columns.log_time_ns < self._times[1])
         return columns if wanted.all() else columns[wanted]
 
     def _is_beside(self, file: LogFile, chunk: Chunk) -> bool:
