@@ -105,7 +105,8 @@ class LogWriter:
             ValueError: a time that MCAP or the messages of Foxglove cannot hold.
         """
         data = message.SerializeToString() if isinstance(message, Message) else message.encode()
-        self.write_encoded(topic, schema_of(type(message)), data, time_ns)
+        kind: Any = type(message)
+        self.write_encoded(topic, schema_of(kind), data, time_ns)
 
     def write_encoded(self, topic: str, schema: Schema, data: bytes, time_ns: int) -> None:
         """Append a message of this schema that is encoded already.
