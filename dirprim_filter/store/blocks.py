@@ -14,6 +14,8 @@ BLOCK_M = 1024.0
 """Side. The origin lies in the middle of one, as most places of one junction do."""
 HALO_M = 48.0
 """Around a block: three seconds of driving. Where vehicles are everywhere a fifth of the rows is kept twice."""
+NORTHS = 1 << 32
+"""More blocks than a row of them has, so that one number tells a block."""
 NAME = re.compile(r"-?\d{1,6}_-?\d{1,6}")
 
 
@@ -52,7 +54,9 @@ def blocks_near(position: FloatArray) -> Iterator[tuple[Block, BoolArray, BoolAr
     """The blocks that positions are in or around, in order, and (n,) which are in each, and which in its halo."""
     own, low, high = places_of(position), places_of(position - HALO_M), places_of(position + HALO_M)
     corners = [low, high, np.column_stack([low[:, 0], high[:, 1]]), np.column_stack([high[:, 0], low[:, 1]])]
-    for east, north in np.unique(np.concatenate([own, *corners]), axis=0).tolist():
-        block = Block(east, north)
+    near = np.concatenate([own, *corners])
+    for number in np.unique(near[:, 0] * NORTHS + near[:, 1]).tolist():  # ten times as fast as unique rows
+        east = (number + NORTHS // 2) // NORTHS
+        block = Block(east, number - east * NORTHS)
         inside = (own == block).all(axis=1)
         yield block, inside, ((low <= block) & (high >= block)).all(axis=1) & ~inside

@@ -103,7 +103,7 @@ class Rows:
         )
         file = io.BytesIO()
         pq.write_table(
-            table, file, compression="zstd", compression_level=15, use_dictionary=False, column_encoding=ENCODING,
+            table, file, compression="zstd", compression_level=12, use_dictionary=False, column_encoding=ENCODING,
             write_page_checksum=True, write_statistics=["t_ms", "x_cm", "y_cm"], store_schema=False,
         )  # fmt: skip
         return file.getvalue()
