@@ -34,66 +34,34 @@ def tracker(model, **given):
 
 
 CALLS = {
-    "learn, rng": (lambda _: learn_primitives(tracks(), rng=0), TypeError, GENERATOR),
-    "learn, config": (
-        lambda _: learn_primitives(tracks(), config={}, rng=RNG),
-        TypeError,
-        "config: expected a Learning",
-    ),
-    "learn, path": (
-        lambda _: learn_primitives("log.mcap", rng=RNG),
-        TypeError,
-        "tracks: expected a Tracks, as read_tra",
-    ),
-    "learn, paths": (
-        lambda _: learn_primitives(["log.mcap"], rng=RNG),
-        TypeError,
-        "tracks: expected a Tracks, as read",
-    ),
-    "tracker, rng": (lambda m: tracker(m, rng=0), TypeError, GENERATOR),
-    "tracker, config": (lambda m: tracker(m, config={}), TypeError, "config: expected a FilterConfig, got {}"),
-    "tracker, tracking": (lambda m: tracker(m, tracking=FilterConfig()), TypeError, "tracking: expected a TrackingCon"),
-    "tracker, path": (
-        lambda _: tracker("m.mcap"),
-        TypeError,
-        "model: expected a map or a filter, got the path 'm.mcap'",
-    ),
-    "tracker, sensor": (
-        lambda m: tracker(m, sensor="s.toml"),
-        TypeError,
-        "sensor: expected a Sensor, as load_sensor rea",
-    ),
-    "step, tracks": (lambda m: tracker(m).step(tracks()), TypeError, "detections: expected a Detections, got Tracks("),
-    "step, instants": (lambda m: tracker(m).step(Detections.of(tracks())), ValueError, "see Detections.frames"),
-    "weigh, first": (lambda m: tracker(m).weigh(), ValueError, "weigh: expected once for each frame, after predict"),
-    "tracks, degrees": (lambda _: tracks(direction=[0.0, 90.0]), ValueError, DEGREES),
-    "tracks, heading": (lambda _: tracks(heading=[0.0, -90.0]), ValueError, DEGREES.replace("direction", "heading")),
-    "detections, degrees": (lambda _: seen(direction=np.array([90.0]), speed=np.ones(1)), ValueError, DEGREES),
-    "forecast, path": (
-        lambda _: forecast("m.mcap", **STATE),
-        TypeError,
-        "expected a PrimitiveMap, as load_map reads it",
-    ),
-    "forecast, rng": (lambda m: forecast(m, **STATE | {"rng": 0}), TypeError, GENERATOR),
-    "forecast, config": (
-        lambda m: forecast(m, config={}, **STATE),
-        TypeError,
-        "config: expected a FilterConfig, got {}",
-    ),
-    "forecast, degrees": (lambda m: forecast(m, **STATE | {"direction": 90.0}), ValueError, DEGREES),
-    "sample, rng": (lambda m: m.sample(np.zeros((1, 2)), rng=0), TypeError, GENERATOR),
-    "save, swapped": (
-        lambda m: save_map("m.mcap", m),
-        TypeError,
-        "primitive_map: expected a PrimitiveMap, as load_map",
-    ),
+    "learn, rng": (lambda _: learn_primitives(tracks(), rng=0), GENERATOR),
+    "learn, config": (lambda _: learn_primitives(tracks(), config={}, rng=RNG), "config: expected a Learning"),
+    "learn, path": (lambda _: learn_primitives("log.mcap", rng=RNG), "tracks: expected a Tracks, as read_tra"),
+    "learn, paths": (lambda _: learn_primitives(["log.mcap"], rng=RNG), "tracks: expected a Tracks, as read"),
+    "tracker, rng": (lambda m: tracker(m, rng=0), GENERATOR),
+    "tracker, config": (lambda m: tracker(m, config={}), "config: expected a FilterConfig, got {}"),
+    "tracker, tracking": (lambda m: tracker(m, tracking=FilterConfig()), "tracking: expected a TrackingCon"),
+    "tracker, path": (lambda _: tracker("m.mcap"), "model: expected a map or a filter, got the path 'm.mcap'"),
+    "tracker, sensor": (lambda m: tracker(m, sensor="s.toml"), "sensor: expected a Sensor, as load_sensor rea"),
+    "step, tracks": (lambda m: tracker(m).step(tracks()), "detections: expected a Detections, got Tracks("),
+    "step, instants": (lambda m: tracker(m).step(Detections.of(tracks())), "see Detections.frames"),
+    "weigh, first": (lambda m: tracker(m).weigh(), "weigh: expected once for each frame, after predict"),
+    "tracks, degrees": (lambda _: tracks(direction=[0.0, 90.0]), DEGREES),
+    "tracks, heading": (lambda _: tracks(heading=[0.0, -90.0]), DEGREES.replace("direction", "heading")),
+    "detections, degrees": (lambda _: seen(direction=np.array([90.0]), speed=np.ones(1)), DEGREES),
+    "forecast, path": (lambda _: forecast("m.mcap", **STATE), "expected a PrimitiveMap, as load_map reads it"),
+    "forecast, rng": (lambda m: forecast(m, **STATE | {"rng": 0}), GENERATOR),
+    "forecast, config": (lambda m: forecast(m, config={}, **STATE), "config: expected a FilterConfig, got {}"),
+    "forecast, degrees": (lambda m: forecast(m, **STATE | {"direction": 90.0}), DEGREES),
+    "sample, rng": (lambda m: m.sample(np.zeros((1, 2)), rng=0), GENERATOR),
+    "save, swapped": (lambda m: save_map("m.mcap", m), "primitive_map: expected a PrimitiveMap, as load_map"),
 }
 
 
 @pytest.mark.parametrize("call", CALLS)
 def test_a_wrong_argument_is_one_line(call, a_map):
-    made, kind, said = CALLS[call]
-    with pytest.raises(kind, match=re.escape(said)) as error:
+    made, said = CALLS[call]
+    with pytest.raises((TypeError, ValueError), match=re.escape(said)) as error:
         made(a_map)
     assert call == "step, tracks" or "\n" not in str(error.value)
 

@@ -55,25 +55,25 @@ def test_every_mechanism_can_be_off_and_vehicles_are_tracked_nonetheless(ring_ma
     assert np.hypot(*(last.position - true).T).max() < 3.0  # six standard deviations of a detection
 
 
-@pytest.mark.parametrize("name", ["outlier_probability", "motion_outlier_probability", "resample_below"])
-def test_a_share_above_one_is_refused_by_name(name):
-    given: dict[str, Any] = {name: 1.5}
-    with pytest.raises(ValueError, match=f"{name}: expected a (probability below 1|share of the particles), got 1.5"):
-        FilterConfig(**given)
-
-
-def test_a_step_that_a_frame_has_without_number_is_refused():
-    with pytest.raises(ValueError, match=r"step_s: expected at least 0.001 s, got 1e-300"):
-        FilterConfig(step_s=1e-300)
-
-
-def test_an_interaction_that_does_not_exist_is_refused():
-    with pytest.raises(ValueError, match="interaction: expected 'none' or 'leader', got 'all'"):
-        FilterConfig(interaction="all")
-
-
-@pytest.mark.parametrize("name", SERIES)
-@pytest.mark.parametrize("numbers", [(), (3.0, 0.0), (-1.0,), (np.nan,), (3.0, np.nan)])
-def test_numbers_to_choose_from_are_positive_and_there_is_one(name, numbers):
-    with pytest.raises(ValueError, match=f"{name}: expected positive numbers"):
-        LearningConfig(**{name: numbers})
+@pytest.mark.parametrize(
+    ("kind", "given", "message"),
+    [
+        (FilterConfig, {"outlier_probability": 1.5}, "outlier_probability: expected a probability below 1, got 1.5"),
+        (
+            FilterConfig,
+            {"motion_outlier_probability": 1.5},
+            "expected a probability below 1, got 1.5",
+        ),
+        (FilterConfig, {"resample_below": 1.5}, "resample_below: expected a share of the particles, got 1.5"),
+        (FilterConfig, {"step_s": 1e-300}, "step_s: expected at least 0.001 s, got 1e-300"),
+        (FilterConfig, {"interaction": "all"}, "interaction: expected 'none' or 'leader', got 'all'"),
+        *(
+            (LearningConfig, {name: numbers}, f"{name}: expected positive numbers")
+            for name in SERIES
+            for numbers in ((), (3.0, 0.0), (-1.0,), (3.0, np.nan))
+        ),
+    ],
+)
+def test_what_a_number_alone_does_not_show_is_refused_by_name(kind, given, message):
+    with pytest.raises(ValueError, match=message):
+        kind(**given)

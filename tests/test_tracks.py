@@ -64,27 +64,50 @@ def test_detections_are_equal_where_every_row_is():
     assert seen != Tracks(**GOOD)
 
 
-def test_headings_stay_with_their_rows_and_take_no_memory_where_none_is_known():
-    heading = np.array([1.5 * np.pi, np.nan, 0.5])
-    tracks = Tracks(**GOOD, heading=heading)
+SIZES = np.array([[4.5, 1.9, 1.5], [np.nan, np.nan, 3.0], [12.0, 2.5, np.nan]])
+OPTIONAL = {
+    "heading": (
+        np.array([0.5, np.nan, -1.0]),
+        [([np.inf, 0, 0], "got inf"), ([0.0, 1.0], r"expected shape \(3,\), got \(2,\)")],
+    ),
+    "size": (
+        SIZES,
+        [(SIZES[:, :2], r"size: expected shape \(3, 3\), got \(3, 2\)"),
+         *((np.where(SIZES == 12.0, wrong, SIZES), "or NaN where unknown, got") for wrong in (0.0, -1.0, np.inf))],
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("column", OPTIONAL)
+def test_optional_columns_stay_with_their_rows_and_take_no_memory_where_unknown(column):
+    values, wrong = OPTIONAL[column]
+    tracks, bare = Tracks(**GOOD, **{column: values}), Tracks(**GOOD | {"group": [7, 7, 7]})
     order = np.argsort(GOOD["time_ns"], kind="stable")
-    np.testing.assert_array_equal(tracks.heading, np.array([-0.5 * np.pi, np.nan, 0.5])[order])
-    np.testing.assert_array_equal(tracks[1:].heading, tracks.heading[1:])
+    np.testing.assert_array_equal(getattr(tracks, column), values[order])
+    np.testing.assert_array_equal(getattr(tracks[1:], column), values[order][1:])
     assert tracks != Tracks(**GOOD)
-    bare = Tracks(**GOOD | {"group": [7, 7, 7]})
     both = Tracks.concatenate([tracks, bare])
-    assert np.isnan(both.heading[both.group == 7]).all()
-    np.testing.assert_array_equal(both.heading[both.group == 0], tracks.heading)
-    np.testing.assert_array_equal(bare.body_direction, bare.direction)
+    assert np.isnan(getattr(both, column)[both.group == 7]).all()
+    np.testing.assert_array_equal(getattr(both[both.group == 0], column), values[order])
+    derived = {"track_id": [4, 4, 9], "time_ns": [10, 0, 0], "position": np.zeros((3, 2))}  # 9 stands alone
+    np.testing.assert_array_equal(
+        getattr(Tracks.from_positions(**derived, **{column: values}), column)[:2], values[1::-1]
+    )
+    for part in (bare, bare[:2], Tracks.concatenate([bare, bare[:0]]), Tracks(**GOOD, **{column: values * np.nan})):
+        assert len(getattr(part, column)) == len(part)
+        assert not is_held(getattr(part, column))  # one NaN, however many rows
+    for given_values, message in wrong:
+        with pytest.raises(ValueError, match=message):
+            Tracks(**GOOD, **{column: given_values})
+
+
+def test_a_body_points_where_its_heading_says_else_where_it_goes():
+    tracks = Tracks(**GOOD, heading=[1.5 * np.pi, np.nan, 0.5])
     assert tracks.body_direction.tolist() == [
         d if np.isnan(h) else h for d, h in zip(tracks.direction, tracks.heading, strict=True)
     ]
-    for part in (bare, bare[:2], Tracks.concatenate([bare, bare[:0]]), Tracks(**GOOD, heading=[np.nan] * 3)):
-        assert part.heading.shape == (len(part),)
-        assert not is_held(part.heading)
-    for wrong, message in (([np.inf, 0, 0], "got inf"), ([0.0, 1.0], r"expected shape \(3,\), got \(2,\)")):
-        with pytest.raises(ValueError, match=message):
-            Tracks(**GOOD, heading=wrong)
+    assert -0.5 * np.pi in tracks.heading
+    np.testing.assert_array_equal(Tracks(**GOOD).body_direction, Tracks(**GOOD).direction)
 
 
 def test_directions_are_wrapped_and_groups_left_out_are_zero():
