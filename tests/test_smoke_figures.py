@@ -15,9 +15,8 @@ from dirprim_filter.config import FilterConfig
 from dirprim_filter.evaluation.comparisons import compared
 from dirprim_filter.evaluation.cues import evaluate_cues
 from dirprim_filter.evaluation.experiment import evaluate_tracking
-from dirprim_filter.evaluation.forecast_cases import Cases
+from dirprim_filter.evaluation.forecast_cases import SCORES, Cases, score_cases
 from dirprim_filter.evaluation.forecast_methods import by_constant_velocity, futures_of
-from dirprim_filter.evaluation.forecasting import SCORES, score_cases
 from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
 from dirprim_filter.simulation.sensor import detect
 

@@ -33,8 +33,7 @@ from dirprim_filter.distributions.product import multiply_mixtures
 from dirprim_filter.distributions.von_mises_mixture import log_weights
 from dirprim_filter.evaluation.density import mean_over, rows_to_judge
 from dirprim_filter.evaluation.intervals import Interval
-from dirprim_filter.evaluation.splits import Fold, SplitBy, honest_split, split
-from dirprim_filter.evaluation.steps import StepCount
+from dirprim_filter.evaluation.splits import Fold, SplitBy, honest_split, split, steps
 from dirprim_filter.primitives import PrimitiveMap, learn_primitives
 from dirprim_filter.primitives.cues import Cue
 from dirprim_filter.primitives.learning import CellsRule
@@ -137,10 +136,10 @@ def evaluate_cues(
         raise ValueError("split_by: expected 'vehicle' or 'group', got 'random': steps need whole vehicles")
     parts: list[Followed] = []
     folds = split(kept, by=by, n_folds=n_folds, rng=rng)
-    steps = StepCount(len(folds), progress)
+    done = steps(len(folds), progress)
     for fold, child in zip(folds, rng.spawn(len(folds)), strict=True):
         parts.append(_follow(learn_primitives(fold.train, tessellation=tessellation, rng=child), fold))
-        steps.add()
+        done()
     track_id, group, prior, cell_before, own_course = (np.concatenate(column) for column in zip(*parts, strict=True))
     if prior.size == 0:
         raise ValueError("tracks: expected held-out vehicles that go from one cell to another, got none")
@@ -213,9 +212,9 @@ class Followed(NamedTuple):
 
 def _follow(learned: PrimitiveMap, fold: Fold) -> Followed:
     """Follow the held-out vehicles from cell to cell; concentrations are learned from the others."""
-    known, steps = steps_between_cells(learned, fold.train), steps_between_cells(learned, fold.test)
-    truth = fold.test.direction[steps.row]
-    prior = learned.primitive_at(fold.test.position[steps.row]).direction
+    known, own = steps_between_cells(learned, fold.train), steps_between_cells(learned, fold.test)
+    truth = fold.test.direction[own.row]
+    prior = learned.primitive_at(fold.test.position[own.row]).direction
 
     def judged(known_observed: FloatArray, observed: FloatArray) -> FloatArray:
         concentration = observation_concentration(known_observed, fold.train.direction[known.row])
@@ -229,11 +228,11 @@ def _follow(learned: PrimitiveMap, fold: Fold) -> Followed:
         return most_probable_direction(learned.primitive_at(tracks.position[row]).direction)
 
     return Followed(
-        track_id=fold.test.track_id[steps.row],
-        group=fold.test.group[steps.row],
+        track_id=fold.test.track_id[own.row],
+        group=fold.test.group[own.row],
         prior=prior.log_density(truth),
-        cell_before=judged(usual(fold.train, known.before), usual(fold.test, steps.before)),
-        own_course=judged(fold.train.direction[known.before], fold.test.direction[steps.before]),
+        cell_before=judged(usual(fold.train, known.before), usual(fold.test, own.before)),
+        own_course=judged(fold.train.direction[known.before], fold.test.direction[own.before]),
     )
 
 

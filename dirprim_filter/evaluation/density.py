@@ -14,27 +14,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple, get_args, get_type_hints
 
 import numpy as np
 
 from dirprim_filter.arrays import FloatArray, IntArray
-from dirprim_filter.evaluation.density_rivals import DirectionModel, Fit, Method, MotionModel, Uninformative, rivals
+from dirprim_filter.evaluation.density_methods import WITHOUT_MAP, Method, all_methods, log_densities
 from dirprim_filter.evaluation.intervals import Interval, clustered, interval, mean
 from dirprim_filter.evaluation.settings import Choice, choose
-from dirprim_filter.evaluation.splits import Fold, SplitBy, honest_split, split, thinned
-from dirprim_filter.evaluation.steps import StepCount
-from dirprim_filter.primitives import PrimitiveMap, learn_primitives
+from dirprim_filter.evaluation.splits import Fold, SplitBy, honest_split, split, steps, thinned
 from dirprim_filter.track_ids import vehicle_numbers
 from dirprim_filter.tracks import Tracks
 
-PRIMITIVE_KINDS: tuple[Any, ...] = get_args(get_type_hints(learn_primitives)["primitive"])
-"""What `learn_primitives` can learn, the default first: each is a row of the table."""
-ONE_CELL, WITHOUT_MAP = "one cell", "without the map"
 INNER_FOLDS = 4
 """A fourth of the training part chooses a rival's settings."""
-
-Quantity = Literal["direction", "speed", "joint"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -123,22 +115,33 @@ def evaluate_density(
     by = split_by or honest_split(kept)
     folds = split(kept, by=by, n_folds=n_folds, rng=rng)
     asked = all_methods(max_speed=float(kept.speed.max())) if methods is None else methods
-    steps = StepCount(len(asked) * len(folds), progress)
-    children = rng.spawn(len(asked))
-    found = [_judged(method, folds, by, child, steps) for method, child in zip(asked, children, strict=True)]
+    done = steps(len(asked) * len(folds), progress)
     group = np.concatenate([fold.test.group for fold in folds])
     vehicle = vehicle_numbers(np.concatenate([fold.test.track_id for fold in folds]), group)
     cluster = group if by == "group" else vehicle
+    rows: list[MethodScore] = []
+    first: dict[str, FloatArray] = {}
+    for method, own in zip(asked, rng.spawn(len(asked)), strict=True):
+        log_p, settings = _judged(method, folds, by, own, done)
+        first = first or log_p
+        unknown = np.full(cluster.shape, np.nan)
+        scores = {
+            quantity: DensityScore(
+                mean_log=mean_over(cluster, values), mean=float(np.exp(values).mean()),
+                behind=mean_over(cluster, first.get(quantity, unknown) - values),
+            )
+            for quantity, values in log_p.items()
+        }  # fmt: skip
+        rows.append(
+            MethodScore(
+                name=method.name, direction=scores["direction"], speed=scores.get("speed"), joint=scores.get("joint"),
+                settings=settings,
+            )
+        )  # fmt: skip
     return DensityTable(
-        methods=tuple(
-            _method_score(method.name, judged, found[0], cluster) for method, judged in zip(asked, found, strict=True)
-        ),
-        split_by=by,
-        n_folds=len(folds),
-        n_rows=len(kept),
-        n_vehicles=kept.n_tracks,
+        methods=tuple(rows), split_by=by, n_folds=len(folds), n_rows=len(kept), n_vehicles=kept.n_tracks,
         n_held_out=cluster.size,
-    )
+    )  # fmt: skip
 
 
 def rows_to_judge(tracks: Tracks, *, min_speed: float, interval_s: float | None) -> Tracks:
@@ -152,22 +155,6 @@ def rows_to_judge(tracks: Tracks, *, min_speed: float, interval_s: float | None)
     if len(kept) == 0:
         raise ValueError(f"tracks: expected rows faster than {min_speed} m/s, got none among {len(tracks)}")
     return kept
-
-
-def all_methods(*, max_speed: float) -> list[Method]:
-    """Every row of the table.
-
-    Args:
-        max_speed: m/s, of all rows: given to the uninformative baseline.
-    """
-    return [
-        *(Method(f"primitive, {kind}", _learner(primitive=kind)) for kind in PRIMITIVE_KINDS),
-        Method("primitive, the paper's", _learner(primitive="flat", tessellation="grid", modes="dbscan")),
-        Method(ONE_CELL, _learner(n_cells=1)),
-        Method(WITHOUT_MAP, _fit_without_map),
-        *rivals(),
-        Method("uninformative", lambda _train, _values, _rng: Uninformative(max_speed=max_speed)),
-    ]
 
 
 def clusters(table: DensityTable) -> str:
@@ -200,23 +187,18 @@ def _gain(of: str, scores: Sequence[tuple[DensityScore | None, str]]) -> list[st
     return [f"{of}{value:+.2f} nat ({low:.2f} to {high:.2f}{sure}) over {over}"]
 
 
-class Judged(NamedTuple):
-    """What one method gave to the held-out rows."""
-
-    log_density: dict[Quantity, FloatArray]  # (n,) each, in order of the folds
-    settings: tuple[tuple[Choice, ...], ...]  # of each fold, if it has any
-
-
-def _judged(method: Method, folds: Sequence[Fold], by: SplitBy, rng: np.random.Generator, steps: StepCount) -> Judged:
-    settings, log_density = [], []
-    for fold, child in zip(folds, rng.spawn(len(folds)), strict=True):
-        chosen = _chosen(method, fold.train, by, child) if method.settings else ()
-        model = method.fit(fold.train, tuple(choice.chosen for choice in chosen), child)
-        log_density.append(_log_densities(model, fold.test))
+def _judged(
+    method: Method, folds: Sequence[Fold], by: SplitBy, rng: np.random.Generator, done: Callable[[], None]
+) -> tuple[dict[str, FloatArray], tuple[tuple[Choice, ...], ...]]:
+    """The log densities of the held-out rows, (n,) each, in order of the folds, and each fold's settings, if any."""
+    settings, log_p = [], []
+    for fold, own in zip(folds, rng.spawn(len(folds)), strict=True):
+        chosen = _chosen(method, fold.train, by, own) if method.settings else ()
+        log_p.append(log_densities(method.fit(fold.train, tuple(of.chosen for of in chosen), own), fold.test))
         settings.append(chosen)
-        steps.add()
-    joined = {name: np.concatenate([fold[name] for fold in log_density]) for name in log_density[0]}
-    return Judged(joined, tuple(settings) if method.settings else ())
+        done()
+    joined = {name: np.concatenate([fold[name] for fold in log_p]) for name in log_p[0]}
+    return joined, tuple(settings) if method.settings else ()
 
 
 def _chosen(method: Method, train: Tracks, by: SplitBy, rng: np.random.Generator) -> tuple[Choice, ...]:
@@ -227,50 +209,12 @@ def _chosen(method: Method, train: Tracks, by: SplitBy, rng: np.random.Generator
     seed = int(rng.integers(2**63))
 
     def mean_log_density(values: tuple[float, ...]) -> float:
-        found = _log_densities(method.fit(inner.train, values, np.random.default_rng(seed)), inner.test)
+        found = log_densities(method.fit(inner.train, values, np.random.default_rng(seed)), inner.test)
         return float(found.get("joint", found["direction"]).mean())
 
     return choose(method.settings, mean_log_density)
 
 
-def _log_densities(model: DirectionModel, test: Tracks) -> dict[Quantity, FloatArray]:
-    """The held-out rows' log densities, of what the model has."""
-    found: dict[Quantity, FloatArray] = {"direction": model.direction_log_density(test.position, test.direction)}
-    if isinstance(model, MotionModel):
-        found["speed"] = model.speed_log_density(test.position, test.speed)
-        found["joint"] = model.log_density(test.position, test.direction, test.speed)
-    return found
-
-
-def _method_score(name: str, judged: Judged, first: Judged, cluster: IntArray) -> MethodScore:
-    def score(quantity: Quantity) -> DensityScore:
-        log_p = judged.log_density[quantity]
-        of_first = first.log_density.get(quantity, np.full(log_p.shape, np.nan))
-        return DensityScore(
-            mean_log=mean_over(cluster, log_p),
-            mean=float(np.exp(log_p).mean()),
-            behind=mean_over(cluster, of_first - log_p),
-        )
-
-    has_speed = "speed" in judged.log_density
-    return MethodScore(
-        name=name,
-        direction=score("direction"),
-        speed=score("speed") if has_speed else None,
-        joint=score("joint") if has_speed else None,
-        settings=judged.settings,
-    )
-
-
 def mean_over(cluster: IntArray, value: FloatArray) -> Interval:
     """The mean over rows with its interval over clusters. (n,), (n,)."""
     return interval(clustered(cluster, [value, np.ones_like(value)]), mean)
-
-
-def _learner(**options: Any) -> Fit:
-    return lambda train, _values, rng: learn_primitives(train, rng=rng, **options)
-
-
-def _fit_without_map(train: Tracks, _values: tuple[float, ...], rng: np.random.Generator) -> PrimitiveMap:
-    one_cell = learn_primitives(train, tessellation="grid", n_cells=1, primitive="flat", rng=rng)
-    return one_cell.without_places()

@@ -15,8 +15,7 @@ from dirprim_filter.evaluation.rivals import RAW, RIVALS, SMOOTHED, FittedRival,
 from dirprim_filter.evaluation.scenes import Scene, as_reported, followed
 from dirprim_filter.evaluation.scoring import RowErrors, TrackedWorld, report, row_errors
 from dirprim_filter.evaluation.settings import Choice
-from dirprim_filter.evaluation.splits import honest_split
-from dirprim_filter.evaluation.steps import StepCount
+from dirprim_filter.evaluation.splits import held_out, honest_split, steps
 from dirprim_filter.evaluation.tracking_experiment import Detector, TrackingExperiment
 from dirprim_filter.evaluation.tracking_report import TrackingReport
 from dirprim_filter.filtering.particle_filter import bayes_filter_of
@@ -127,7 +126,7 @@ def evaluate_tracking(
     groups: list[tuple[int, ...]] = []
     settings: list[dict[str, tuple[Choice, ...]]] = []
     n_vehicles = n_gaps = 0
-    steps = StepCount(experiment.n_seeds * (1 + len(experiment.methods)), progress)
+    done = steps(experiment.n_seeds * (1 + len(experiment.methods)), progress)
     for i in range(experiment.n_seeds):
         deal, learn, sense, fit, filtering, one_cell = np.random.default_rng([experiment.seed, i]).spawn(6)
         train, test = (tracks, tracks) if primitive_map else held_out(tracks, share=experiment.learn, rng=deal)
@@ -136,7 +135,7 @@ def evaluate_tracking(
         rivals = [name for name in RIVALS if name in experiment.methods]
         seen = _seen_in_training(train, experiment, sensor, rng=fit)
         made |= {name: fitted(name, seen, train, experiment.filter) for name in rivals}
-        steps.add()
+        done()
         groups.append(tuple(scene.group for scene in scenes))
         settings.append({name: of.settings for name, of in made.items() if isinstance(of, FittedRival)})
         n_vehicles += test.n_tracks
@@ -152,7 +151,7 @@ def evaluate_tracking(
                 add(method, tracked.filtered)
                 if smooth:
                     add(method + SMOOTHED_SUFFIX, tracked.smoothed)
-            steps.add()
+            done()
     results = [
         MethodResult(name=name, reports=reports, by_group=by_group, errors=errors)
         for name, of in runs.items() for reports, by_group, errors in [zip(*of, strict=True)]
@@ -190,20 +189,3 @@ def _seen_in_training(
     scenes = _scenes(some, replace(experiment, with_ids=True), sensor, seed=int(rng.integers(2**63)))
     seen = Detections.concatenate([scene.seen for scene in scenes])
     return seen[np.isin(seen.track_id, some.track_id.astype(np.str_))].in_one_world()
-
-
-def held_out(tracks: Tracks, *, share: float, rng: np.random.Generator) -> tuple[Tracks, Tracks]:
-    """Tracks to learn from, and tracks to be judged by: whole groups where there are several, else whole vehicles.
-
-    Raises:
-        ValueError: there is only one.
-    """
-    column = tracks.group if honest_split(tracks) == "group" else tracks.vehicle
-    kinds = np.unique(column)
-    if kinds.size < 2:
-        raise ValueError(
-            f"tracks: expected at least two {honest_split(tracks)}s, got {kinds.size}: give a map to track it with"
-        )
-    n_train = int(np.clip(round(share * kinds.size), 1, kinds.size - 1))
-    is_train = np.isin(column, rng.permutation(kinds)[:n_train])
-    return tracks[is_train], tracks[~is_train]

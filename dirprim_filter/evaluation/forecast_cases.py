@@ -1,4 +1,4 @@
-"""Instants of held-out tracks from which forecasts are made, and what came after.
+"""Instants of held-out tracks from which forecasts are made, what came after, and how near a forecast is to it.
 
 Courses and speeds of a log are central differences, which look ahead. Here they follow from what was seen until then.
 """
@@ -14,10 +14,12 @@ import numpy as np
 from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from dirprim_filter.course import HALF_WINDOWS_S, MAX_GAP_S, STANDING_M
 from dirprim_filter.distributions.angles import difference
+from dirprim_filter.evaluation import _kernels
 from dirprim_filter.instants import Instants
 from dirprim_filter.track_ids import world_names
 from dirprim_filter.tracks import Tracks
 
+SCORES = ("energy", "ade", "fde", "coverage_50", "coverage_90")
 HORIZONS_S = tuple(0.5 * i for i in range(1, 17))
 START_EVERY_S = 1.0
 MAX_STARTS = 8
@@ -142,3 +144,28 @@ def _position_at(wanted: FloatArray, time_s: FloatArray, position: FloatArray) -
     between = (time_s[before] <= wanted) & (wanted <= time_s[after])
     near |= between & (wanted - time_s[before] <= MAX_MATCH_S) & (time_s[after] - wanted <= MAX_MATCH_S)
     return np.where(near[..., None], found, np.nan)
+
+
+def score_cases(sample: FloatArray, later: FloatArray) -> FloatArray:
+    """Every score of every case and horizon, in the order of `SCORES`; NaN where the truth is not known.
+
+    Args:
+        sample: (n, n_samples, n_horizons, 2) metres.
+        later: (n, n_horizons, 2) metres.
+
+    Returns:
+        (n, n_horizons, 5).
+    """
+    n, _, n_horizons, _ = sample.shape
+    known = np.isfinite(later[..., 0])
+    of_samples = np.full((n, n_horizons, 2), np.nan)
+    for h in range(n_horizons):
+        rows = np.flatnonzero(known[:, h])
+        out = np.empty((rows.size, 2))
+        _kernels.score_samples(np.ascontiguousarray(sample[rows, :, h]), later[rows, h], out)
+        of_samples[rows, h] = out
+    energy, rank = of_samples[..., 0], of_samples[..., 1]
+    off = np.linalg.norm(sample.mean(axis=1) - later, axis=-1)
+    so_far = np.cumsum(off, axis=1) / np.arange(1, n_horizons + 1)
+    inside = [np.where(known, rank < probability, np.nan) for probability in (0.5, 0.9)]
+    return np.stack([energy, so_far, off, *inside], axis=-1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -36,20 +37,15 @@ Fit = Callable[[Tracks, tuple[float, ...], np.random.Generator], Mapping[str, Fo
 """Learns from tracks to forecast to some horizons, seconds: one or more rows of the table, by name."""
 
 
-def by_map(train: Tracks, horizons_s: tuple[float, ...], rng: np.random.Generator) -> dict[str, Forecaster]:
-    """The map as it is learned by default, and the same without its cells."""
-    return _rows(learn_primitives(train, rng=rng), horizons_s)
-
-
-def _rows(learned: PrimitiveMap, horizons_s: tuple[float, ...]) -> dict[str, Forecaster]:
-    maps = {"prior": learned, "place-free": learned.without_places()}
-    return {name: Forecaster(futures_of(of, horizons_s)) for name, of in maps.items()}
-
-
-def by_map_and_leaders(train: Tracks, horizons_s: tuple[float, ...], rng: np.random.Generator) -> dict[str, Forecaster]:
-    """The same, and the map with vehicles that respond to the vehicle ahead."""
+def by_map(
+    train: Tracks, horizons_s: tuple[float, ...], rng: np.random.Generator, *, leaders: bool = False
+) -> dict[str, Forecaster]:
+    """The map as it is learned by default, the same without its cells, and where vehicles respond to those ahead."""
     learned = learn_primitives(train, rng=rng)
-    return _rows(learned, horizons_s) | {"prior, leaders": Forecaster(futures_in_worlds(learned, horizons_s))}
+    rows = {"prior": futures_of(learned, horizons_s), "place-free": futures_of(learned.without_places(), horizons_s)}
+    if leaders:
+        rows["prior, leaders"] = futures_in_worlds(learned, horizons_s)
+    return {name: Forecaster(sample) for name, sample in rows.items()}
 
 
 def by_one_cell(train: Tracks, horizons_s: tuple[float, ...], rng: np.random.Generator) -> dict[str, Forecaster]:
@@ -141,4 +137,4 @@ def _turned(vector: FloatArray, angle: FloatArray) -> FloatArray:
 
 
 METHODS: tuple[Fit, ...] = (by_map, by_one_cell, by_trajectory_memory, by_constant_velocity)
-WITH_LEADERS: tuple[Fit, ...] = (by_map_and_leaders, *METHODS[1:])
+WITH_LEADERS: tuple[Fit, ...] = (partial(by_map, leaders=True), *METHODS[1:])

@@ -14,13 +14,11 @@ from typing import Literal
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, FloatArray
-from dirprim_filter.evaluation import _kernels
-from dirprim_filter.evaluation.forecast_cases import HORIZONS_S, Cases
+from dirprim_filter.evaluation.forecast_cases import HORIZONS_S, SCORES, Cases, score_cases
 from dirprim_filter.evaluation.forecast_methods import METHODS, Fit
 from dirprim_filter.evaluation.intervals import Interval, paired, reduction_of_mean
 from dirprim_filter.evaluation.settings import Choice
-from dirprim_filter.evaluation.splits import SplitBy, split
-from dirprim_filter.evaluation.steps import StepCount
+from dirprim_filter.evaluation.splits import SplitBy, split, steps
 from dirprim_filter.tracks import Tracks
 
 MIN_SAMPLES = 20
@@ -128,19 +126,18 @@ def evaluate_forecasts(
     settings: dict[str, list[tuple[Choice, ...]]] = {}
     clusters: list[AnyArray] = []
     n_vehicles = 0
-    steps: StepCount | None = None
-    for child in rng.spawn(n_seeds):
-        dealt = split(tracks, by=split_by, n_folds=n_folds, rng=child)
-        steps = steps or StepCount(n_seeds * len(dealt) * len(methods), progress)
-        for fold in dealt:
-            cases = Cases.of(fold.test, horizons_s=horizons, among=tracks)
-            clusters.append(cases.group if split_by == "group" else cases.name)
-            n_vehicles += int(np.unique(cases.vehicle).size)
-            for fit, own in zip(methods, child.spawn(len(methods)), strict=True):
-                for name, found in fit(fold.train, horizons, own).items():
-                    scores.setdefault(name, []).append(score_cases(found.sample(cases, n_samples, own), cases.later))
-                    settings.setdefault(name, []).extend([found.settings] if found.settings else [])
-                steps.add()
+    children = rng.spawn(n_seeds)
+    dealt = [(fold, child) for child in children for fold in split(tracks, by=split_by, n_folds=n_folds, rng=child)]
+    done = steps(len(dealt) * len(methods), progress)
+    for fold, child in dealt:
+        cases = Cases.of(fold.test, horizons_s=horizons, among=tracks)
+        clusters.append(cases.group if split_by == "group" else cases.name)
+        n_vehicles += int(np.unique(cases.vehicle).size)
+        for fit, own in zip(methods, child.spawn(len(methods)), strict=True):
+            for name, found in fit(fold.train, horizons, own).items():
+                scores.setdefault(name, []).append(score_cases(found.sample(cases, n_samples, own), cases.later))
+                settings.setdefault(name, []).extend([found.settings] if found.settings else [])
+            done()
     scored = {name: np.concatenate(folds) for name, folds in scores.items()}
     first = next(iter(scored.values()))
     at = np.flatnonzero(np.isfinite(first[..., 0]).sum(axis=0) >= MIN_CASES * n_seeds)
@@ -158,34 +155,6 @@ def evaluate_forecasts(
         methods=tuple(rows), split_by=split_by, n_folds=n_folds, n_seeds=n_seeds, n_samples=n_samples,
         n_vehicles=n_vehicles,
     )  # fmt: skip
-
-
-SCORES = ("energy", "ade", "fde", "coverage_50", "coverage_90")
-
-
-def score_cases(sample: FloatArray, later: FloatArray) -> FloatArray:
-    """Every score of every case and horizon, in the order of `SCORES`; NaN where the truth is not known.
-
-    Args:
-        sample: (n, n_samples, n_horizons, 2) metres.
-        later: (n, n_horizons, 2) metres.
-
-    Returns:
-        (n, n_horizons, 5).
-    """
-    n, _, n_horizons, _ = sample.shape
-    known = np.isfinite(later[..., 0])
-    of_samples = np.full((n, n_horizons, 2), np.nan)
-    for h in range(n_horizons):
-        rows = np.flatnonzero(known[:, h])
-        out = np.empty((rows.size, 2))
-        _kernels.score_samples(np.ascontiguousarray(sample[rows, :, h]), later[rows, h], out)
-        of_samples[rows, h] = out
-    energy, rank = of_samples[..., 0], of_samples[..., 1]
-    off = np.linalg.norm(sample.mean(axis=1) - later, axis=-1)
-    so_far = np.cumsum(off, axis=1) / np.arange(1, n_horizons + 1)
-    inside = [np.where(known, rank < probability, np.nan) for probability in (0.5, 0.9)]
-    return np.stack([energy, so_far, off, *inside], axis=-1)
 
 
 def _at_horizon(horizon_s: float, first: FloatArray, own: FloatArray, cluster: AnyArray) -> HorizonScore:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dirprim_filter.evaluation.steps import StepCount
+from dirprim_filter.evaluation.splits import steps
 from dirprim_filter.evaluation.tracked_rows import TrackedRows, instant_numbers
 from dirprim_filter.evaluation.tracking_report import Scales, TrackingReport
 from dirprim_filter.evaluation.truth import judged_truth
@@ -84,7 +84,7 @@ def score_rows(
     Raises:
         ValueError: a result has no row at an instant at which the truth is known.
     """
-    steps = StepCount(len(results), progress)
+    done = steps(len(results), progress)
     judged = judged_truth(truth, list(results.values()))
     n_rows = len(judged.tracks)
     scores = []
@@ -105,7 +105,7 @@ def score_rows(
                 n_instants=_n_instants(kept), report=report,
             )
         )  # fmt: skip
-        steps.add()
+        done()
     return ScoreTable(
         n_groups=int(np.unique(truth.group).size), n_vehicles=judged.tracks.n_tracks, n_rows=n_rows,
         n_interpolated=judged.n_interpolated, longest_gap_s=judged.longest_gap_s,

@@ -1,4 +1,4 @@
-"""Held-out splits of tracks.
+"""Held-out splits of tracks, and how far an evaluation has come.
 
 A random share of rows, as in the paper, leaks: rows of one vehicle a tenth of a second apart fall on both sides. Rows
 are therefore held out by vehicle, and by group where the log knows groups, unless the paper's split is asked for.
@@ -6,11 +6,13 @@ are therefore held out by vehicle, and by group where the log knows groups, unle
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from itertools import count
 from typing import Literal, NamedTuple
 
 import numpy as np
 
-from dirprim_filter.arrays import BoolArray, IntArray
+from dirprim_filter.arrays import IntArray
 from dirprim_filter.tracks import Tracks
 
 SplitBy = Literal["vehicle", "group", "random"]
@@ -46,7 +48,23 @@ def split(tracks: Tracks, *, by: SplitBy, n_folds: int, rng: np.random.Generator
             below one (below two for whole vehicles or groups) or, for random tenths, above ten.
     """
     part = _parts(tracks, by, n_folds, rng)
-    return [_fold(tracks, part == i) for i in range(int(part.max()) + 1)]
+    return [Fold(tracks[part != i], tracks[part == i]) for i in range(int(part.max()) + 1)]
+
+
+def held_out(tracks: Tracks, *, share: float, rng: np.random.Generator) -> Fold:
+    """A share to learn from, and the rest to be judged by: whole groups where there are several, else whole vehicles.
+
+    Raises:
+        ValueError: there is only one.
+    """
+    by = honest_split(tracks)
+    column = tracks.group if by == "group" else tracks.vehicle
+    kinds = np.unique(column)
+    if kinds.size < 2:
+        raise ValueError(f"tracks: expected at least two {by}s, got {kinds.size}: give a map to track it with")
+    n_train = int(np.clip(round(share * kinds.size), 1, kinds.size - 1))
+    is_train = np.isin(column, rng.permutation(kinds)[:n_train])
+    return Fold(tracks[is_train], tracks[~is_train])
 
 
 def thinned(tracks: Tracks, *, interval_s: float) -> Tracks:
@@ -91,5 +109,7 @@ def _random_tenths(n_rows: int, n_folds: int, rng: np.random.Generator) -> IntAr
     return part
 
 
-def _fold(tracks: Tracks, held_out: BoolArray) -> Fold:
-    return Fold(tracks[~held_out], tracks[held_out])
+def steps(total: int, progress: Callable[[int, int], None] | None) -> Callable[[], None]:
+    """To be called at each of so many steps: calls `progress` with the number of steps done, and their total."""
+    done = count(1)
+    return lambda: None if progress is None else progress(next(done), total)

@@ -9,8 +9,9 @@ import pytest
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.estimates import EstimateList
 from dirprim_filter.evaluation.comparisons import comparisons
-from dirprim_filter.evaluation.experiment import evaluate_tracking, held_out
+from dirprim_filter.evaluation.experiment import evaluate_tracking
 from dirprim_filter.evaluation.scenes import gaps
+from dirprim_filter.evaluation.splits import held_out
 from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
 from dirprim_filter.sensor import AxisError, Sensor
 from dirprim_filter.simulation.sensor import detect, sense

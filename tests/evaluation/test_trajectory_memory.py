@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from dirprim_filter.evaluation.baselines.trajectory_memory import States, TrajectoryMemory
-from dirprim_filter.evaluation.forecast_cases import Cases
-from dirprim_filter.evaluation.forecasting import score_cases
+from dirprim_filter.evaluation.forecast_cases import Cases, score_cases
 from dirprim_filter.tracks import Tracks
 from situations import ring_traffic
 

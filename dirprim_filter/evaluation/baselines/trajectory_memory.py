@@ -16,8 +16,7 @@ from scipy.spatial import cKDTree
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.distributions.angles import difference
-from dirprim_filter.evaluation import _kernels
-from dirprim_filter.evaluation.forecast_cases import Cases
+from dirprim_filter.evaluation.forecast_cases import SCORES, Cases, score_cases
 from dirprim_filter.evaluation.settings import Axis, Choice, choose
 from dirprim_filter.tracks import Tracks
 
@@ -223,8 +222,7 @@ class TrajectoryMemory:
         """
         some = rng.permutation(cases.speed.size)[:MOST_STARTS]
         start, later = States(cases.position, cases.direction, cases.speed).of(some), cases.later[some]
-        is_known = np.isfinite(later[..., 0])
-        judged = np.flatnonzero(is_known.sum(axis=0) >= FEWEST_STARTS)
+        judged = np.flatnonzero(np.isfinite(later[..., 0]).sum(axis=0) >= FEWEST_STARTS)
         if not judged.size:
             return self, ()
         seed = rng.integers(2**63)
@@ -234,13 +232,8 @@ class TrajectoryMemory:
                 start, time_s=np.asarray(horizons_s), n_samples=N_SAMPLES, but=cases.vehicle[some],
                 rng=np.random.default_rng(seed),
             )  # fmt: skip
-            energy = np.empty((later.shape[0], 2))
-            total = 0.0
-            for i in judged:
-                known = is_known[:, i]
-                _kernels.score_samples(np.ascontiguousarray(path[known, :, i]), later[known, i], energy)
-                total += np.log(energy[: known.sum(), 0].mean())
-            return -float(total) / judged.size
+            energy = score_cases(path, later)[:, judged, SCORES.index("energy")]
+            return -float(np.log(np.nanmean(energy, axis=0)).mean())
 
         axes = [Axis(name, getattr(self, name), factor=FACTOR) for name in ("nearness", "strength")]
         found = choose(axes, score)

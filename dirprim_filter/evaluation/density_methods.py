@@ -1,4 +1,4 @@
-"""The rivals of Table I, each with the settings that are chosen for it.
+"""The rows of Table I: ours, and rivals with the settings that are chosen for them.
 
 All settings are chosen by `settings.choose` on held-out training vehicles. Limits are those of the data: logs do not
 know positions better than to a decimetre, nor courses than to 1e-4 rad (those of SUMO are rounded to .01 degrees);
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple, get_args, get_type_hints
 
 import numpy as np
 
@@ -20,33 +20,20 @@ from dirprim_filter.evaluation.baselines.directional_grid_map import Directional
 from dirprim_filter.evaluation.baselines.gaussian_process import DirectionalGaussianProcess
 from dirprim_filter.evaluation.baselines.stef_map import StefMap
 from dirprim_filter.evaluation.settings import Axis
+from dirprim_filter.primitives import PrimitiveMap, learn_primitives
 from dirprim_filter.tracks import Tracks
 
-
-@runtime_checkable
-class DirectionModel(Protocol):
-    """Whatever predicts directions."""
-
-    def direction_log_density(self, position: FloatArray, direction: FloatArray) -> FloatArray:
-        """Natural log of p(direction | position), per radian. (n, 2), (n,) -> (n,)."""
-        ...
+Fit = Callable[[Tracks, tuple[float, ...], np.random.Generator], Any]
+"""Learns from tracks, with values of the settings, a model of directions, or of directions and speeds."""
 
 
-@runtime_checkable
-class MotionModel(DirectionModel, Protocol):
-    """Whatever predicts directions and speeds."""
-
-    def speed_log_density(self, position: FloatArray, speed: FloatArray) -> FloatArray:
-        """Natural log of p(speed | position), per m/s. (n, 2), (n,) -> (n,)."""
-        ...
-
-    def log_density(self, position: FloatArray, direction: FloatArray, speed: FloatArray) -> FloatArray:
-        """Natural log of p(direction, speed | position), per radian and m/s. (n, 2), (n,), (n,) -> (n,)."""
-        ...
-
-
-Fit = Callable[[Tracks, tuple[float, ...], np.random.Generator], DirectionModel]
-"""Learns a model from tracks, with values of the settings."""
+def log_densities(model: Any, test: Tracks) -> dict[str, FloatArray]:
+    """(n,) natural logs of `direction`, per radian, and, of a model that has them, `speed`, per m/s, and `joint`."""
+    found = {"direction": model.direction_log_density(test.position, test.direction)}
+    if hasattr(model, "log_density"):
+        found["speed"] = model.speed_log_density(test.position, test.speed)
+        found["joint"] = model.log_density(test.position, test.direction, test.speed)
+    return found
 
 
 class Method(NamedTuple):
@@ -63,8 +50,27 @@ class Method(NamedTuple):
     settings: tuple[Axis, ...] = ()
 
 
+PRIMITIVE_KINDS: tuple[Any, ...] = get_args(get_type_hints(learn_primitives)["primitive"])
+"""What `learn_primitives` can learn, the default first: each is a row of the table."""
+WITHOUT_MAP = "without the map"
 CELL_SIZE = Axis("cell size, m", start=3.0, factor=1.5, least=0.1)
 PSEUDO_COUNT = Axis("pseudo-count, rows", start=1.0, factor=3.0)
+
+
+def all_methods(*, max_speed: float) -> list[Method]:
+    """Every row of the table.
+
+    Args:
+        max_speed: m/s, of all rows: given to the uninformative baseline.
+    """
+    return [
+        *(Method(f"primitive, {kind}", _learner(primitive=kind)) for kind in PRIMITIVE_KINDS),
+        Method("primitive, the paper's", _learner(primitive="flat", tessellation="grid", modes="dbscan")),
+        Method("one cell", _learner(n_cells=1)),
+        Method(WITHOUT_MAP, _without_map),
+        *rivals(),
+        Method("uninformative", lambda _train, _values, _rng: Uninformative(max_speed=max_speed)),
+    ]
 
 
 def rivals() -> list[Method]:
@@ -89,14 +95,22 @@ def rivals() -> list[Method]:
     ]  # fmt: skip
 
 
-def _fit(fit: Callable[..., DirectionModel], *names: str, speed: bool = False, rng: bool = False) -> Fit:
+def _fit(fit: Callable[..., Any], *names: str, speed: bool = False, rng: bool = False) -> Fit:
     """Fits to positions and directions, perhaps speeds, with the settings of these names."""
 
-    def learn(train: Tracks, values: tuple[float, ...], own: np.random.Generator) -> DirectionModel:
+    def learn(train: Tracks, values: tuple[float, ...], own: np.random.Generator) -> Any:
         rows = (train.position, train.direction, train.speed)[: 2 + speed]
         return fit(*rows, **dict(zip(names, values, strict=True)), **({"rng": own} if rng else {}))
 
     return learn
+
+
+def _learner(**options: Any) -> Fit:
+    return lambda train, _values, rng: learn_primitives(train, rng=rng, **options)
+
+
+def _without_map(train: Tracks, _values: tuple[float, ...], rng: np.random.Generator) -> PrimitiveMap:
+    return learn_primitives(train, tessellation="grid", n_cells=1, primitive="flat", rng=rng).without_places()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
