@@ -33,7 +33,6 @@ from dirprim_filter.drawing.shapes import covariance_ellipse
 from dirprim_filter.evaluation.scenes import Scene, followed
 from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
 from dirprim_filter.filtering import ParticleFilter
-from dirprim_filter.simulation.sensor import detect
 from dirprim_filter.viewer.process import viewer_program
 from dirprim_filter.viewer.stream import TIMELINE
 
@@ -94,7 +93,7 @@ def gap(folder: Path) -> None:
 def draw_gaps(primitives: PrimitiveMap, tracks: Tracks, n_shown: int, path: Path) -> None:
     """The vehicles that turn most unseen, each in a panel of its own; ellipses hold 90 %."""
     experiment = TrackingExperiment()
-    scene = Scene.of(tracks, experiment, detect, seed=1)
+    scene = Scene.of(tracks, experiment, seed=1)
     ways = followed([scene], lambda: ParticleFilter(primitives, experiment.filter), experiment, smooth=True, seed=1)
     truth, hidden = scene.truth.tracks, scene.truth.is_hidden
     speed = np.where(hidden, truth.speed, 0.0)

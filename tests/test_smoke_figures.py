@@ -12,13 +12,11 @@ import pytest
 
 from dirprim_filter import learn_primitives, read_tracks
 from dirprim_filter.config import FilterConfig
-from dirprim_filter.evaluation.comparisons import compared
 from dirprim_filter.evaluation.cues import evaluate_cues
-from dirprim_filter.evaluation.experiment import evaluate_tracking
 from dirprim_filter.evaluation.forecast_cases import SCORES, Cases, score_cases
 from dirprim_filter.evaluation.forecast_methods import by_constant_velocity, futures_of
+from dirprim_filter.evaluation.tracking import compared, evaluate_tracking
 from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
-from dirprim_filter.simulation.sensor import detect
 
 RECORDING = Path(__file__).parents[1] / "recordings" / "roundabout_learn.mcap"
 MOST_JUDGED = 40
@@ -63,7 +61,7 @@ def test_density(log, learned):
 def tracked(log, learned, seed, **changes):
     experiment = TrackingExperiment(**EXPERIMENT | {"seed": seed} | changes)
     return compared(
-        evaluate_tracking(at_once(log[1]), experiment, sensor=detect, primitive_map=learned), "prior",
+        evaluate_tracking(at_once(log[1]), experiment, primitive_map=learned), "prior",
         "constant velocity",
     )  # fmt: skip
 
@@ -80,7 +78,7 @@ def hota(learned, seed):
     traffic = traffic[traffic.time_ns - traffic.time_ns.min() < 15_000_000_000]
     unlabelled = {"with_ids": False, "gap_s": 0.0, "miss_rate": 0.2, "false_per_frame": 2.0, "methods": ("prior",)}
     experiment = TrackingExperiment(**EXPERIMENT | unlabelled | {"seed": seed})
-    return evaluate_tracking(traffic, experiment, sensor=detect, primitive_map=learned).methods[0].reports[0].hota
+    return evaluate_tracking(traffic, experiment, primitive_map=learned).methods[0].reports[0].hota
 
 
 def test_tracking_without_ids(learned):

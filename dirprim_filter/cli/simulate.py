@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict
 from enum import StrEnum
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -32,10 +29,6 @@ def simulate(
     noise: Annotated[float, typer.Option(help="Sensor: standard deviation in each axis, metres.")] = 0.5,
     miss_rate: Annotated[float, typer.Option(help="Sensor: share of vehicles missed in a frame.")] = 0.05,
     false_per_frame: Annotated[float, typer.Option(help="Sensor: mean number of false detections.")] = 0.2,
-    sensor: Annotated[
-        Path | None,
-        typer.Option(help="A sensor.toml, as of `dirprim calibrate`, in place of the three before.", exists=True),
-    ] = None,
     seed: Seed = 0,
     force: Force = False,
 ) -> None:
@@ -47,19 +40,15 @@ def simulate(
 
     from dirprim_filter.cli.results import provenance
     from dirprim_filter.recording import write_tracks
-    from dirprim_filter.recording.sensor_file import load_sensor
-    from dirprim_filter.simulation.sensor import detect, sense
+    from dirprim_filter.simulation.sensor import detect
     from dirprim_filter.simulation.traffic import simulate as run_traffic
 
-    model, rng = None if sensor is None else load_sensor(sensor), np.random.default_rng(seed)
     errors = {"noise_m": noise, "miss_rate": miss_rate, "false_per_frame": false_per_frame}
     tracks = run_traffic(scene.value, duration_s=duration, seed=seed, rate_hz=rate, demand=demand)
-    reported = None
-    if detections:
-        reported = detect(tracks, rng=rng, **errors) if model is None else sense(tracks, model, rng=rng)
+    reported = detect(tracks, rng=np.random.default_rng(seed), **errors) if detections else None
     said = provenance(
         "simulate", inputs=[], scene=scene.value, duration_s=duration, rate_hz=rate, seed=seed, demand=demand,
-        sensor=None if model is None else json.dumps(asdict(model)), **errors,
+        **errors,
     )  # fmt: skip
     write_tracks(tracks, output, detections=reported, metadata=said, force=force)
     typer.echo(f"{output}: {counted(tracks.n_tracks, 'vehicle')}, {counted(len(tracks), 'row')}")

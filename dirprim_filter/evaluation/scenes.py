@@ -16,9 +16,10 @@ from dirprim_filter.detections import NO_ID, NO_TIME, Detections
 from dirprim_filter.estimates import EstimateList, Estimates, EstimateSink
 from dirprim_filter.evaluation.rivals import MakeFilter
 from dirprim_filter.evaluation.scoring import TrackedWorld, Truth
-from dirprim_filter.evaluation.tracking_experiment import Detector, TrackingExperiment
+from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
 from dirprim_filter.filtering import Tracker, Worlds
 from dirprim_filter.filtering.smoothing import Smoother
+from dirprim_filter.simulation.sensor import detect
 from dirprim_filter.tracks import Tracks
 
 MARGIN_S = 2.0
@@ -48,15 +49,12 @@ def gaps(tracks: Tracks, *, gap_s: float, rng: np.random.Generator) -> BoolArray
 def honest_tracking(tracks: Tracks, experiment: TrackingExperiment) -> TrackingConfig:
     """The true parameters of the sensor in one group, for the association of every method."""
     area = float(np.prod(np.maximum(np.ptp(tracks.position, axis=0), LEAST_SIDE_M)))
-    false_per_frame, model = experiment.false_per_frame, experiment.sensor
-    if model is not None and model.clutter_density is not None:
-        false_per_frame = model.clutter_density * area
     instants = np.unique(tracks.time_ns).size
     n_new = tracks.n_tracks - np.count_nonzero(tracks.time_ns == tracks.time_ns.min())
     occlusion = 1.0 / 20.0 if experiment.gap_s > 0 else 1e-3
     return TrackingConfig(
         detection_probability=min(1.0 - experiment.miss_rate, 0.99),
-        clutter_density=max(false_per_frame, 1e-6) / area,
+        clutter_density=max(experiment.false_per_frame, 1e-6) / area,
         birth_density=max(n_new / instants, 1e-3) / area,
         vehicle_density=len(tracks) / instants / area,
         occlusion_rate=occlusion,
@@ -80,14 +78,14 @@ class Scene(NamedTuple):
     tracking: TrackingConfig
 
     @classmethod
-    def of(cls, world: Tracks, experiment: TrackingExperiment, sensor: Detector, *, seed: int) -> Scene:
+    def of(cls, world: Tracks, experiment: TrackingExperiment, *, seed: int) -> Scene:
         """The scene of a group's tracks: it follows from the seed and its number, whatever the other groups are."""
         group = int(world.group[0])
         rng = np.random.default_rng(_seed_of(seed, group))
         hidden = gaps(world, gap_s=experiment.gap_s, rng=rng)
         return cls(
             group=group, truth=Truth(tracks=world, is_hidden=hidden),
-            seen=_report_of(world, hidden, experiment, sensor, rng=rng),
+            seen=_report_of(world, hidden, experiment, rng=rng),
             tracking=experiment.tracking or honest_tracking(world, experiment),
         )  # fmt: skip
 
@@ -97,10 +95,10 @@ def _seed_of(seed: int, group: int) -> list[int]:
 
 
 def _report_of(
-    tracks: Tracks, hidden: BoolArray, experiment: TrackingExperiment, sensor: Detector, *, rng: np.random.Generator
+    tracks: Tracks, hidden: BoolArray, experiment: TrackingExperiment, *, rng: np.random.Generator
 ) -> Detections:
     """What the sensor reports, less what is out of its sight."""
-    seen = sensor(
+    seen = detect(
         tracks, noise_m=experiment.noise_m, miss_rate=experiment.miss_rate,
         false_per_frame=experiment.false_per_frame, rng=rng,
     )  # fmt: skip
@@ -134,9 +132,7 @@ def followed(
     def tracker_of(group: int) -> Tracker:
         of_a_group = partial(smoothers[group].tracker, 0) if smooth else Tracker
         rng = np.random.default_rng(_seed_of(seed, group))
-        return of_a_group(
-            make(), config=experiment.filter, tracking=of_group[group].tracking, sensor=experiment.sensor, rng=rng
-        )
+        return of_a_group(make(), config=experiment.filter, tracking=of_group[group].tracking, rng=rng)
 
     worlds = Worlds(tracker_of)
     frames = {int(frame.time_ns[0]): frame for frame in Detections.concatenate([s.seen for s in scenes]).frames()}

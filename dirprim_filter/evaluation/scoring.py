@@ -11,7 +11,7 @@ import numpy as np
 from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray
 from dirprim_filter.estimates import EstimateList, Estimates
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
-from dirprim_filter.evaluation.tracking_report import Scales, TrackingReport, errors_by_row
+from dirprim_filter.evaluation.tracking_report import Scales, TrackingReport
 from dirprim_filter.evaluation.truth import judged_truth
 from dirprim_filter.track_ids import world_names
 from dirprim_filter.tracks import Tracks
@@ -49,8 +49,8 @@ class TrackedWorld:
     estimates: EstimateList
 
 
-def report(worlds: Sequence[TrackedWorld], *, with_ids: bool, scales: Scales) -> TrackingReport:
-    """The figures of one group, or pooled over all: each row and each instant counts as in any other group.
+def scored(worlds: Sequence[TrackedWorld], *, with_ids: bool, scales: Scales) -> tuple[TrackingReport, RowErrors]:
+    """The figures of one group, or pooled over all, and the errors they are of: each row counts as in any other group.
 
     Where vehicles of a group have rows at different instants, the truth is interpolated: see `judged_truth`. An
     interpolated row is hidden where both its neighbours are.
@@ -60,29 +60,18 @@ def report(worlds: Sequence[TrackedWorld], *, with_ids: bool, scales: Scales) ->
         with_ids: assign estimates to vehicles by id; else by GOSPA's assignment.
         scales: of the metrics.
     """
-    rows, truth, interpolated = _joined(worlds)
-    return TrackingReport.of(
-        rows, truth.tracks, is_hidden=truth.is_hidden, with_ids=with_ids, scales=scales, interpolated=interpolated
-    )
-
-
-def row_errors(worlds: Sequence[TrackedWorld], *, with_ids: bool, scales: Scales) -> RowErrors:
-    """The errors of each row of the truth, of one run of one method; the arguments are those of `report`."""
-    rows, truth, _ = _joined(worlds)
-    squared, normalised = errors_by_row(rows, truth.tracks, with_ids=with_ids, scales=scales)
-    group = truth.tracks.group
-    names = group.astype(np.str_) if len(worlds) > 1 else world_names(truth.tracks.track_id, group)
-    return RowErrors(cluster=names, squared=squared, normalised=normalised, is_hidden=truth.is_hidden)
-
-
-def _joined(worlds: Sequence[TrackedWorld]) -> tuple[TrackedRows, Truth, float]:
-    """All groups' estimates, their truth in order of time, and the share of it that is interpolated."""
     estimates = [world.estimates.all() for world in worlds]
     groups = [world.truth.tracks.group[0] for world in worlds]
     rows = TrackedRows.of(Estimates.concatenate(estimates), group=np.repeat(groups, [len(part) for part in estimates]))
     judged = [judged_truth(world.truth.tracks) for world in worlds]
-    is_hidden = [of.both(world.truth.is_hidden) for of, world in zip(judged, worlds, strict=True)]
     order = np.argsort(np.concatenate([of.tracks.time_ns for of in judged]), kind="stable")
-    tracks = Tracks.concatenate([of.tracks for of in judged])
-    n_interpolated = sum(of.n_interpolated for of in judged)
-    return rows, Truth(tracks=tracks, is_hidden=np.concatenate(is_hidden)[order]), n_interpolated / len(tracks)
+    truth = Tracks.concatenate([of.tracks for of in judged])  # in order of time
+    is_hidden = np.concatenate([of.both(world.truth.is_hidden) for of, world in zip(judged, worlds, strict=True)])[
+        order
+    ]
+    report, (squared, normalised) = TrackingReport.with_errors(
+        rows, truth, is_hidden=is_hidden, with_ids=with_ids, scales=scales,
+        interpolated=sum(of.n_interpolated for of in judged) / len(truth),
+    )  # fmt: skip
+    names = truth.group.astype(np.str_) if len(worlds) > 1 else world_names(truth.track_id, truth.group)
+    return report, RowErrors(cluster=names, squared=squared, normalised=normalised, is_hidden=is_hidden)

@@ -4,16 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, Protocol
-
-import numpy as np
+from typing import Any
 
 from dirprim_filter.config import FilterConfig, TrackingConfig
-from dirprim_filter.detections import Detections
 from dirprim_filter.evaluation.rivals import METHODS, Method
 from dirprim_filter.evaluation.tracking_report import Scales
-from dirprim_filter.sensor import Sensor
-from dirprim_filter.tracks import Tracks
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,8 +31,6 @@ class TrackingExperiment:
         smooth: beside each method that has a smoother what that says, and the best smoother of constant velocity.
         filter: parameters of the filters; the noise is the sensor's, and tracks survive a gap.
         tracking: parameters of association. Default: the true ones of the sensor.
-        sensor: a model of the sensor, in place of the first three, which then follow from it. All trackers know its
-            latency; the particle filters go by all of it, Kalman filters by white errors as wide.
     """
 
     noise_m: float = 0.5
@@ -54,16 +47,9 @@ class TrackingExperiment:
     smooth: bool = False
     filter: FilterConfig = field(default_factory=FilterConfig)
     tracking: TrackingConfig | None = None
-    sensor: Sensor | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "methods", tuple(self.methods))
-        known = self.filter
-        if self.sensor is not None:
-            known, _ = self.sensor.informs(self.filter, TrackingConfig())
-            object.__setattr__(self, "noise_m", known.noise_m)
-            object.__setattr__(self, "miss_rate", 1.0 - (self.sensor.detection_probability or 1.0))
-            object.__setattr__(self, "false_per_frame", 0.0)  # it follows from the area
         unknown = [name for name in self.methods if name not in METHODS]
         if unknown or not self.methods:
             raise ValueError(f"methods: expected some of {', '.join(METHODS)}, got {', '.join(unknown) or 'none'}")
@@ -78,8 +64,7 @@ class TrackingExperiment:
         if not 0 < self.learn < 1:
             raise ValueError(f"learn: expected a share between 0 and 1, got {self.learn}")
         lasting_s = max(self.filter.max_gap_s, self.gap_s + 1.0)  # else the end of a gap has no estimate to judge
-        knowing = replace(known, noise_m=self.noise_m, max_gap_s=lasting_s)
-        object.__setattr__(self, "filter", knowing)
+        object.__setattr__(self, "filter", replace(self.filter, noise_m=self.noise_m, max_gap_s=lasting_s))
 
     @property
     def scales(self) -> Scales:
@@ -88,7 +73,7 @@ class TrackingExperiment:
 
     @classmethod
     def of(cls, given: Mapping[str, Any]) -> TrackingExperiment:
-        """The experiment of a file: its names are the attributes', `filter`, `tracking` and `sensor` are tables.
+        """The experiment of a file: its names are the attributes', `filter` and `tracking` are tables.
 
         Raises:
             ValueError: an unknown name, or a value out of range.
@@ -97,20 +82,8 @@ class TrackingExperiment:
         for name, kind in (("filter", FilterConfig), ("tracking", TrackingConfig)):
             if plain.get(name) is not None:
                 plain[name] = config_of(kind, plain[name], where=name)
-        if plain.get("sensor") is not None:
-            plain["sensor"] = _sensor(plain["sensor"])
         made: TrackingExperiment = config_of(cls, plain, where="experiment")
         return made
-
-
-def _sensor(table: object) -> Sensor:
-    """Of a file's table; numbers that are not known may be null."""
-    if not isinstance(table, Mapping):
-        raise ValueError(f"sensor: expected a table of names and values, got {table!r}")  # noqa: TRY004 - a file's, no caller's
-    try:
-        return Sensor.of({name: value for name, value in table.items() if value is not None})
-    except ValueError as error:
-        raise ValueError(f"sensor: {error}") from error
 
 
 def config_of(kind: type[Any], given: object, *, where: str) -> Any:
@@ -129,13 +102,3 @@ def config_of(kind: type[Any], given: object, *, where: str) -> Any:
         if not isinstance(value, plain) or (isinstance(value, bool) and bool not in plain and object not in plain):
             raise ValueError(f"{where}: {name}: expected a value of type {known[name]}, got {value!r}")
     return kind(**given)
-
-
-class Detector(Protocol):
-    """Reports tracks: `simulation.sensor.detect`."""
-
-    def __call__(
-        self, tracks: Tracks, *, noise_m: float, miss_rate: float, false_per_frame: float, rng: np.random.Generator
-    ) -> Detections:
-        """What is reported, in order of time."""
-        ...

@@ -43,10 +43,6 @@ class Scales:
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name}: expected a positive distance in metres, got {getattr(self, name)}")
 
-    def comparison(self, rows: TrackedRows, truth: Tracks) -> Comparison:
-        """The rows beside the truth, for all metrics."""
-        return Comparison.of(truth, rows, reach_m=max(self.cutoff_m, self.similarity_m))
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrackingReport:
@@ -126,20 +122,35 @@ class TrackingReport:
         Raises:
             ValueError: the truth has no row.
         """
+        return cls.with_errors(
+            rows, truth, is_hidden=is_hidden, with_ids=with_ids, scales=scales, interpolated=interpolated
+        )[0]
+
+    @classmethod
+    def with_errors(
+        cls, rows: TrackedRows, truth: Tracks, *, is_hidden: BoolArray | None, with_ids: bool, scales: Scales,
+        interpolated: float,
+    ) -> tuple[TrackingReport, FloatArray]:  # fmt: skip
+        """The report, and (2, n) of each row of the truth: squared error, m2, and in units of the covariance, or NaN.
+
+        Arguments and errors are those of `of`.
+        """
         if len(truth) == 0:
             raise ValueError("truth: expected at least one row, got none")
-        comparison = scales.comparison(rows, truth)
+        comparison = Comparison.of(truth, rows, reach_m=max(scales.cutoff_m, scales.similarity_m))
         points = hota(comparison, similarity_m=scales.similarity_m)
         clear = clear_mot(comparison, similarity_m=scales.similarity_m)
         sets = gospa(comparison, cutoff_m=scales.cutoff_m)
         row, column = _by_name(rows, truth, comparison) if with_ids else sets.pairs[:2]
-        squared, normalised, turn, pace = _errors(rows, truth, row, column)
+        squared, normalised, turn, pace = errors = _errors(rows, truth, row, column)
         if is_hidden is None:  # as the tracker says; neither seen nor hidden without that
             seen, hidden = rows.unseen_s[column] <= GAP_FROM_S, rows.unseen_s[column] > GAP_FROM_S
         else:
             seen, hidden = ~is_hidden[row], is_hidden[row]
         per_row = 1.0 / len(truth)
-        return cls(
+        by_row = np.full((2, len(truth)), np.nan)
+        by_row[:, row] = errors[:2]
+        report = cls(
             rmse=_root(squared), seen_rmse=_root(squared[seen]), hidden_rmse=_root(squared[hidden]),
             direction_rmse=_root(turn**2), speed_rmse=_root(pace**2), nees=_mean(normalised),
             seen_nees=_mean(normalised[seen]), hidden_nees=_mean(normalised[hidden]),
@@ -149,23 +160,7 @@ class TrackingReport:
             gospa=sets.distance * np.sqrt(per_row), localisation=sets.localisation * per_row,
             missed=sets.missed * per_row, false=sets.false * per_row,
         )  # fmt: skip
-
-
-def errors_by_row(rows: TrackedRows, truth: Tracks, *, with_ids: bool, scales: Scales) -> FloatArray:
-    """(2, n) for each row of the truth: squared error, square metres, and in units of the covariance; NaN if unknown.
-
-    Args:
-        rows: at instants of the truth.
-        truth: where vehicles were at all instants that are judged.
-        with_ids: assign estimates to vehicles by id; else by GOSPA's assignment.
-        scales: of the metrics.
-    """
-    comparison = scales.comparison(rows, truth)
-    by_place = None if with_ids else gospa(comparison, cutoff_m=scales.cutoff_m)
-    row, column = by_place.pairs[:2] if by_place else _by_name(rows, truth, comparison)
-    found = np.full((2, len(truth)), np.nan)
-    found[:, row] = _errors(rows, truth, row, column)[:2]
-    return found
+        return report, by_row
 
 
 def _errors(rows: TrackedRows, truth: Tracks, row: IntArray, column: IntArray) -> FloatArray:

@@ -8,9 +8,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
-from dirprim_filter.evaluation.experiment import TrackingTable
 from dirprim_filter.evaluation.forecasting import ForecastTable
 from dirprim_filter.evaluation.scores import ScoreTable
+from dirprim_filter.evaluation.tracking import TrackingTable
 from dirprim_filter.viewer.figures.page import NORMAL, SMALL, dress, new_figure
 
 PANELS = {

@@ -16,14 +16,13 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.evaluation.forecast_cases import SCORES, Cases, score_cases
 from dirprim_filter.evaluation.forecast_methods import futures_in_worlds, futures_of
 from dirprim_filter.evaluation.scenes import Scene, followed
-from dirprim_filter.evaluation.scoring import RowErrors, TrackedWorld, report, row_errors
+from dirprim_filter.evaluation.scoring import RowErrors, TrackedWorld, scored
 from dirprim_filter.evaluation.splits import held_out
 from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
 from dirprim_filter.filtering import Tracker
 from dirprim_filter.filtering.particle_filter import bayes_filter_of
 from dirprim_filter.primitives import PrimitiveMap, learn_primitives
 from dirprim_filter.recording.tables import read_named
-from dirprim_filter.simulation.sensor import detect
 from dirprim_filter.tracks import Tracks
 
 DATA = Path(__file__).parents[2] / "../shared/data"
@@ -89,7 +88,7 @@ class Simulated:
     @cached_property
     def scenes(self) -> list[Scene]:
         """The same for every variant."""
-        return [Scene.of(world, self.experiment, detect, seed=self.seed) for world in self.test.worlds()]
+        return [Scene.of(world, self.experiment, seed=self.seed) for world in self.test.worlds()]
 
     def tracked(self, learned: PrimitiveMap, off: Any) -> Outcome:
         """Errors of tracking without a mechanism."""
@@ -125,10 +124,10 @@ class Simulated:
 def errors_of(worlds: list[TrackedWorld], *, with_ids: bool, experiment: TrackingExperiment) -> Outcome:
     """Errors by row with ids; HOTA of each group without."""
     scales = experiment.scales
-    errors = row_errors(worlds, with_ids=with_ids, scales=scales)
+    _, errors = scored(worlds, with_ids=with_ids, scales=scales)
     found = rows_of(errors)
     if not with_ids:
-        hotas = np.array([report([world], with_ids=False, scales=scales).hota for world in worlds])
+        hotas = np.array([scored([world], with_ids=False, scales=scales)[0].hota for world in worlds])
         groups = np.array([str(world.truth.tracks.group[0]) for world in worlds])
         found["HOTA"] = Figure(groups if groups.size > 1 else np.zeros(1), hotas)
     return found

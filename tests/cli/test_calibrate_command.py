@@ -10,8 +10,8 @@ from cli.commands import DONE, FAILED, USAGE, dirprim
 from dirprim_filter import learn_primitives, read_estimates, save_map, write_tracks
 from dirprim_filter.evaluation.calibration import self_calibration
 from dirprim_filter.recording.sensor_file import load_sensor, save_sensor
-from dirprim_filter.simulation.sensor import sense
 from evaluation.test_calibration import BIASED, TRUTH
+from sensing import sense
 
 TRACK = "track log.mcap --map map.mcap --particles 20 -o out"
 OTHER = "[across]\nspread_m = 1"

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cli.commands import DONE, FAILED, USAGE, dirprim
+from cli.commands import DONE, FAILED, dirprim
 from dirprim_filter import read_estimates, write_tracks
 from dirprim_filter.cli.evaluate.forecast import forecast_text
 from dirprim_filter.evaluation import cues, density, experiment, forecasting
@@ -136,22 +136,13 @@ def test_tracking_tells_people_and_machines_the_same_and_can_be_had_again(log, c
 
 
 def test_an_experiment_file_is_followed_and_a_wrong_one_is_one_line(log, capsys):
-    own, model = Path("own.toml"), Path("sensor.toml")
+    own = Path("own.toml")
     own.write_text('n_seeds = 1\ngap_s = 0.0\nmethods = ["constant velocity"]\n[filter]\nmax_gap_s = 2.0\n')
     assert dirprim("evaluate tracking few.mcap --config own.toml --set noise_m=0.3 --json") == DONE
     made = json.loads(capsys.readouterr().out)["experiment"]
     assert (made["n_seeds"], made["noise_m"], made["filter"]["max_gap_s"]) == (1, 0.3, 2.0)
-    model.write_text("latency_s = 0.1\n[along]\nspread_m = 0.4\n[across]\nspread_m = 0.2\n")
-    assert dirprim("evaluate tracking few.mcap --config own.toml --sensor sensor.toml --json") == DONE
-    Path("again.json").write_text(first := capsys.readouterr().out)
-    assert json.loads(first)["experiment"]["sensor"]["latency_s"] == 0.1
-    assert dirprim("evaluate tracking few.mcap --config again.json --json") == DONE
-    assert capsys.readouterr().out == first
-    assert dirprim("evaluate tracking few.mcap --config again.json --set noise_m=0.3") == USAGE
-    model.write_text("latency_s = -1\n[along]\nspread_m = 0.4\n[across]\nspread_m = 0.2\n")
     Path("notes.txt").write_text("noise: a lot")
     for option, text, said in (
-        ("--sensor sensor.toml", "", "sensor.toml: latency_s: expected 0 to 5 seconds, got -1"),
         ("--config own.toml", "noise = 1", "noise: expected one of noise_m"),
         ("--config own.toml", "noise_m = ", "own.toml: expected an experiment in TOML"),
         ("--config notes.txt", "", "notes.txt: expected an experiment in TOML, or the JSON or MCAP of"),

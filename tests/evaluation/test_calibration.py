@@ -10,8 +10,8 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.evaluation.calibration import calibrate
 from dirprim_filter.evaluation.calibration.gauss_markov import Profile
 from dirprim_filter.sensor import AxisError, Sensor, without_bias
-from dirprim_filter.simulation.sensor import sense
 from dirprim_filter.tracks import Tracks
+from sensing import sense
 
 WHITE = Sensor(
     along=AxisError(spread_m=0.5), across=AxisError(spread_m=0.3), detection_probability=0.9, clutter_density=2e-5

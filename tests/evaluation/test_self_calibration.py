@@ -18,8 +18,8 @@ from dirprim_filter.filtering import ConstantVelocityKalman
 from dirprim_filter.filtering.smoothing import Smoother
 from dirprim_filter.replay import replay
 from dirprim_filter.sensor import WIDE, AxisError, Sensor
-from dirprim_filter.simulation.sensor import sense
 from evaluation.test_calibration import circling
+from sensing import sense
 
 RECORDINGS = Path(__file__).parents[2] / "recordings"
 SENSOR = Sensor(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
-from dirprim_filter.evaluation.tracking_report import Scales, TrackingReport, errors_by_row
+from dirprim_filter.evaluation.tracking_report import Scales, TrackingReport
 from dirprim_filter.tracks import Tracks
 
 N = 40
@@ -85,9 +85,11 @@ def report(of, *, is_hidden=None, with_ids=True, truth=TRUTH):
 def test_errors_are_those_of_a_slow_loop_over_the_rows_of_the_same_name(seed, is_hidden):
     rows = tracked(seed)
     expected, by_row = slowly(rows, TRUTH, is_hidden)
-    found = report(rows, is_hidden=is_hidden)
+    found, errors = TrackingReport.with_errors(
+        rows, TRUTH, is_hidden=is_hidden, with_ids=True, scales=Scales(), interpolated=0.0
+    )
     assert {name: getattr(found, name) for name in expected} == pytest.approx(expected, rel=1e-9)
-    np.testing.assert_allclose(errors_by_row(rows, TRUTH, with_ids=True, scales=Scales()), by_row, rtol=1e-9)
+    np.testing.assert_allclose(errors, by_row, rtol=1e-9)
     unknown = report(replace(rows, unseen_s=(), covariance=()), is_hidden=None)
     assert np.isnan([unknown.seen_rmse, unknown.hidden_rmse, unknown.nees, unknown.coverage_90]).all()
 

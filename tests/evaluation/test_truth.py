@@ -7,7 +7,7 @@ import pytest
 
 from dirprim_filter.estimates import EstimateList, Estimates
 from dirprim_filter.evaluation.scores import score_rows
-from dirprim_filter.evaluation.scoring import TrackedWorld, Truth, report, row_errors
+from dirprim_filter.evaluation.scoring import TrackedWorld, Truth, scored
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
 from dirprim_filter.evaluation.tracking_report import Scales, TrackingReport
 from dirprim_filter.evaluation.truth import judged_truth
@@ -51,7 +51,7 @@ def tracked_at(time_ns):
     return rows[(vehicle != 4) | (seconds < 3.0) | (seconds > 5.0)]
 
 
-def scored(rows, truth, **others):
+def table_of(rows, truth, **others):
     return score_rows({"it": rows} | others, truth, with_ids=False, scales=Scales())
 
 
@@ -63,11 +63,11 @@ def figures(found):
 def test_clocks_of_vehicles_change_no_figure(seed):
     """Neither where the tracker follows the asynchronous rows, nor in frames between them; row by row all is wrong."""
     frames = np.arange(N) * STEP_NS
-    synchronous = scored(tracked_at(frames), truth_of()).scores[0].report
+    synchronous = table_of(tracked_at(frames), truth_of()).scores[0].report
     offset = np.random.default_rng(seed).integers(-STEP_NS, STEP_NS, N_VEHICLES)
     truth = truth_of(offset)
     rows = tracked_at(np.unique(truth.time_ns))
-    for found, at_results in ((scored(rows, truth), False), (scored(tracked_at(frames), truth), True)):
+    for found, at_results in ((table_of(rows, truth), False), (table_of(tracked_at(frames), truth), True)):
         assert found.at_results == at_results
         assert found.n_interpolated > 0.7 * found.n_rows
         np.testing.assert_allclose(figures(found.scores[0].report), figures(synchronous), atol=0.02)
@@ -84,7 +84,7 @@ def test_frames_are_judged_as_they_are_to_the_last_digit():
     judged = judged_truth(truth, [tracked_at(np.unique(truth.time_ns))])
     assert judged.tracks is truth
     rows = tracked_at(np.unique(truth.time_ns)[::2])
-    table = scored(rows, truth)
+    table = table_of(rows, truth)
     row_by_row = TrackingReport.of(rows, truth, is_hidden=None, with_ids=False, scales=Scales())
     assert repr(table.scores[0].report) == repr(row_by_row)  # NaN as well
     assert (table.at_results, table.n_interpolated, table.n_instants, table.scores[0].n_instants) == (False, 0, N, 40)
@@ -151,9 +151,9 @@ def test_groups_know_nothing_of_each_others_instants():
 def test_results_that_are_scored_together_are_judged_at_the_instants_of_all():
     truth = truth_of()
     one, other = (tracked_at(np.arange(2, 70) * STEP_NS + shift) for shift in (30_000_000, 60_000_000))
-    both = scored(one, truth, other=other)
+    both = table_of(one, truth, other=other)
     assert (both.n_instants, [of.n_instants for of in both.scores]) == (136, [68, 68])
-    alone = scored(one, truth).scores[0].report
+    alone = table_of(one, truth).scores[0].report
     assert both.scores[0].report.reported == pytest.approx(0.5 * alone.reported, rel=1e-9)
     assert both.scores[0].report.rmse == pytest.approx(alone.rmse)
 
@@ -174,10 +174,9 @@ def test_an_interpolated_row_is_hidden_where_both_its_neighbours_are():
         effective_sample_size=known, log_evidence=known,
     )  # fmt: skip
     world = TrackedWorld(truth=Truth(tracks=truth, is_hidden=hidden), estimates=EstimateList(estimates))
-    got = report([world], with_ids=True, scales=Scales())
+    got, found = scored([world], with_ids=True, scales=Scales())
     assert (got.reported, got.interpolated) == (1.0, pytest.approx(10 / 22))
     assert (got.seen_rmse, got.hidden_rmse) == pytest.approx((1.0, 3.0))
-    found = row_errors([world], with_ids=True, scales=Scales())
     assert set(found.cluster) == {"a", "b"}
     assert found.squared == pytest.approx(np.where(is_hidden, 9.0, 1.0))
     np.testing.assert_array_equal(found.is_hidden, is_hidden)

@@ -14,8 +14,8 @@ from dirprim_filter.filtering.smoothing import Smoother
 from dirprim_filter.primitives import learn_primitives
 from dirprim_filter.replay import replay
 from dirprim_filter.sensor import AxisError, Sensor
-from dirprim_filter.simulation.sensor import sense
 from evaluation.test_calibration import circling
+from sensing import sense
 
 SENSOR = Sensor(
     along=AxisError(spread_m=0.6, bias_m=0.4, correlated_share=0.7, correlation_s=0.5),

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dirprim_filter.cli.options import WRITTEN, Config, Force, Json, Logs, Plot, SensorFile, named_file
+from dirprim_filter.cli.options import WRITTEN, Config, Force, Json, Logs, Plot, named_file
 from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.results import CONFIG_KEY, draw, read_experiment, report
 from dirprim_filter.cli.settings import Settings, deal
@@ -18,10 +18,9 @@ from dirprim_filter.cli.texts import counted, figure_lines, number
 
 if TYPE_CHECKING:
     from dirprim_filter.estimates import EstimateSink
-    from dirprim_filter.evaluation.experiment import TrackingTable
-    from dirprim_filter.evaluation.tracking_experiment import Detector, TrackingExperiment
+    from dirprim_filter.evaluation.tracking import TrackingTable
+    from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
     from dirprim_filter.primitives import PrimitiveMap
-    from dirprim_filter.sensor import Sensor
     from dirprim_filter.tracks import Tracks
 
 MOST_OUTSIDE = 0.9
@@ -40,7 +39,6 @@ def tracking(
         float | None, typer.Option(help="Seconds out of sight of each vehicle; 0: none. Default: 3.")
     ] = None,
     with_ids: Annotated[bool | None, typer.Option("--ids/--no-ids", help="Whether the sensor reports ids.")] = None,
-    sensor: SensorFile = None,
     seeds: Annotated[int | None, typer.Option(min=1, help="Runs, each with random numbers of its own.")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="The same seed gives the same result.")] = None,
     config: Config = None,
@@ -65,10 +63,10 @@ def tracking(
     """
     from dirprim_filter.cli.progress import step_progress
     from dirprim_filter.cli.results import provenance
-    from dirprim_filter.evaluation.experiment import evaluate_tracking
+    from dirprim_filter.evaluation.tracking import evaluate_tracking
     from dirprim_filter.recording.writer import EstimateWriter
 
-    made = _experiment(config, sensor, settings, {
+    made = _experiment(config, settings, {
         "gap_s": gap, "with_ids": with_ids, "methods": method or None, "n_seeds": seeds, "seed": seed,
     })  # fmt: skip
     log = reading.tracks(logs)
@@ -81,8 +79,8 @@ def tracking(
             sinks.append(files.enter_context(EstimateWriter(output, metadata=metadata, force=force)))
         step = files.enter_context(step_progress("evaluating", "steps"))
         table = evaluate_tracking(
-            log.tracks, made, sensor=_detector(made.sensor),
-            primitive_map=_map_of(map_file, log.tracks) if map_file else None, sinks=tuple(sinks), progress=step,
+            log.tracks, made, primitive_map=_map_of(map_file, log.tracks) if map_file else None, sinks=tuple(sinks),
+            progress=step,
         )  # fmt: skip
     draw("tracking_chart", table, plot, force=force)
     return report(
@@ -91,22 +89,14 @@ def tracking(
     )  # fmt: skip
 
 
-def _experiment(
-    config: Path | None, sensor: Path | None, settings: Settings, options: dict[str, Any]
-) -> TrackingExperiment:
+def _experiment(config: Path | None, settings: Settings, options: dict[str, Any]) -> TrackingExperiment:
     """Of the file, but for what settings and options state."""
     from dirprim_filter.config import FilterConfig, TrackingConfig
     from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
-    from dirprim_filter.recording.sensor_file import load_sensor
 
     tables = [[f.name for f in fields(kind)] for kind in (TrackingExperiment, FilterConfig, TrackingConfig)]
     given, of_filter, of_tracking = deal(settings, *tables)
     configured = read_experiment(config, of="evaluate tracking")
-    if sensor is not None:
-        configured["sensor"] = asdict(load_sensor(sensor))
-    stated = [name for name in ("noise_m", "miss_rate", "false_per_frame") if name in given]
-    if stated and configured.get("sensor") is not None:
-        raise typer.BadParameter(f"a sensor's model contains {stated[0]}: give one of the two", param_hint="--sensor")
     configured |= given | {name: value for name, value in options.items() if value is not None}
     for name, own in (("filter", of_filter), ("tracking", of_tracking)):
         if own:
@@ -129,33 +119,9 @@ def _map_of(path: Path, tracks: Tracks) -> PrimitiveMap:
     return loaded
 
 
-def _detector(model: Sensor | None) -> Detector:
-    """What makes detections: by the model where there is one, else by the noise, misses and false ones asked for."""
-    from dirprim_filter.simulation.sensor import detect, sense
-
-    if model is None:
-        return detect
-    return lambda tracks, *, rng, **_: sense(tracks, model, rng=rng)
-
-
-def _watched(experiment: TrackingExperiment) -> str:
-    """How the sensor errs."""
-    model = experiment.sensor
-    if model is None:
-        return (
-            f"noise {experiment.noise_m:g} m, {experiment.miss_rate:.0%} missed, "
-            f"{experiment.false_per_frame:g} false per frame"
-        )
-    return (
-        f"errors {model.along.bias_m:+.2g} +- {model.along.spread_m:.2g} m along and {model.across.bias_m:+.2g} +- "
-        f"{model.across.spread_m:.2g} m across the way, {model.latency_s:.2g} s late, "
-        f"{experiment.miss_rate:.0%} missed, {model.clutter_density or 0.0:.2g} false per m2 and frame"
-    )
-
-
 def tracking_text(table: TrackingTable) -> str:
     """The table as text: means over the seeds, then what the first method gains over each other."""
-    from dirprim_filter.evaluation.comparisons import comparisons
+    from dirprim_filter.evaluation.tracking import comparisons
 
     experiment = table.experiment
     ids = "ids" if experiment.with_ids else "no ids"
@@ -164,7 +130,8 @@ def tracking_text(table: TrackingTable) -> str:
     groups = f" in {counted(table.n_groups, 'group')}, each by itself," if has_groups else ""
     lines = [
         f"{counted(table.n_vehicles, 'vehicle')}{groups} tracked in {counted(experiment.n_seeds, 'run')}, "
-        f"{counted(table.n_gaps, 'gap')} of {experiment.gap_s:g} s, {_watched(experiment)}, {ids}; {where}",
+        f"{counted(table.n_gaps, 'gap')} of {experiment.gap_s:g} s, noise {experiment.noise_m:g} m, "
+        f"{experiment.miss_rate:.0%} missed, {experiment.false_per_frame:g} false per frame, {ids}; {where}",
         *["means over the runs, +- deviations from run to run"] * (experiment.n_seeds > 1),
         "",
     ]
@@ -181,7 +148,7 @@ def tracking_text(table: TrackingTable) -> str:
 
 def tracking_object(table: TrackingTable) -> dict[str, Any]:
     """The table for machines: every method's figures, and the first method beside each other."""
-    from dirprim_filter.evaluation.comparisons import comparisons
+    from dirprim_filter.evaluation.tracking import comparisons
 
     bare = replace(table, methods=tuple(replace(method, errors=()) for method in table.methods))
     return asdict(bare) | {"comparisons": [found.as_table() for found in comparisons(table)]}

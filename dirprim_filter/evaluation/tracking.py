@@ -1,22 +1,30 @@
-"""Tracking experiments: what a sensor would report of known traffic, given to every method and scored."""
+"""Tracking experiments: what a sensor would report of known traffic, given to every method and scored.
+
+Two methods are compared on the same rows. With ids each row of the truth in which both have an estimate counts; what is
+independent are vehicles, or groups where there are several. Without ids which estimate is of which vehicle is for the
+tracker to say, so HOTA is compared: group by group, or in a log of one group run by run, which separates noise from
+noise and holds for its traffic alone.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import EstimateSink
+from dirprim_filter.evaluation.intervals import Interval, difference_of_means, paired, reduction_of_rmse
 from dirprim_filter.evaluation.rivals import RAW, RIVALS, SMOOTHED, FittedRival, MakeFilter, Method, fitted
 from dirprim_filter.evaluation.scenes import Scene, as_reported, followed
-from dirprim_filter.evaluation.scoring import RowErrors, TrackedWorld, report, row_errors
+from dirprim_filter.evaluation.scoring import RowErrors, TrackedWorld, scored
 from dirprim_filter.evaluation.settings import Choice
 from dirprim_filter.evaluation.splits import held_out, honest_split, steps
-from dirprim_filter.evaluation.tracking_experiment import Detector, TrackingExperiment
+from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
 from dirprim_filter.evaluation.tracking_report import TrackingReport
 from dirprim_filter.filtering.particle_filter import bayes_filter_of
 from dirprim_filter.primitives import PrimitiveMap, learn_primitives
@@ -24,6 +32,8 @@ from dirprim_filter.tracks import Tracks
 
 SMOOTHED_SUFFIX = " smoothed"
 """Ends the name of what a method's smoother wrote."""
+SAID = {"prior": "the map", "place-free": "the same filter without the map"}
+"""What sentences call methods."""
 MOST_FITTED = 20
 """Training vehicles that the Kalman filters are fitted to, drawn at random."""
 
@@ -95,7 +105,6 @@ def evaluate_tracking(
     tracks: Tracks,
     experiment: TrackingExperiment,
     *,
-    sensor: Detector,
     primitive_map: PrimitiveMap | None = None,
     sinks: tuple[EstimateSink, ...] = (),
     progress: Callable[[int, int], None] | None = None,
@@ -105,7 +114,6 @@ def evaluate_tracking(
     Args:
         tracks: the truth.
         experiment: what to do.
-        sensor: makes detections of tracks, by the experiment's model of it where there is one.
         primitive_map: the prior; left out, it is learned from a part of the vehicles, and the others are tracked. Where
             it is given, the rivals and the single cell learn from the very vehicles they track, in their favour.
         sinks: take the frames of the first method in the first seed.
@@ -117,11 +125,11 @@ def evaluate_tracking(
     if sinks and experiment.methods[0] == RAW:
         raise ValueError(f"methods: expected a tracker first, whose run can be written, got {RAW}")
     runs: dict[str, list[tuple[TrackingReport, tuple[TrackingReport, ...], RowErrors]]] = {}
+    score = partial(scored, with_ids=experiment.with_ids, scales=experiment.scales)
 
     def add(name: str, tracked: list[TrackedWorld]) -> None:
-        scored = partial(report, with_ids=experiment.with_ids, scales=experiment.scales)
-        errors = row_errors(tracked, with_ids=experiment.with_ids, scales=experiment.scales)
-        runs.setdefault(name, []).append((scored(tracked), tuple(scored([world]) for world in tracked), errors))
+        of_all, errors = score(tracked)
+        runs.setdefault(name, []).append((of_all, tuple(score([world])[0] for world in tracked), errors))
 
     groups: list[tuple[int, ...]] = []
     settings: list[dict[str, tuple[Choice, ...]]] = []
@@ -130,10 +138,10 @@ def evaluate_tracking(
     for i in range(experiment.n_seeds):
         deal, learn, sense, fit, filtering, one_cell = np.random.default_rng([experiment.seed, i]).spawn(6)
         train, test = (tracks, tracks) if primitive_map else held_out(tracks, share=experiment.learn, rng=deal)
-        scenes = _scenes(test, experiment, sensor, seed=int(sense.integers(2**63)))
+        scenes = _scenes(test, experiment, seed=int(sense.integers(2**63)))
         made = _on_map(experiment, primitive_map, train, rng=learn, one_cell_rng=one_cell)
         rivals = [name for name in RIVALS if name in experiment.methods]
-        seen = _seen_in_training(train, experiment, sensor, rng=fit)
+        seen = _seen_in_training(train, experiment, rng=fit)
         made |= {name: fitted(name, seen, train, experiment.filter) for name in rivals}
         done()
         groups.append(tuple(scene.group for scene in scenes))
@@ -174,18 +182,111 @@ def _on_map(
         maps = {"prior": learned, "place-free": learned.without_places()}
     if "one cell" in experiment.methods:
         maps["one cell"] = learn_primitives(train, tessellation="grid", n_cells=1, rng=one_cell_rng)
-    return {name: partial(bayes_filter_of, of, experiment.filter, experiment.sensor) for name, of in maps.items()}
+    return {name: partial(bayes_filter_of, of, experiment.filter, None) for name, of in maps.items()}
 
 
-def _scenes(tracks: Tracks, experiment: TrackingExperiment, sensor: Detector, *, seed: int) -> list[Scene]:
-    return [Scene.of(world, experiment, sensor, seed=seed) for world in tracks.worlds()]
+def _scenes(tracks: Tracks, experiment: TrackingExperiment, *, seed: int) -> list[Scene]:
+    return [Scene.of(world, experiment, seed=seed) for world in tracks.worlds()]
 
 
-def _seen_in_training(
-    train: Tracks, experiment: TrackingExperiment, sensor: Detector, *, rng: np.random.Generator
-) -> Detections:
+def _seen_in_training(train: Tracks, experiment: TrackingExperiment, *, rng: np.random.Generator) -> Detections:
     """What the sensor reports of some training vehicles, with their gaps, under their names and without clutter."""
     some = train[np.isin(train.vehicle, rng.permutation(train.n_tracks)[:MOST_FITTED])]
-    scenes = _scenes(some, replace(experiment, with_ids=True), sensor, seed=int(rng.integers(2**63)))
+    scenes = _scenes(some, replace(experiment, with_ids=True), seed=int(rng.integers(2**63)))
     seen = Detections.concatenate([scene.seen for scene in scenes])
     return seen[np.isin(seen.track_id, some.track_id.astype(np.str_))].in_one_world()
+
+
+class TrackingComparison(NamedTuple):
+    """One method beside another; None where nothing can be compared.
+
+    Attributes:
+        first: name of a method,
+        other: and of another.
+        in_sight: share by which the first's RMSE in sight is below the other's.
+        in_gaps: the same in gaps.
+        hota: HOTA of the first less that of the other.
+    """
+
+    first: str
+    other: str
+    in_sight: Interval | None
+    in_gaps: Interval | None
+    hota: Interval | None
+
+    @property
+    def sentence(self) -> str:
+        """What a reader wants to know; empty where nothing can be compared."""
+        of_both = f"{_said(self.first)} against {_said(self.other)}"
+        parts = [
+            f"{where} {_percent(found)}"
+            for where, found in (("in gaps", self.in_gaps), ("in sight", self.in_sight))
+            if found is not None
+        ]
+        if parts:
+            return f"{of_both}: error {', '.join(parts)}"
+        return f"{of_both}: HOTA {_difference(self.hota)}" if self.hota is not None else ""
+
+    def as_table(self) -> dict[str, object]:
+        """Names and values, for JSON."""
+        return {
+            name: value._asdict() if isinstance(value, Interval) else value for name, value in self._asdict().items()
+        }
+
+
+def comparisons(table: TrackingTable) -> list[TrackingComparison]:
+    """The first method beside each other, filters with filters and smoothers with smoothers."""
+    names = [method.name for method in table.methods]
+    first = names[0] + SMOOTHED_SUFFIX
+    pairs = [(names[0], name) for name in names[1:] if not name.endswith(SMOOTHED_SUFFIX)]
+    pairs += [(first, name) for name in names if name.endswith(SMOOTHED_SUFFIX) and name != first and first in names]
+    return [compared(table, *pair) for pair in pairs]
+
+
+def compared(table: TrackingTable, first: str, other: str) -> TrackingComparison:
+    """Two methods of a table, over all its seeds."""
+    a, b = (next(of for of in table.methods if of.name == name) for name in (first, other))
+    errors = list(zip(a.errors, b.errors, strict=True)) if table.experiment.with_ids else []
+    return TrackingComparison(
+        first=first, other=other, in_sight=_nearer(errors, is_hidden=False), in_gaps=_nearer(errors, is_hidden=True),
+        hota=None if table.experiment.with_ids else _hota(table, a, b),
+    )  # fmt: skip
+
+
+def _nearer(seeds: Sequence[tuple[RowErrors, RowErrors]], *, is_hidden: bool) -> Interval | None:
+    rows = [a.is_hidden == is_hidden for a, _ in seeds]
+    columns = [(a.cluster[of], a.squared[of], b.squared[of]) for (a, b), of in zip(seeds, rows, strict=True)]
+    cluster, first, other = (
+        (np.concatenate(column) for column in zip(*columns, strict=True)) if seeds else [np.empty(0)] * 3
+    )
+    found = paired(cluster, first, other, reduction_of_rmse)
+    return found if found.n_clusters else None
+
+
+def _hota(table: TrackingTable, a: MethodResult, b: MethodResult) -> Interval:
+    """Over groups, the runs' mean of each; of a single group over runs."""
+    own, others = (np.array([report.hota for seed in of.by_group for report in seed]) for of in (a, b))
+    groups = np.array([group for seed in table.groups for group in seed])
+    runs = np.repeat(np.arange(len(table.groups)), [len(seed) for seed in table.groups])
+    cluster = groups if np.unique(groups).size > 1 else runs
+    return paired(cluster, own, others, difference_of_means)
+
+
+def _said(name: str) -> str:
+    method, smoothed, _ = name.partition(SMOOTHED_SUFFIX)
+    return SAID.get(method, method) + smoothed
+
+
+def _percent(found: Interval) -> str:
+    """A share by which errors are smaller."""
+    sign, word = (1.0, "smaller") if found.value >= 0 else (-1.0, "larger")
+    low, high = sorted((sign * found.low, sign * found.high))
+    return f"{sign * found.value:.0%} {word} ({low:.0%} to {high:.0%}){_chance(found)}"
+
+
+def _difference(found: Interval) -> str:
+    return f"{found.value:+.3f} ({found.low:+.3f} to {found.high:+.3f}){_chance(found)}"
+
+
+def _chance(found: Interval) -> str:
+    return "" if found.is_apart else ", not distinguishable"

@@ -8,13 +8,10 @@ import pytest
 
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.estimates import EstimateList
-from dirprim_filter.evaluation.comparisons import comparisons
-from dirprim_filter.evaluation.experiment import evaluate_tracking
 from dirprim_filter.evaluation.scenes import gaps
 from dirprim_filter.evaluation.splits import held_out
+from dirprim_filter.evaluation.tracking import comparisons, evaluate_tracking
 from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
-from dirprim_filter.sensor import AxisError, Sensor
-from dirprim_filter.simulation.sensor import detect, sense
 from dirprim_filter.tracks import Tracks
 from situations import ring_traffic
 
@@ -22,11 +19,6 @@ QUICK = {
     "n_seeds": 2, "gap_s": 2.0, "methods": ("prior", "constant velocity", "interacting models"),
     "filter": FilterConfig(n_particles=100),
 }  # fmt: skip
-
-LATE = Sensor(
-    along=AxisError(spread_m=0.3, bias_m=1.0), across=AxisError(spread_m=0.2), latency_s=0.3,
-    detection_probability=0.8, clutter_density=1e-4,
-)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +28,7 @@ def traffic():
 
 @pytest.fixture(scope="module")
 def table(traffic, ring_map):
-    return evaluate_tracking(traffic, TrackingExperiment(**QUICK), sensor=detect, primitive_map=ring_map)
+    return evaluate_tracking(traffic, TrackingExperiment(**QUICK), primitive_map=ring_map)
 
 
 def test_every_vehicle_is_hidden_once_for_the_gap_and_not_near_its_ends(traffic):
@@ -68,27 +60,27 @@ def test_all_methods_track_the_same_and_tell_of_gaps(table):
 
 def test_raw_detections_err_by_the_noise_and_know_nothing_of_gaps_or_of_each_other(traffic, ring_map):
     experiment = TrackingExperiment(n_seeds=1, gap_s=2.0, methods=("raw detections",))
-    named = evaluate_tracking(traffic, experiment, sensor=detect, primitive_map=ring_map).methods[0].reports[0]
+    named = evaluate_tracking(traffic, experiment, primitive_map=ring_map).methods[0].reports[0]
     n_seen = round(named.reported * len(traffic))
     assert named.seen_rmse**2 == pytest.approx(2 * 0.5**2, rel=4 / np.sqrt(n_seen))  # variance of chi squared
     assert named.seen_nees == pytest.approx(2.0, rel=4 / np.sqrt(n_seen))
     assert named.reported == pytest.approx(1 - 4 * 20 / len(traffic), abs=0.02)
     assert np.isnan(named.hidden_rmse)
     unnamed = evaluate_tracking(
-        traffic, replace(experiment, with_ids=False), sensor=detect, primitive_map=ring_map
+        traffic, replace(experiment, with_ids=False), primitive_map=ring_map
     ).methods[0].reports[0]  # fmt: skip
     assert unnamed.deta == pytest.approx(named.deta, abs=0.02)
     assert named.assa > 0.5
     assert unnamed.assa < 0.05
     with pytest.raises(ValueError, match="expected a tracker first"):
-        evaluate_tracking(traffic, experiment, sensor=detect, primitive_map=ring_map, sinks=(EstimateList(),))
+        evaluate_tracking(traffic, experiment, primitive_map=ring_map, sinks=(EstimateList(),))
 
 
 def test_the_same_experiment_gives_the_same_figures_and_another_seed_others(table, traffic, ring_map):
     reported = json.loads(json.dumps(asdict(table.experiment)))
     reported["methods"], reported["n_seeds"] = ["prior"], 1
     again, once_more, other = (
-        evaluate_tracking(traffic, TrackingExperiment.of(reported | seed), sensor=detect, primitive_map=ring_map)
+        evaluate_tracking(traffic, TrackingExperiment.of(reported | seed), primitive_map=ring_map)
         for seed in ({}, {}, {"seed": 1})
     )
     assert once_more == again
@@ -116,7 +108,7 @@ def test_without_ids_hota_is_compared_and_of_one_group_run_by_run(traffic, ring_
     experiment = TrackingExperiment(
         n_seeds=3, gap_s=0.0, with_ids=False, methods=("constant velocity", "raw detections")
     )  # fmt: skip
-    table = evaluate_tracking(traffic, experiment, sensor=detect, primitive_map=ring_map)
+    table = evaluate_tracking(traffic, experiment, primitive_map=ring_map)
     (found,) = comparisons(table)
     hotas = [[report.hota for report in method.reports] for method in table.methods]
     assert found.in_sight is None
@@ -143,16 +135,16 @@ def test_a_groups_figures_are_the_same_whatever_other_groups_the_log_holds(traff
     three = in_groups(3)
 
     def evaluated(tracks):
-        return evaluate_tracking(tracks, experiment, sensor=detect, primitive_map=ring_map)
+        return evaluate_tracking(tracks, experiment, primitive_map=ring_map)
 
     together = evaluated(three)
     (found,) = together.methods
     assert (together.n_groups, together.n_vehicles) == (6, 24)
     assert [len(reports) for reports in found.by_group] == [3, 3]
     prior = TrackingExperiment.of(json.loads(json.dumps(asdict(experiment))) | {"methods": ["prior"], "n_seeds": 1})
-    of_all = evaluate_tracking(three, prior, sensor=detect, primitive_map=ring_map).methods[0].by_group[0]
+    of_all = evaluate_tracking(three, prior, primitive_map=ring_map).methods[0].by_group[0]
     for group in (1, 3):
-        alone = evaluate_tracking(three[three.group == group], prior, sensor=detect, primitive_map=ring_map)
+        alone = evaluate_tracking(three[three.group == group], prior, primitive_map=ring_map)
         assert alone.methods[0].by_group[0][0] == of_all[group - 1]
     # groups that drive in the same places at the same times do not meet, unless they are laid over each other
     twice = [replace(traffic, track_id=traffic.track_id + 100 * i, group=np.full(len(traffic), i)) for i in range(2)]
@@ -164,7 +156,7 @@ def test_a_groups_figures_are_the_same_whatever_other_groups_the_log_holds(traff
 
 def test_pooled_figures_count_every_row_and_frame_alike(ring_map):
     experiment = TrackingExperiment(n_seeds=1, gap_s=2.0, with_ids=False, methods=("constant velocity",))
-    (found,) = evaluate_tracking(in_groups(3), experiment, sensor=detect, primitive_map=ring_map).methods
+    (found,) = evaluate_tracking(in_groups(3), experiment, primitive_map=ring_map).methods
     (pooled,), (groups,) = found.reports, found.by_group
     assert pooled.gospa**2 == pytest.approx(np.mean([of.gospa**2 for of in groups]))  # 320 rows each
     assert pooled.switches == sum(of.switches for of in groups)
@@ -183,7 +175,7 @@ def test_a_gap_longer_than_beliefs_last_is_judged_to_its_end(ring_map):
     traffic = ring_traffic(np.random.default_rng(8), n_vehicles=4, n_rows=160)
     experiment = TrackingExperiment(n_seeds=1, gap_s=9.0, methods=("constant velocity",))
     assert experiment.filter.max_gap_s > 9.0 > FilterConfig().max_gap_s
-    (found,) = evaluate_tracking(traffic, experiment, sensor=detect, primitive_map=ring_map).methods
+    (found,) = evaluate_tracking(traffic, experiment, primitive_map=ring_map).methods
     assert found.reports[0].reported == 1.0
     assert TrackingExperiment(gap_s=0.0, filter=FilterConfig(max_gap_s=2.0)).filter.max_gap_s == 2.0
 
@@ -198,22 +190,6 @@ def test_whole_groups_are_held_out_where_there_are_some_else_whole_vehicles(traf
         held_out(traffic[traffic.track_id == 0], share=0.5, rng=np.random.default_rng(0))
 
 
-def test_by_a_sensors_model_the_prior_takes_off_bias_and_latency(traffic, ring_map):
-    """The Kalman filter knows the latency, but no bias."""
-    experiment = TrackingExperiment(
-        n_seeds=1, gap_s=0.0, sensor=LATE, methods=("prior", "constant velocity", "raw detections"),
-        filter=FilterConfig(n_particles=100),
-    )  # fmt: skip
-    assert experiment.filter.noise_m == pytest.approx(np.hypot(0.3, 1.0))
-
-    def report(tracks, *, rng, **_):
-        return sense(tracks, LATE, rng=rng)
-
-    table = evaluate_tracking(traffic, experiment, sensor=report, primitive_map=ring_map)
-    prior, constant_velocity, raw = (method.reports[0].seen_rmse for method in table.methods)
-    assert prior < 0.6 * min(constant_velocity, raw)
-
-
 @pytest.mark.parametrize(
     ("config", "message"),
     [
@@ -226,8 +202,6 @@ def test_by_a_sensors_model_the_prior_takes_off_bias_and_latency(traffic, ring_m
         ({"learn": 1.0}, "learn: expected a share between 0 and 1"),
         ({"miss_rate": 1}, "miss_rate: expected a probability below 1"),
         ({"gap_s": -1}, "gap_s: expected at least 0"),
-        ({"sensor": 3}, "sensor: expected a table of names and values, got 3"),
-        ({"sensor": {"along": {"spread_m": 1}}}, "sensor: across: expected a table with spread_m, got None"),
     ],
 )
 def test_a_wrong_experiment_is_named(config, message):
@@ -237,7 +211,7 @@ def test_a_wrong_experiment_is_named(config, message):
 
 def test_smoothers_stand_beside_their_filters_and_know_more(traffic, ring_map):
     reported = QUICK | {"n_seeds": 1, "methods": ("prior", "constant velocity", "constant turn"), "smooth": True}
-    table = evaluate_tracking(traffic, TrackingExperiment(**reported), sensor=detect, primitive_map=ring_map)
+    table = evaluate_tracking(traffic, TrackingExperiment(**reported), primitive_map=ring_map)
     of = {result.name: result for result in table.methods}
     assert list(of) == [
         "prior", "prior smoothed", "constant velocity", "constant velocity smoothed", "constant turn",
@@ -246,5 +220,5 @@ def test_smoothers_stand_beside_their_filters_and_know_more(traffic, ring_map):
         for figure in ("seen_rmse", "hidden_rmse"):
             assert of[f"{name} smoothed"].mean(figure) < of[name].mean(figure)
     plain = replace(TrackingExperiment(**reported), smooth=False, methods=("prior",))
-    again = evaluate_tracking(traffic, plain, sensor=detect, primitive_map=ring_map)
+    again = evaluate_tracking(traffic, plain, primitive_map=ring_map)
     assert again.methods[0].mean("rmse") == of["prior"].mean("rmse")  # to be smoothed changes no filter
