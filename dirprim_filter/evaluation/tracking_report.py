@@ -8,11 +8,10 @@ import numpy as np
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.distributions.angles import difference
-from dirprim_filter.evaluation.metrics.clear_mot import clear_mot
+from dirprim_filter.evaluation.metrics.clear_mot import clear_mot, identity_f1
 from dirprim_filter.evaluation.metrics.comparison import Comparison
 from dirprim_filter.evaluation.metrics.gospa import gospa
 from dirprim_filter.evaluation.metrics.hota import hota
-from dirprim_filter.evaluation.metrics.identity import identity_f1
 from dirprim_filter.evaluation.tracked_rows import TrackedRows, names_in_group
 from dirprim_filter.track_ids import vehicle_numbers
 from dirprim_filter.tracks import Tracks

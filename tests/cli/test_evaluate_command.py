@@ -10,7 +10,7 @@ import pytest
 from cli.commands import DONE, FAILED, dirprim
 from dirprim_filter import read_estimates, write_tracks
 from dirprim_filter.cli.evaluate.forecast import forecast_text
-from dirprim_filter.evaluation import cues, density, experiment, forecasting
+from dirprim_filter.evaluation import cues, density, forecasting, tracking
 from dirprim_filter.evaluation.intervals import Interval
 
 
@@ -27,7 +27,7 @@ def run_once():
     with pytest.MonkeyPatch.context() as patch:
         for module, name in (
             (density, "evaluate_density"), (cues, "evaluate_cues"), (forecasting, "evaluate_forecasts"),
-            (experiment, "evaluate_tracking"),
+            (tracking, "evaluate_tracking"),
         ):  # fmt: skip
             patch.setattr(module, name, remembered(getattr(module, name)))
         yield

@@ -9,11 +9,10 @@ from stonesoup.metricgenerator.ospametric import GOSPAMetric
 from stonesoup.types.state import State
 from trackeval.metrics import CLEAR, HOTA, Identity
 
-from dirprim_filter.evaluation.metrics.clear_mot import clear_mot
+from dirprim_filter.evaluation.metrics.clear_mot import clear_mot, identity_f1
 from dirprim_filter.evaluation.metrics.comparison import Comparison
 from dirprim_filter.evaluation.metrics.gospa import gospa
 from dirprim_filter.evaluation.metrics.hota import hota
-from dirprim_filter.evaluation.metrics.identity import identity_f1
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
 from dirprim_filter.tracks import Tracks
 

@@ -1,6 +1,7 @@
-"""CLEAR MOT: misses, false tracks and switches of identity, in one accuracy.
+"""CLEAR MOT: misses, false tracks and switches of identity, in one accuracy; IDF1: does one track stand for a vehicle?
 
-Source: Bernardin and Stiefelhagen, Evaluating Multiple Object Tracking Performance: The CLEAR MOT Metrics, 2008.
+Sources: Bernardin and Stiefelhagen, Evaluating Multiple Object Tracking Performance: The CLEAR MOT Metrics, 2008;
+Ristani et al., Performance Measures and a Data Set for Multi-Target, Multi-Camera Tracking, 2016.
 """
 
 from __future__ import annotations
@@ -10,8 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dirprim_filter.arrays import FloatArray, IntArray
-from dirprim_filter.evaluation.metrics.comparison import Comparison, Pairs
-from dirprim_filter.evaluation.metrics.matching import best_pairs
+from dirprim_filter.evaluation.metrics.comparison import Comparison, Pairs, best_pairs
 
 MATCH_FROM = 0.5
 """Similarity from which a vehicle and an estimate may be matched."""
@@ -79,3 +79,17 @@ def _of_instant(vehicle: IntArray, track: IntArray, similarity: FloatArray, befo
     free = np.flatnonzero(~np.isin(vehicle, vehicle[kept]) & ~np.isin(track, track[kept]))
     new = free[best_pairs(vehicle[free], track[free], similarity[free])]
     return np.concatenate([np.flatnonzero(kept), new])
+
+
+def identity_f1(comparison: Comparison, *, similarity_m: float = 5.0) -> float:
+    """2 IDTP / (rows of the truth + estimates), where each vehicle is given one track for good; 0 of no rows.
+
+    Raises:
+        ValueError: `similarity_m` is not positive, or beyond the comparison's reach.
+    """
+    near = comparison.within(similarity_m)
+    near = near.chosen(near.similarity(similarity_m) >= MATCH_FROM)
+    vehicle, track, of_pair = comparison.companions(near)
+    gain = np.bincount(of_pair).astype(np.float64)
+    n_true = gain[best_pairs(vehicle, track, gain)].sum()
+    return float(2.0 * n_true / max(1, comparison.vehicle.size + comparison.track.size))

@@ -10,8 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dirprim_filter.evaluation.metrics.comparison import Comparison, Pairs
-from dirprim_filter.evaluation.metrics.matching import best_pairs
+from dirprim_filter.evaluation.metrics.comparison import Comparison, Pairs, best_pairs
 
 ORDER = 2
 
