@@ -2,8 +2,9 @@
 
 A scene is a folder of `scenes/` with the files that SUMO reads: nodes, edges, connections where they are not the usual
 ones, and the flows that arrive as Poisson processes (https://sumo.dlr.de/docs/Networks/PlainXML.html). Its drivers are
-those of `scenes/drivers.add.xml`. `netconvert` builds the network and `sumo` drives on it, each a child process in a
-temporary folder. What comes back: https://sumo.dlr.de/docs/Simulation/Output/FCDOutput.html.
+those of `scenes/drivers.add.xml`. `netconvert` builds the network by `scenes/build.netccfg` and `sumo` drives on it by
+`scenes/drive.sumocfg`, each a child process in a temporary folder. What comes back:
+https://sumo.dlr.de/docs/Simulation/Output/FCDOutput.html.
 """
 
 from __future__ import annotations
@@ -31,35 +32,6 @@ STEP_MS = 100
 """Time step of the simulation: 10 Hz."""
 WARM_UP_S = 90
 """The network is empty at first; the log begins when traffic has filled it."""
-SETTINGS = {
-    "--net-file": "scene.net.xml",
-    "--route-files": "scene.rou.xml",
-    "--additional-files": str(DRIVERS),
-    "--fcd-output": "fcd.xml",
-    "--fcd-output.attributes": "x,y,angle,speed,type",
-    "--device.fcd.begin": str(WARM_UP_S),
-    "--statistic-output": "statistics.xml",
-    "--step-length": str(STEP_MS / 1000),
-    "--lateral-resolution": "0.4",  # the sublane model: vehicles have a place across the lane
-    "--time-to-teleport": "-1",  # no vehicle jumps out of a jam
-    "--collision.action": "warn",
-    "--precision": "3",
-    "--xml-validation": "never",  # asks the network for schemas otherwise
-    "--no-step-log": "true",
-    "--duration-log.disable": "true",
-}
-"""How `sumo` runs, whatever the scene."""
-NETWORK_SETTINGS = {
-    "--output-file": "scene.net.xml",
-    "--offset.disable-normalization": "true",  # (0, 0) stays where the scene has it
-    "--no-turnarounds": "true",
-    "--junctions.limit-turn-speed": "3.0",  # m/s^2 sideways: what people accept; the default is 5.5
-    "--junctions.corner-detail": "10",
-    "--junctions.internal-link-detail": "20",  # points on a turn: directions change smoothly
-    "--tls.cycle.time": "60",
-    "--xml-validation": "never",
-}
-"""How `netconvert` runs, whatever the scene."""
 
 
 class SimulationError(RuntimeError):
@@ -91,18 +63,21 @@ def simulate(scene: str, *, duration_s: float, seed: int, rate_hz: float = 10.0,
     """
     period_ms = _check(scene, duration_s, seed, rate_hz, demand)
     netconvert, sumo = _program("netconvert"), _program("sumo")
-    observed = {
-        "--seed": str(seed), "--end": f"{WARM_UP_S + duration_s:.3f}",
-        "--device.fcd.period": f"{period_ms / 1000:.3f}",
+    driven = {
+        "--configuration-file": str(FOLDER / "drive.sumocfg"), "--net-file": "scene.net.xml",
+        "--route-files": "scene.rou.xml", "--fcd-output": "fcd.xml", "--statistic-output": "statistics.xml",
+        "--step-length": str(STEP_MS / 1000), "--seed": str(seed), "--end": f"{WARM_UP_S + duration_s:.3f}",
+        "--device.fcd.begin": str(WARM_UP_S), "--device.fcd.period": f"{period_ms / 1000:.3f}",
     }  # fmt: skip
     plain = {"--node-files": "nod", "--edge-files": "edg", "--connection-files": "con"}
     paths = {option: FOLDER / scene / f"scene.{kind}.xml" for option, kind in plain.items()}
     network = {option: str(path) for option, path in paths.items() if path.exists()}
+    network |= {"--configuration-file": str(FOLDER / "build.netccfg"), "--output-file": "scene.net.xml"}
     with tempfile.TemporaryDirectory(prefix="dirprim-sumo-") as name:
         folder = Path(name)
         _write_flows(FOLDER / scene / "scene.rou.xml", folder / "scene.rou.xml", demand)
-        _run(netconvert, NETWORK_SETTINGS | network, folder)
-        _run(sumo, SETTINGS | observed, folder)
+        _run(netconvert, network, folder)
+        _run(sumo, driven, folder)
         _report_trouble(folder / "statistics.xml", scene)
         return _read_tracks(folder / "fcd.xml")
 

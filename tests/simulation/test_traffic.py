@@ -1,7 +1,9 @@
 """Traffic that SUMO drives through the scenes: on the right side, and the same from the same seed."""
 
 import importlib.util
+import shutil
 import xml.etree.ElementTree as ET
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -140,8 +142,9 @@ def test_demand_makes_traffic_that_queues(observed: dict[str, Tracks]) -> None:
 
 
 @needs_sumo
-def test_failure_of_sumo_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(traffic.SETTINGS, "--step-length", "-1")
+def test_failure_of_sumo_is_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(traffic, "FOLDER", shutil.copytree(FOLDER, tmp_path / "scenes"))
+    (tmp_path / "scenes/drive.sumocfg").write_text('<configuration><no-such-option value="1" /></configuration>')
     with pytest.raises(SimulationError, match=r"^sumo failed with status \d+: .+") as caught:
         simulate("roundabout", duration_s=1.0, seed=1)
     assert "\n" not in str(caught.value)
