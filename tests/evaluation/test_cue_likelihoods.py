@@ -8,8 +8,8 @@ from dirprim_filter.evaluation.cues import (
     most_probable_direction,
     observation_concentration,
     steps_between_cells,
+    turn_signal_example,
 )
-from dirprim_filter.evaluation.turn_signal import turn_signal_example
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.tracks import Tracks
 from tessellation import GridTessellation

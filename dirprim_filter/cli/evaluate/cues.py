@@ -12,8 +12,7 @@ from dirprim_filter.cli.results import report
 from dirprim_filter.cli.texts import columns, counted
 
 if TYPE_CHECKING:
-    from dirprim_filter.evaluation.cues import CueTable
-    from dirprim_filter.evaluation.turn_signal import SignalExample
+    from dirprim_filter.evaluation.cues import CueTable, SignalExample
 
 
 @reads_logs()
@@ -35,8 +34,7 @@ def cues(
     import numpy as np
 
     from dirprim_filter.cli.progress import step_progress
-    from dirprim_filter.evaluation.cues import evaluate_cues
-    from dirprim_filter.evaluation.turn_signal import turn_signal_example
+    from dirprim_filter.evaluation.cues import evaluate_cues, turn_signal_example
     from dirprim_filter.primitives import learn_primitives
 
     log = reading.tracks(logs)
