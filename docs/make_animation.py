@@ -24,9 +24,9 @@ from dirprim_filter.cli.demo import FAR_M, NEAR_M, departure_rate, with_blind_ri
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.evaluation.metrics.clear_mot import clear_mot
+from dirprim_filter.evaluation.metrics.comparison import Comparison
 from dirprim_filter.evaluation.rivals import fitted
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
-from dirprim_filter.evaluation.tracking_report import Scales
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.recording.reader import stream_detections
 from dirprim_filter.tracks import Tracks
@@ -58,7 +58,7 @@ class Side(NamedTuple):
 
 def followers(found: Estimates, truth: Tracks) -> AnyArray:
     """(n,) str, the track that follows each row of the truth, as CLEAR MOT matches them; empty where none does."""
-    matched = clear_mot(Scales().comparison(TrackedRows.of(found), truth)).matches
+    matched = clear_mot(Comparison.of(truth, TrackedRows.of(found))).matches
     names = found.track_id.astype(np.str_)
     of_row = np.full(len(truth), "", names.dtype)
     of_row[matched.row] = names[matched.column]
