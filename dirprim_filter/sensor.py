@@ -107,8 +107,8 @@ class Sensor:
     def unseen_covariance(self, direction: FloatArray, speed: FloatArray) -> FloatArray:
         """(n, 2, 2) square metres: what the stated uncertainty of bias and latency adds to each estimated position.
 
-        Both move all detections of a vehicle alike, so no filter sees them: the variance along the way is that of the
-        bias plus speed^2 times that of the latency.
+        Both move all detections of a vehicle alike, so no filter sees them: the variance along the course is that of
+        the bias plus speed^2 times that of the latency.
 
         Args:
             direction: (n,) radians.

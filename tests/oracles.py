@@ -273,7 +273,7 @@ def dp_means(feature, order, opens_at, most):
 
 
 def leader_of(i, others, curvature):
-    """Gap, speed along the way and row of the nearest vehicle ahead on an arc, by looking at one after the other."""
+    """Gap, speed along the course and row of the nearest vehicle ahead on an arc, by looking at one after the other."""
     x, y, course, _ = others[i]
     nearest = (np.inf, 0.0, -1)
     for j, (east, north, heading, speed) in enumerate(others):

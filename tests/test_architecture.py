@@ -1,4 +1,4 @@
-"""The house stands as it was drawn: layers, sizes, and what importing costs."""
+"""Layers, names and sizes of files, and what importing costs."""
 
 import subprocess
 import sys

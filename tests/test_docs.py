@@ -110,7 +110,8 @@ def test_commands_in_the_text_and_links_exist(page, capsys):
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
 def test_files_that_a_page_names_exist(page):
-    files = [str(path) for room in ("dirprim_filter", "tessellation", "tests") for path in (ROOT / room).rglob("*.py")]
+    packages = [ROOT / name for name in ("dirprim_filter", "tessellation", "tests")]
+    files = [str(path) for package in packages for path in package.rglob("*.py")]
     for named in re.findall(r"`([\w/]+\.py)`", page.read_text()):
         assert any(file.endswith("/" + named) for file in files), named
 

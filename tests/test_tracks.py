@@ -1,4 +1,4 @@
-"""Observed motion is checked at the door, kept in order of time, and differenced as the definition says."""
+"""Observed motion is checked where it enters, kept in order of time, and differenced as the definition says."""
 
 import logging
 from dataclasses import replace

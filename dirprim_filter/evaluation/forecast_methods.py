@@ -106,7 +106,7 @@ def by_constant_velocity(
 
 
 def straight_on_as(known: Cases, horizons_s: tuple[float, ...]) -> SampleFutures:
-    """On as now, with Gaussian errors along the way and across it as large as those of known cases at each horizon.
+    """On as now, with Gaussian errors along the course and across it as large as those of known cases at each horizon.
 
     Fitted to each horizon by itself, not to the changes from one row to the next: those are smooth, and white
     acceleration fitted to them falls short at once.

@@ -26,7 +26,7 @@ AHEAD_S = ((1.5, 1.5), (3.0, 3.0))
 """How long ahead they are compared by speed, seconds or intervals, and how far apart speeds are then alike, m/s."""
 GAINED_S = 1.5
 LATERAL_M, COURSE_CHORD, LOG_PACE, GAINED_MPS = 1.0, 0.2, 0.25, 1.0
-"""How far apart visits are alike: across the way, as a chord of the unit circle, in log(speed + 1), in speed gained."""
+"""How far visits may differ: across the course, as a chord of the unit circle, in log(speed + 1), in speed gained."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

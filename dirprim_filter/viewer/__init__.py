@@ -1,1 +1,1 @@
-"""Screen: maps, beliefs and forecasts in rerun and matplotlib. The only room that imports either."""
+"""Screen: maps, beliefs and forecasts in rerun and matplotlib. The only package that imports either."""

@@ -66,7 +66,7 @@ def test_speed_settles_on_the_gain_of_the_place():
     """At the pace v(north) that reversion holds in balance: what is gained there is what is lost of the surplus."""
     flat = one_cell_map(shape=400.0, concentration=1e4)
     gain = np.zeros((2, 1, 2))
-    gain[0, 0, 1] = 0.02  # north, across the way
+    gain[0, 0, 1] = 0.02  # north, across the course
     climbing = only_places(replace(flat, gain=gain, motion=None))
     for north in (-10.0, 10.0):
         paths = forecast(

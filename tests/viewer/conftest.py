@@ -1,4 +1,4 @@
-"""One small scene for the whole room: three cells along a road to the north-east, two vehicles on it."""
+"""One small scene for all tests of the viewer: three cells along a road to the north-east, two vehicles on it."""
 
 from dataclasses import fields
 

@@ -31,7 +31,7 @@ MOVING_FROM = 0.5
 FEWEST = 30
 """Pairs of detections and true positions."""
 LATENCY_KNOWN_S = 0.15
-"""Standard error of a latency beyond which it and the bias along the way cannot be separated."""
+"""Standard error of a latency beyond which it and the bias along the course cannot be separated."""
 OUTLIER = 8.0
 """Robust standard deviations from which on an error is none of the sensor's usual ones."""
 MAD = 1.4826

@@ -48,7 +48,7 @@ class TruthRows(NamedTuple):
         frame: (n,) index of the frame.
         vehicle: (n,) index of the vehicle.
         position: (n, 2) metres.
-        course: (n, 2) unit vector along the way.
+        course: (n, 2) unit vector along the course.
         speed: (n,) m/s.
     """
 

@@ -174,7 +174,7 @@ class Pieces(NamedTuple):
 
     Attributes:
         step_s: (w, n) seconds since the row before.
-        along: (w, n) metres along the way from the first row.
+        along: (w, n) metres along the course from the first row.
         across: (w, n) metres across it, to the left.
         length: (w,) rows.
     """
