@@ -142,20 +142,6 @@ class Samples(Protocol):
         ...
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Innovations(ArrayValue):
-    """How far the measurements of one instant were from where they were expected.
-
-    Attributes:
-        distance: (n,) metres; NaN where the vehicle was not measured, or was new.
-        squared: (n,) the same squared, normalised by its covariance: chi-squared of two degrees of freedom, with a mean
-            of 2, where the filter is as sure as it should be.
-    """
-
-    distance: FloatArray
-    squared: FloatArray
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrackedFrame(ArrayValue):
     """All that is known at one instant: the detections, the estimates, and the particles.
@@ -165,7 +151,9 @@ class TrackedFrame(ArrayValue):
         detections: what was reported.
         estimates: of the vehicles that are reported.
         particles: the samples behind it; who keeps a frame keeps a copy of them.
-        innovations: a row for each estimate; None where the tracker was not asked for them.
+        innovations: (n,) squared distance of each measurement from where it was expected, normalised by its
+            covariance; NaN of vehicles that were not measured or are new. Its mean is 2, of chi-squared, where the
+            filter is as sure as it should be. None where the tracker was not asked for them.
         begun_anew: ids of the vehicles whose belief no longer explained them, and was reinitialised.
         group: (n,) of the log, each estimate's; left out: all of one.
     """
@@ -174,7 +162,7 @@ class TrackedFrame(ArrayValue):
     detections: Detections
     estimates: Estimates
     particles: Samples
-    innovations: Innovations | None = None
+    innovations: FloatArray | None = None
     begun_anew: tuple[str, ...] = ()
     group: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
 

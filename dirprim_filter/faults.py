@@ -6,12 +6,12 @@ two that stay within `COPY_M` for a second are one.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
+from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.track_ids import world_names
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ MOVING_FROM = 1.0
 """m/s: the distance that standing vehicles drive says nothing of units."""
 COMPARED_S, LONGEST_S = 2.0, 4.0
 """Stated speeds and courses are compared with the way between rows so far apart: noise is small beside it."""
-LEAST_COMPARED = 20
+LEAST_COMPARED, LEAST_SHARED = 20, 3
 UNLIKE_RATIO, UNLIKE_ANGLE = 1.6, np.pi / 6
 """Of the distance by speeds to that by positions, or its inverse; and radians between courses, in the median."""
 UNITS = {3.6: "km/h", 2.237: "mph", 3.281: "ft/s", 1.944: "knots"}
@@ -51,50 +51,11 @@ SHOWN = 6
 """Ids listed in a line; the others are counted."""
 
 
-class Misstep(NamedTuple):
-    """A vehicle that moves as none does: its name, how far, and when (nanoseconds)."""
+def find_faults(tracks: Tracks) -> list[str]:
+    """A line for each kind of fault that tracks have, with the vehicles' names as by `world_names`.
 
-    vehicle: str
-    metres: float
-    time_ns: int
-
-
-class Copy(NamedTuple):
-    """A vehicle that is where another one is, for `seconds`."""
-
-    vehicle: str
-    of: str
-    seconds: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Faults:
-    """What is wrong with tracks; vehicles are named as by `world_names`.
-
-    Attributes:
-        backwards: vehicles that moved against their own heading.
-        jumps: vehicles that were elsewhere from one row to the next.
-        copies: vehicles that are others.
-        units: what in all speeds, courses and positions does not fit together, as of other units.
+    By sorting, in time that grows little faster than the rows.
     """
-
-    backwards: tuple[Misstep, ...] = ()
-    jumps: tuple[Misstep, ...] = ()
-    copies: tuple[Copy, ...] = ()
-    units: tuple[str, ...] = ()
-
-    def lines(self) -> list[str]:
-        """A line for each kind of fault that there is, with the ids."""
-        kinds = {
-            "move against their own heading": [f"{of.vehicle} ({of.metres:.0f} m)" for of in self.backwards],
-            "jump": [f"{of.vehicle} ({of.metres:.0f} m)" for of in self.jumps],
-            "are copies of others at the same instants": [f"{of.vehicle} of {of.of}" for of in self.copies],
-        }
-        return [*self.units, *(f"vehicles that {what} ({len(of)}): {_few(of)}" for what, of in kinds.items() if of)]
-
-
-def find_faults(tracks: Tracks) -> Faults:
-    """Look for faults: by sorting and a k-d tree, in time that grows little faster than the rows."""
     vehicle = tracks.vehicle
     order = np.lexsort((tracks.time_ns, vehicle))
     path = _Path(
@@ -102,15 +63,16 @@ def find_faults(tracks: Tracks) -> Faults:
         direction=tracks.body_direction[order], speed=tracks.speed[order], group=tracks.group[order],
     )  # fmt: skip
     if not path.vehicle.size:
-        return Faults()
+        return []
     first = np.searchsorted(path.vehicle, np.arange(path.vehicle[-1] + 1))
     names = world_names(tracks.track_id[order][first], path.group[first])
-    return Faults(
-        backwards=_missteps(path, _lost_distance(path), np.full(names.size, BACKWARDS_M), names),
-        jumps=_missteps(path, *_jumps(path), names),
-        copies=_copies(path, names),
-        units=_unlike_units(path, tracks.direction[order]),
-    )
+    found = {
+        "move against their own heading": _missteps(path, _lost_distance(path), BACKWARDS_M, names),
+        "jump": _missteps(path, *_jumps(path), names),
+        "are copies of others at the same instants": _copies(path, names),
+    }
+    lines = [f"vehicles that {what} ({len(of)}): {_few(of)}" for what, of in found.items() if of]
+    return _unlike_units(path, tracks.direction[order]) + lines
 
 
 class _Path(NamedTuple):
@@ -129,10 +91,10 @@ class _Path(NamedTuple):
         return dt_s, (np.diff(self.vehicle) == 0) & (dt_s <= MAX_STEP_S)
 
 
-def _unlike_units(path: _Path, course: FloatArray) -> tuple[str, ...]:
+def _unlike_units(path: _Path, course: FloatArray) -> list[str]:
     """What does not fit to where vehicles go; (n,) courses over ground. What was derived from positions always fits."""
     if path.vehicle[-1] >= 2 and (np.ptp(path.position, axis=0) < SMALL_M).all():
-        return (f"all positions lie within {SMALL_M:g} m: are they degrees? Say latitude and longitude",)
+        return [f"all positions lie within {SMALL_M:g} m: are they degrees? Say latitude and longitude"]
     dt_s, soon = path.steps()
     driven = np.append(0.0, np.cumsum(np.where(soon, dt_s * 0.5 * (path.speed[1:] + path.speed[:-1]), 0.0)))
     breaks = np.append(0, np.cumsum(~soon))
@@ -142,36 +104,29 @@ def _unlike_units(path: _Path, course: FloatArray) -> tuple[str, ...]:
     distance = driven[later] - driven
     moves = (breaks[later] == breaks) & (key[later] - key <= LONGEST_S) & (distance >= MOVING_FROM * COMPARED_S)
     if np.count_nonzero(moves) < LEAST_COMPARED:
-        return ()
+        return []
     way_m = (path.position[later] - path.position)[moves]
-    by_position = float(np.linalg.norm(way_m, axis=1).sum())
-    ratio = float(distance[moves].sum()) / max(by_position, 1e-9)
+    ratio = float(distance[moves].sum()) / max(float(np.linalg.norm(way_m, axis=1).sum()), 1e-9)
     if ratio > 1.0 / DEGREES_PER_M:
-        return ("speeds lead thousands of times as far as positions: are these degrees? Say latitude and longitude",)
+        return ["speeds lead thousands of times as far as positions: are these degrees? Say latitude and longitude"]
     found = []
     if not 1.0 / UNLIKE_RATIO < ratio < UNLIKE_RATIO:
         unit = next((unit for factor, unit in UNITS.items() if abs(ratio / factor - 1.0) < UNIT_SHARE), "another unit")
         found.append(f"speeds lead {ratio:.3g} times as far as positions: are they in {unit} in place of m/s?")
-    angle = course[moves] - np.arctan2(way_m[:, 1], way_m[:, 0])
-    apart = float(np.median(np.abs(np.arctan2(np.sin(angle), np.cos(angle)))))
+    apart = float(np.median(np.abs(wrap(course[moves] - np.arctan2(way_m[:, 1], way_m[:, 0])))))
     if apart > UNLIKE_ANGLE:
         found.append(
             f"courses and positions are {np.rad2deg(apart):.0f} deg apart in the median: are courses in degrees, or "
             "from north?"
         )
-    return tuple(found)
+    return found
 
 
-def _missteps(path: _Path, metres: FloatArray, least: FloatArray, names: AnyArray) -> tuple[Misstep, ...]:
-    """The vehicles of which a row has more than is allowed to it, where it is most. (n,), (n_vehicles,)."""
+def _missteps(path: _Path, metres: FloatArray, least: FloatArray | float, names: AnyArray) -> list[str]:
+    """The vehicles of which a row has more metres (n,) than is allowed, (n_vehicles,) or alike; and the most."""
     most = np.zeros(names.size)
     np.maximum.at(most, path.vehicle, metres)
-    found = []
-    for vehicle in np.flatnonzero(most > least).tolist():
-        rows = slice(*np.searchsorted(path.vehicle, [vehicle, vehicle + 1]).tolist())
-        at = int(path.time_ns[rows][np.argmax(metres[rows])])
-        found.append(Misstep(str(names[vehicle]), float(most[vehicle]), at))
-    return tuple(found)
+    return [f"{names[vehicle]} ({most[vehicle]:.0f} m)" for vehicle in np.flatnonzero(most > least)]
 
 
 def _lost_distance(path: _Path) -> FloatArray:
@@ -206,40 +161,34 @@ def _jumps(path: _Path) -> tuple[FloatArray, FloatArray]:
     return metres, np.maximum(JUMP_M, MANY_DEVIATIONS * median)
 
 
-def _copies(path: _Path, names: AnyArray) -> tuple[Copy, ...]:
-    """Vehicles that are within `COPY_M` of another for a second."""
+def _copies(path: _Path, names: AnyArray) -> list[str]:
+    """Vehicles that are within `COPY_M` of another, in each axis, for a second."""
     _, instant = np.unique(np.column_stack([path.group, path.time_ns]), axis=0, return_inverse=True)
-    one, other = _near(np.column_stack([path.position, instant.ravel().astype(np.float64)]), path)
-    pairs, n = np.unique(np.column_stack([path.vehicle[one], path.vehicle[other]]), axis=0, return_counts=True)
-    found = []
-    for (a, b), count in zip(pairs.tolist(), n.tolist(), strict=True):
-        seconds = count * _interval_s(path, a)
-        if count >= 3 and seconds >= COPY_S:
-            found.append(Copy(str(names[b]), str(names[a]), seconds))
-    return tuple(found)
+    near = _near(np.column_stack([path.position, instant.ravel().astype(np.float64)]), path.vehicle)
+    pairs, n = np.unique(near, axis=0, return_counts=True)
+    dt_s, same = np.diff(path.time_ns) * 1e-9, np.diff(path.vehicle) == 0
+    return [
+        f"{names[b]} of {names[a]}"
+        for (a, b), count in zip(pairs.tolist(), n.tolist(), strict=True)
+        if count >= LEAST_SHARED and count * np.median(dt_s[same & (path.vehicle[1:] == a)]) >= COPY_S
+    ]
 
 
-def _near(place: FloatArray, path: _Path) -> IntArray:
-    """(2, p) rows of two vehicles, that of the lesser number first, within `COPY_M` of each other in each axis.
+def _near(place: FloatArray, vehicle: IntArray) -> IntArray:
+    """(p, 2) numbers of two vehicles, the lesser first, for each row within `COPY_M` of another in each axis.
 
     In order of instant and east each row is compared with the next ones, as long as any of them is near enough.
     """
-    order, near = np.lexsort((place[:, 0], place[:, 2])), [np.empty((2, 0), np.int64)]
+    order, near = np.lexsort((place[:, 0], place[:, 2])), [np.empty((0, 2), np.int64)]
     for ahead in range(1, min(len(order), MOST_ABREAST)):
-        pairs = np.sort([order[:-ahead], order[ahead:]], axis=0)  # rows are in order of the vehicles
-        apart = np.abs(place[pairs[1]] - place[pairs[0]])
+        one, other = order[:-ahead], order[ahead:]
+        apart = np.abs(place[other] - place[one])
         abreast = (apart[:, 2] == 0) & (apart[:, 0] <= COPY_M)
         if not abreast.any():
             break
-        near.append(pairs[:, abreast & (apart[:, 1] <= COPY_M) & (path.vehicle[pairs[0]] != path.vehicle[pairs[1]])])
-    return np.concatenate(near, axis=1)
-
-
-def _interval_s(path: _Path, vehicle: int) -> float:
-    """The median time between a vehicle's rows."""
-    rows = slice(*np.searchsorted(path.vehicle, [vehicle, vehicle + 1]).tolist())
-    times = path.time_ns[rows]
-    return float(np.median(np.diff(times))) * 1e-9 if times.size > 1 else 0.0
+        pairs = np.sort(np.column_stack([vehicle[one], vehicle[other]]), axis=1)
+        near.append(pairs[abreast & (apart[:, 1] <= COPY_M) & (pairs[:, 0] != pairs[:, 1])])
+    return np.concatenate(near)
 
 
 def _few(found: list[str]) -> str:

@@ -95,9 +95,6 @@ def warm_up() -> None:
         position=np.array([[0.0, 0.0], [1.5, 0.0]]),  # where few particles come near: for these there is a kernel too
     )
     for frame in reported.frames():
-        tracker.predict(frame)
-        tracker.weigh()
-        tracker.estimate()
-        tracker.resample()
+        tracker.step(frame)
     paths = forecast(anywhere, position=(0.0, 0.0), direction=0.0, speed=1.0, n_samples=2, rng=np.random.default_rng(0))
     highest_density_regions(paths, (0.5,))

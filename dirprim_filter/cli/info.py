@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import logging
-from dataclasses import asdict
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Annotated
 
@@ -19,7 +18,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from dirprim_filter.faults import Faults
     from dirprim_filter.recording.summary import LogSummary
 
 logger = logging.getLogger(__name__)
@@ -45,26 +43,26 @@ def info(
 
     Example: dirprim info recordings/roundabout_track.mcap
     """
-    from dirprim_filter.faults import Faults
     from dirprim_filter.recording.summary import summarise_by_index
 
     by_index = not check and reading.given.keys() <= {"topics"}
     worst = exit_codes.DONE
     for path in logs:
-        summary, faults = summarise_by_index(path, topics=reading.given.get("topics")) if by_index else None, Faults()
+        faults: list[str] = []
+        summary = summarise_by_index(path, topics=reading.given.get("topics")) if by_index else None
         if summary is None:
             summary, faults = _whole(path, reading)
         if as_json:
-            typer.echo(json.dumps(summary.as_json() | {"faults": asdict(faults)}))
+            typer.echo(json.dumps(summary.as_json() | {"faults": faults}))
         else:
             say(f"{path}: {counted(summary.messages, 'message')}{_span(summary)}", *_lines(summary, faults))
         worst = max(worst, exit_codes.INPUT_LOST if summary.damage else exit_codes.DONE)
     return worst
 
 
-def _whole(path: Path, reading: Reading) -> tuple[LogSummary, Faults]:
+def _whole(path: Path, reading: Reading) -> tuple[LogSummary, list[str]]:
     """What a log holds, and the faults of the tracks that `dirprim learn` would read."""
-    from dirprim_filter.faults import Faults, find_faults
+    from dirprim_filter.faults import find_faults
     from dirprim_filter.recording.container.log import Log
     from dirprim_filter.recording.errors import RecordingError
     from dirprim_filter.recording.inspection import inspect
@@ -73,15 +71,15 @@ def _whole(path: Path, reading: Reading) -> tuple[LogSummary, Faults]:
     with Log(path) as log:
         summary = inspect(log, reading.options())
         if not any(topic.tracks for topic in summary.topics):
-            return summary, Faults()
+            return summary, []
         try:
             return summary, find_faults(read_tracks(log, reading.options(), strict=False))
         except RecordingError as error:  # `learn` would say so too: detections alone, or frames that no transform joins
             logger.info("%s: not looked for faults of tracks: %s", path, error)
-            return summary, Faults()
+            return summary, []
 
 
-def _lines(summary: LogSummary, faults: Faults) -> list[str]:
+def _lines(summary: LogSummary, faults: list[str]) -> list[str]:
     from dirprim_filter.recording.container.errors import unread_encodings
 
     lines = []
@@ -104,7 +102,7 @@ def _lines(summary: LogSummary, faults: Faults) -> list[str]:
     ]
     if summary.attachments:
         lines.append(f"attachments: {', '.join(summary.attachments)}")
-    lines += [f"faults: {line}" for line in faults.lines()]
+    lines += [f"faults: {line}" for line in faults]
     lines += [f"damage: {damage}" for damage in summary.damage]
     return [f"  {line}" for line in lines]
 

@@ -91,7 +91,7 @@ class Reading:
             log = read_track_logs(logs, self.options(), progress=progress)
         if not len(log.tracks):
             raise self._nothing_left(logs, log.losses)
-        for line in find_faults(log.tracks).lines():
+        for line in find_faults(log.tracks):
             logger.warning("%s: %s", ", ".join(map(str, logs)), line)
         return log
 

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterable
 
 import numpy as np
 
-from dirprim_filter.arrays import BoolArray, IntArray
-from dirprim_filter.estimates import Particles
+from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
+from dirprim_filter.estimates import Particles, Samples
 from dirprim_filter.filtering._kernels import Cloud
 from dirprim_filter.filtering._measuring import Carried
+from dirprim_filter.primitives._manoeuvres import MotionTable
+from dirprim_filter.primitives.cues import Cue
 
 FIRST_CAPACITY = 16
 
@@ -32,16 +35,16 @@ class ParticleBelief:
         self.step = 0
 
     @property
-    def n_slots(self) -> int:
-        """How many vehicles there is room for."""
-        return int(self.cloud.speed.shape[0])
+    def n_particles(self) -> int:
+        """Of each vehicle."""
+        return int(self.cloud.speed.shape[1])
 
     def reserve(self, n_slots: int) -> None:
         """Make room for so many vehicles; what the present slots hold stays."""
-        old = self.n_slots
+        old = len(self.cloud.speed)
         if n_slots <= old:
             return
-        larger = _empty(n_slots, self.cloud.speed.shape[1])
+        larger = _empty(n_slots, self.n_particles)
         for new, column in zip((*larger[0], *larger[1]), (*self.cloud, *self.carried), strict=True):
             new[:old] = column
         self.cloud, self.carried = larger
@@ -52,29 +55,37 @@ class ParticleBelief:
         for column in (*self.cloud, *self.carried):
             column[target] = column[source]
 
+    def particles(self, at: IntArray, vehicle: IntArray) -> Particles:
+        """Copies of samples (n,) by their places in the whole block, of vehicles (n,)."""
+        cloud, manoeuvre = self.cloud, self.cloud.manoeuvre.take(at)
+        return Particles(
+            position=cloud.position.reshape(-1, 2).take(at, axis=0), direction=cloud.direction.take(at),
+            speed=cloud.speed.take(at), weight=cloud.weight.take(at), vehicle=vehicle, mode=self.mode_of[manoeuvre],
+            manoeuvre=manoeuvre, push=cloud.push.take(at),
+        )  # fmt: skip
 
-class BelievedParticles:
-    """The `Samples` of some beliefs as they are now: copied when, and as far as, they are asked for.
+
+class BeliefSamples:
+    """The `Samples` of beliefs as they are now: copied when, and as far as, they are asked for.
 
     Args:
-        belief: moves on.
-        slot: (v,) of which there are samples, one vehicle after the other.
+        parts: beliefs, which move on, and slots (v,) of each: there are samples of one vehicle after the other.
     """
 
-    def __init__(self, belief: ParticleBelief, slot: IntArray) -> None:
-        self._belief, self._slot, self._step = belief, slot, belief.step
+    def __init__(self, *parts: tuple[ParticleBelief, IntArray]) -> None:
+        self._parts = [(belief, slot, belief.step) for belief, slot in parts]
+
+    @classmethod
+    def concatenate(cls, samples: Iterable[Samples]) -> BeliefSamples:
+        """Those of all, in their order; of filters without samples none."""
+        return cls(*((of, slot) for one in samples if isinstance(one, cls) for of, slot, _ in one._parts))
 
     def __len__(self) -> int:
-        return int(self._slot.size * self._belief.cloud.speed.shape[1])
+        return sum(slot.size * belief.n_particles for belief, slot, _ in self._parts)
 
     def of(self, row: int) -> Particles:
-        """The samples of one vehicle, by its row.
-
-        Raises:
-            RuntimeError: the belief has moved on.
-        """
-        n = self._belief.cloud.speed.shape[1]
-        return self._copied(np.full(n, row), np.arange(n))
+        """The samples of one vehicle, by its row."""
+        return self.thinned(1, rows=np.arange(sum(slot.size for _, slot, _ in self._parts)) == row)
 
     def thinned(self, stride: int, *, rows: BoolArray | None = None) -> Particles:
         """Every `stride`-th sample; of some vehicles, where `rows` are given.
@@ -82,29 +93,36 @@ class BelievedParticles:
         Raises:
             RuntimeError: the beliefs have moved on.
         """
-        vehicle, number = np.divmod(np.arange(0, len(self), stride), self._belief.cloud.speed.shape[1])
-        if rows is not None:
-            vehicle, number = vehicle[rows[vehicle]], number[rows[vehicle]]
-        return self._copied(vehicle, number)
+        found, first = [Particles.none()], 0
+        for belief, slot, step in self._parts:
+            if belief.step != step:
+                raise RuntimeError(
+                    "these particles have moved on: copy what is wanted of them while their frame is written"
+                )
+            vehicle, number = np.divmod(np.arange(0, slot.size * belief.n_particles, stride), belief.n_particles)
+            if rows is not None:
+                kept = rows[first + vehicle]
+                vehicle, number = vehicle[kept], number[kept]
+            found.append(belief.particles(slot[vehicle] * belief.n_particles + number, first + vehicle))
+            first += slot.size
+        return Particles.concatenate(found[1:] or found)
 
-    def _copied(self, vehicle: IntArray, number: IntArray) -> Particles:
-        if self._belief.step != self._step:
-            raise RuntimeError(
-                "these particles have moved on: copy what is wanted of them while their frame is written"
-            )
-        cloud = self._belief.cloud
-        at = self._slot[vehicle] * cloud.speed.shape[1] + number  # in the whole block: one index is quicker than two
-        manoeuvre = cloud.manoeuvre.take(at)
-        return Particles(
-            position=cloud.position.reshape(-1, 2).take(at, axis=0),
-            direction=cloud.direction.take(at),
-            speed=cloud.speed.take(at),
-            weight=cloud.weight.take(at),
-            vehicle=vehicle,
-            mode=self._belief.mode_of[manoeuvre],
-            manoeuvre=manoeuvre,
-            push=cloud.push.take(at),
-        )
+
+def weigh_by_cue(table: MotionTable, cloud: Cloud, vehicle: IntArray, cue: Cue) -> FloatArray:
+    """Multiply the weights of vehicles (v,) by a cue's density, and normalise (Senanayake et al. 2020, Eq. 4).
+
+    p_t is the cue: a mixture of von Mises over the direction some seconds later, relative to the current one. p_0 is
+    given by the particles: how far vehicles on their manoeuvre have turned by then.
+
+    Returns:
+        (v,) natural log of the density of the cue under each belief, per radian.
+    """
+    log_fit = cue.belief(0.0).log_density(table.ahead[cloud.manoeuvre[vehicle]])
+    top = log_fit.max(axis=1)
+    weight = cloud.weight[vehicle] * np.exp(log_fit - top[:, None])
+    total = weight.sum(axis=1)
+    cloud.weight[vehicle] = weight / total[:, None]
+    return np.asarray(top + np.log(total))
 
 
 def _empty(n_slots: int, n_particles: int) -> tuple[Cloud, Carried]:

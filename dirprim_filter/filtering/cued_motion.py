@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from dirprim_filter.arrays import FloatArray, IntArray
-from dirprim_filter.filtering.protocols import BayesFilter, WeighsCues
+from dirprim_filter.filtering.protocols import BayesFilter, OnMap
 from dirprim_filter.filtering.roster import Roster
 from dirprim_filter.filtering.smoothing.recorder import Recorder
 from dirprim_filter.primitives.cues import Cue
@@ -31,7 +31,7 @@ class CuedMotion:
 
     def __init__(self, beliefs: BayesFilter, roster: Roster, recorder: Recorder | None, *, step_s: float) -> None:
         self._filter, self._roster, self._recorder = beliefs, roster, recorder
-        self._cues = beliefs if isinstance(beliefs, WeighsCues) else None
+        self._on_map = beliefs if isinstance(beliefs, OnMap) else None
         self._step_ns = max(round(step_s * 1e9), 1)
 
     def advance(self, slot: IntArray, dt_ns: IntArray, *, now_ns: int) -> None:
@@ -82,9 +82,9 @@ class CuedMotion:
         """
         cue = self._roster.cue[slot]
         given = ~np.isnan(cue[:, 0])
-        if self._cues is None or not given.any():
+        if self._on_map is None or not given.any():
             return
         kinds, kind = np.unique(cue[given], axis=0, return_inverse=True)
         for i, (turn, concentration) in enumerate(kinds):
             one = Cue(turn=turn + np.pi * away, concentration=concentration)
-            self._cues.weigh_by_cue(slot[given][kind == i], one)
+            self._on_map.weigh_by_cue(slot[given][kind == i], one)

@@ -30,17 +30,21 @@ def measured_covariance(measured: Detections, config: FilterConfig) -> FloatArra
     return np.where(unknown[:, None, None], config.noise_m**2 * np.eye(2), measured.covariance)
 
 
-def position_errors(
-    measured: Detections, course: FloatArray, config: FilterConfig, sensor: Sensor | None
-) -> tuple[FloatArray, FloatArray]:
-    """(n, 2), (n, 2, 2) mean and covariance of the positions' errors, of vehicles on a course (n,), radians."""
-    if sensor is None:
-        return np.zeros((len(measured), 2)), measured_covariance(measured, config)
-    c, s = np.cos(course), np.sin(course)
-    axes = np.stack([c, -s, s, c], axis=-1).reshape(-1, 2, 2)  # its columns lie along and across
-    both = (sensor.along, sensor.across)
-    spread = axes * np.array([axis.spread_m for axis in both])
-    return axes @ np.array([axis.bias_m for axis in both]), spread @ spread.swapaxes(1, 2)
+def innovation(
+    moments: FloatArray, measured: Detections, config: FilterConfig, sensor: Sensor | None
+) -> FloatArray:  # fmt: skip
+    """(v,) squared distances of measurements from the means of beliefs of moments (v, 10), in their covariance."""
+    away, noise = measured.position - moments[:, :2], measured_covariance(measured, config)
+    if sensor is not None:
+        c, s = np.cos(moments[:, 5]), np.sin(moments[:, 5])
+        axes = np.stack([c, -s, s, c], axis=-1).reshape(-1, 2, 2)  # its columns lie along and across
+        spread = axes * np.array([sensor.along.spread_m, sensor.across.spread_m])
+        away, noise = (
+            away - axes @ np.array([sensor.along.bias_m, sensor.across.bias_m]),
+            spread @ spread.swapaxes(1, 2),
+        )
+    covariance = moments[:, [2, 3, 3, 4]].reshape(-1, 2, 2) + noise
+    return np.asarray(np.einsum("vi,vi->v", away, np.linalg.solve(covariance, away[..., None])[..., 0]))
 
 
 def measured_motion(measured: Detections) -> tuple[FloatArray, FloatArray]:

@@ -19,8 +19,7 @@ from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.distributions import von_mises
 from dirprim_filter.filtering import _kernels, _measuring, _resampling
-from dirprim_filter.filtering.belief import BelievedParticles, ParticleBelief
-from dirprim_filter.filtering.cue_weights import weigh_by_cue
+from dirprim_filter.filtering.belief import BeliefSamples, ParticleBelief, weigh_by_cue
 from dirprim_filter.filtering.measurements import FASTEST, OUTLIER_EXTENT_M, measured_motion
 from dirprim_filter.filtering.protocols import BayesFilter, Evidence, Places
 from dirprim_filter.filtering.smoothing.particle_paths import ParticlePaths
@@ -186,9 +185,9 @@ class ParticleFilter:
         self.split(_kernels.places, (self.belief.cloud, self._of_manoeuvre), (slot, result), (), each_ns=2.0)
         return Places(result[:, 0] * self._has_cells, result[:, 1], result[:, 2])
 
-    def particles(self, slot: IntArray) -> BelievedParticles:
+    def particles(self, slot: IntArray) -> BeliefSamples:
         """The beliefs' samples, one vehicle after the other."""
-        return BelievedParticles(self.belief, slot)
+        return BeliefSamples((self.belief, slot))
 
     def _columns(self, measured: Detections) -> FloatArray:
         """(v, 7) measurements as the kernels take them."""

@@ -87,17 +87,8 @@ class BayesFilter(Protocol):
 
 
 @runtime_checkable
-class HasSamples(Protocol):
-    """A filter whose beliefs are samples."""
-
-    def particles(self, slot: IntArray) -> Samples:
-        """The samples behind the beliefs, until the next step; `vehicle` counts the slots given."""
-        ...
-
-
-@runtime_checkable
-class KnowsPlaces(Protocol):
-    """A filter on a map."""
+class OnMap(Protocol):
+    """A filter of samples on a map, which hold what vehicles will do next."""
 
     @property
     def traffic(self) -> Traffic | None:
@@ -108,10 +99,9 @@ class KnowsPlaces(Protocol):
         """Where vehicles are on the map."""
         ...
 
-
-@runtime_checkable
-class WeighsCues(Protocol):
-    """A filter whose beliefs hold what vehicles will do next, which cues report."""
+    def particles(self, slot: IntArray) -> Samples:
+        """The samples behind the beliefs, until the next step; `vehicle` counts the slots given."""
+        ...
 
     def weigh_by_cue(self, slot: IntArray, cue: Cue) -> FloatArray:
         """Weigh beliefs by a cue, Eq. 4. (v,) -> (v,) natural log of the cue's density under each, per radian."""

@@ -18,7 +18,7 @@ from dirprim_filter.config import FilterConfig
 from dirprim_filter.estimates import Particles
 from dirprim_filter.filtering import _kernels
 from dirprim_filter.filtering._kernels import Cloud
-from dirprim_filter.filtering.cue_weights import weigh_by_cue
+from dirprim_filter.filtering.belief import weigh_by_cue
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.primitives._leader import ALONE, LeaderTable
 from dirprim_filter.primitives._manoeuvres import MotionTable

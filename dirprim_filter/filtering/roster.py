@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -10,8 +11,8 @@ import numpy as np
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.config import TrackingConfig
 from dirprim_filter.filtering import existence
-from dirprim_filter.filtering.protocols import BayesFilter, KnowsPlaces
-from dirprim_filter.filtering.scans import is_due
+from dirprim_filter.filtering.protocols import BayesFilter, OnMap
+from dirprim_filter.filtering.scans import Intervals, is_due
 
 FIRST_CAPACITY = 16
 GAP_INTERVALS = 3.0
@@ -34,7 +35,7 @@ class Roster:
     Args:
         bayes_filter: holds their beliefs.
         config: rates, and when a track is confirmed.
-        least_gap_ns: as the attribute.
+        max_gap_s: seconds without a measurement after which a track ends, where its sensor's intervals are not longer.
 
     Attributes:
         time_ns: (slots,) the time each belief holds for.
@@ -50,7 +51,7 @@ class Roster:
         log_evidence: (slots,) of its measurement in this frame; 0 where there is none.
         cue: (slots, 2) what it is weighed by, as in `Detections`; NaN for nothing.
         interval: (slots, 2) nanoseconds, usual time between two of its detections and jitter of that; 0 while unknown.
-        least_gap_ns: nanoseconds without a measurement after which a track ends, where its intervals are not longer.
+        longest_gap_ns: nanoseconds without a measurement after which every track ends.
     """
 
     time_ns: IntArray
@@ -67,14 +68,16 @@ class Roster:
     cue: FloatArray
     interval: FloatArray
 
-    def __init__(self, bayes_filter: BayesFilter, config: TrackingConfig, *, least_gap_ns: float) -> None:
+    def __init__(self, bayes_filter: BayesFilter, config: TrackingConfig, *, max_gap_s: float) -> None:
         self._filter, self._config = bayes_filter, config
-        self._places = bayes_filter if isinstance(bayes_filter, KnowsPlaces) else None
+        self._on_map = bayes_filter if isinstance(bayes_filter, OnMap) else None
         self._slot: dict[str, int] = {}
         self._name: dict[int, str] = {}
         self._free: list[int] = []
         self._n_tentative = self._n_numbered = 0
-        self.least_gap_ns = least_gap_ns
+        self._intervals = Intervals()
+        self._max_gap_ns = self._least_gap_ns = max_gap_s * 1e9
+        self.longest_gap_ns = int(self._max_gap_ns)
         self._grow(FIRST_CAPACITY)
 
     def __len__(self) -> int:
@@ -95,6 +98,7 @@ class Roster:
         for column in (self.time_ns, self.existence_ns, self.measured_ns, self.counted_ns):
             column[slot] = time_ns
         self.is_labelled[slot], self.existence[slot] = is_labelled, exists
+        self.interval[slot[is_labelled]] = self._intervals.of(compress(names, is_labelled.tolist()))
         return slot
 
     @property
@@ -152,11 +156,28 @@ class Roster:
             self._grow(max(self.time_ns.size, n))
         return np.array(self._free[len(self._free) - n :], dtype=np.int64)
 
+    def see(self, labels: Sequence[str], time_ns: int) -> None:
+        """Learn from a frame how often the sensor looks: at each vehicle it labels, at all others together, at any."""
+        intervals = self._intervals
+        intervals.see(labels, time_ns)
+        known = [name for name in labels if name in self]
+        self.interval[self.slots_of(known)] = intervals.of(known)
+        self.interval[self.unlabelled, 0] = intervals.of_others.usual_ns[0]
+        self._least_gap_ns = max(self._max_gap_ns, GAP_INTERVALS * intervals.of_frames.usual_ns[0])
+        self.longest_gap_ns = int(max(self._least_gap_ns, GAP_INTERVALS * self.interval[:, 0].max(initial=0.0)))
+
+    def hit(self, slot: IntArray, time_ns: int) -> None:
+        """Tracks (v,) were measured."""
+        since_ns = (time_ns - self.measured_ns[slot])[~self.is_labelled[slot]]
+        if since_ns.size:
+            self._intervals.of_others.add(int(np.median(since_ns)))
+        self.measured_ns[slot] = time_ns
+
     def forget(self, *, now_ns: int) -> None:
         """End tracks not measured for too long, and those that hardly exist."""
         config, slot = self._config, self.slots
         first = existence.at_birth(np.array([config.birth_density]), config)[0, existence.VISIBLE]
-        last_ns = self.measured_ns + np.maximum(self.least_gap_ns, GAP_INTERVALS * self.interval[:, 0])
+        last_ns = self.measured_ns + np.maximum(self._least_gap_ns, GAP_INTERVALS * self.interval[:, 0])
         ended = (self.probability < config.forget_below * first) | (last_ns < now_ns)
         self._free += [self._slot.pop(self._name.pop(place)) for place in slot[ended[slot]].tolist()]
 
@@ -165,8 +186,8 @@ class Roster:
         dt_s = np.asarray((time_ns - self.existence_ns[slot]) * 1e-9, np.float64)
         pace = 1.0 / np.maximum(self.interval[slot, 0] / SLOW_NS, 1.0)
         passed = self.ends[slot]
-        if self._places is not None:
-            self.outside[slot], _, self.ends[slot] = self._places.places(held)
+        if self._on_map is not None:
+            self.outside[slot], _, self.ends[slot] = self._on_map.places(held)
             passed = 0.5 * (passed + self.ends[slot])  # on the way
         self.existence[slot] = existence.later(self.existence[slot], dt_s, self._config, ends=passed, pace=pace)
         self.existence_ns[slot] = time_ns

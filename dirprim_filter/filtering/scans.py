@@ -8,7 +8,7 @@ nothing of it. And a sensor that looks at a vehicle each ten seconds needs belie
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -73,7 +73,7 @@ class Intervals:
         if len(self._of) > 2 * len(names) + MOST_NAMES:
             self._of = {name: of for name, of in self._of.items() if time_ns - (of.seen_ns or 0) <= MOST_NS}
 
-    def of(self, names: Sequence[str]) -> FloatArray:
+    def of(self, names: Iterable[str]) -> FloatArray:
         """(n, 2) usual time and jitter of each, nanoseconds."""
         return np.array([self._of[name].usual_ns for name in names], np.float64).reshape(-1, 2)
 

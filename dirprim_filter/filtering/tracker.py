@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from itertools import compress
 from os import PathLike
 
@@ -13,17 +13,15 @@ import numpy as np
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray, require
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import NO_ID, NO_TIME, Detections, check_after
-from dirprim_filter.estimates import Estimates, Innovations, Particles, Samples, TrackedFrame
+from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.filtering import existence
 from dirprim_filter.filtering.association import Associator, Hits
 from dirprim_filter.filtering.belief import birth_key
 from dirprim_filter.filtering.cued_motion import CuedMotion
-from dirprim_filter.filtering.current_frame import CurrentFrame
-from dirprim_filter.filtering.measurements import position_errors, with_unseen_errors
+from dirprim_filter.filtering.measurements import innovation, with_unseen_errors
 from dirprim_filter.filtering.particle_filter import bayes_filter_of
-from dirprim_filter.filtering.protocols import BayesFilter, HasSamples, KnowsPlaces
-from dirprim_filter.filtering.roster import GAP_INTERVALS, Roster
-from dirprim_filter.filtering.scans import Intervals
+from dirprim_filter.filtering.protocols import BayesFilter, OnMap
+from dirprim_filter.filtering.roster import Roster
 from dirprim_filter.filtering.smoothing.recorder import Recorder
 from dirprim_filter.filtering.undetected import Undetected
 from dirprim_filter.primitives import PrimitiveMap
@@ -31,9 +29,43 @@ from dirprim_filter.sensor import Sensor
 
 logger = logging.getLogger(__name__)
 
+NO_ROWS: IntArray = np.empty(0, np.int64)
+
 AWAY_S = 1.0
 """Where a belief does not reach a labelled vehicle that is back after longer than this, the belief is wrong: after
 seconds unseen that is likelier than that the first measurement is an outlier."""
+
+
+@dataclass(slots=True, kw_only=True)
+class _Frame:
+    """The current frame, and the tracks that its detections are assigned to.
+
+    Attributes:
+        detections: with the times when they were true: a latency before they arrived.
+        hits: tracks of earlier frames, and the rows of `detections` assigned to them.
+        by_chance: (d,) density of clutter and first detections expected at each of `detections`, see `Undetected`.
+        home: slots of all tracks that may be reported: labelled ones of the frame in its order, labelled ones that it
+            does not hold, and unlabelled ones.
+        n_aside: how many beliefs were moved aside.
+        held: the slots that hold their beliefs at the frame's time.
+        is_scan: whether the sensor looked.
+        is_weighed: whether the beliefs are weighed by it.
+        moments: of those, once they are weighed.
+        innovation: (slots,) as in `TrackedFrame`, where they were asked for.
+        lost: the slots of reinitialised beliefs.
+    """
+
+    detections: Detections = field(default_factory=Detections.none)
+    hits: Hits = field(default_factory=lambda: Hits(NO_ROWS, NO_ROWS))
+    by_chance: FloatArray = field(default_factory=lambda: np.empty(0))
+    home: IntArray = field(default_factory=NO_ROWS.copy)
+    n_aside: int = 0
+    held: IntArray = field(default_factory=NO_ROWS.copy)
+    is_scan: bool = True
+    is_weighed: bool = False
+    moments: FloatArray | None = None
+    innovation: FloatArray | None = None
+    lost: IntArray = field(default_factory=NO_ROWS.copy)
 
 
 class Tracker:
@@ -61,8 +93,6 @@ class Tracker:
     Attributes:
         sensor: as given.
         recoveries: number of beliefs that no longer explained their vehicle's positions and were reinitialised.
-        longest_gap_ns: nanoseconds without a measurement after which a belief ends: those of the configuration, or more
-            where the sensor's own intervals are longer.
     """
 
     def __init__(
@@ -81,22 +111,24 @@ class Tracker:
         self.recoveries = 0
         self._with_innovations = with_innovations
         self._filter = bayes_filter_of(model, self.config, sensor)
-        self._intervals = Intervals()
-        self._samples = self._filter if isinstance(self._filter, HasSamples) else None
         self._recorder = recorder
         if recorder is not None:
             recorder.follow(self._filter)
         self._latency_ns = 0 if sensor is None else round(sensor.latency_s * 1e9)
-        self.longest_gap_ns = int(self.config.max_gap_s * 1e9)
-        self._roster = Roster(self._filter, self.tracking, least_gap_ns=self.longest_gap_ns)
+        self._roster = Roster(self._filter, self.tracking, max_gap_s=self.config.max_gap_s)
         self._motion = CuedMotion(self._filter, self._roster, recorder, step_s=self.config.step_s)
         self._associator = Associator(self._filter, self.config, self.tracking)
-        self._places = self._filter if isinstance(self._filter, KnowsPlaces) else None
-        traffic = None if self._places is None else self._places.traffic
+        self._on_map = self._filter if isinstance(self._filter, OnMap) else None
+        traffic = None if self._on_map is None else self._on_map.traffic
         self._undetected = Undetected(traffic, self.tracking, self.config)
         self._seed = int(rng.integers(2**63))
         self._time_ns = self._scanned_ns = NO_TIME
-        self._frame = CurrentFrame(is_weighed=True)
+        self._frame = _Frame(is_weighed=True)
+
+    @property
+    def longest_gap_ns(self) -> int:
+        """As of the `Roster`."""
+        return self._roster.longest_gap_ns
 
     def step(self, detections: Detections, *, time_ns: int | None = None) -> Estimates:
         """A whole frame: predict to its time, weigh by its detections, estimate, and resample; see `predict`.
@@ -106,7 +138,7 @@ class Tracker:
         """
         self.predict(detections, time_ns=time_ns)
         self.weigh()
-        estimates = self.estimate()
+        estimates = self.frame().estimates
         self.resample()
         return estimates
 
@@ -131,13 +163,13 @@ class Tracker:
             check_after(time_ns, self._time_ns)
         is_frame = time_ns > self._time_ns
         self._time_ns = time_ns
-        self._frame = frame = CurrentFrame(detections=detections, is_scan=is_scan)
+        self._frame = frame = _Frame(detections=detections, is_scan=is_scan)
         if not is_frame:
             return
         is_labelled = detections.track_id != NO_ID
         labels, row = detections.track_id[is_labelled].tolist(), np.flatnonzero(is_labelled)
         if is_scan:
-            self._learn_intervals(labels)
+            self._roster.see(labels, time_ns)
             passed_ns, self._scanned_ns = time_ns - self._scanned_ns, time_ns
             frame.by_chance = self._by_chance(is_labelled, passed_ns)
         self._roster.forget(now_ns=time_ns)
@@ -163,14 +195,12 @@ class Tracker:
         measured = frame.detections[row]
         self._motion.change_cues(slot, measured.cue)
         if self._with_innovations:
-            frame.innovation = self._innovation(slot, measured)
+            frame.innovation = np.full(roster.time_ns.size, np.nan)
+            frame.innovation[slot] = innovation(self._filter.moments(slot), measured, self.config, self.sensor)
         evidence = (self._recorder or self._filter).weigh(slot, measured)
-        since_ns = (time_ns - roster.measured_ns[slot])[~roster.is_labelled[slot]]
-        if since_ns.size:
-            self._intervals.of_others.add(int(np.median(since_ns)))
         missed = roster.missed(slot, time_ns) if frame.is_scan else slot
         is_back = roster.is_labelled[slot] & (_seconds(time_ns - roster.measured_ns[slot]) > AWAY_S)
-        roster.measured_ns[slot] = time_ns
+        roster.hit(slot, time_ns)
         is_weightless = ~np.isfinite(evidence.log_density)  # no particle has a weight
         roster.log_evidence[slot] = np.where(is_weightless, 0.0, evidence.log_density)
         unexplained = evidence.is_unexplained | is_weightless
@@ -183,19 +213,22 @@ class Tracker:
             self._recover(slot[is_lost], row[is_lost])
         frame.moments = self._filter.moments(frame.held)
 
-    def estimate(self) -> Estimates:
-        """Estimates of confirmed tracks: labelled ones of the frame in its order, absent and unlabelled ones."""
-        frame, roster = self._frame, self._roster
+    def frame(self) -> TrackedFrame:
+        """All of the frame at hand, to be written before the next step; confirmed tracks are reported.
+
+        Labelled ones of the frame come first, in its order, then absent and unlabelled ones. Of the samples copies can
+        be taken until the next step.
+        """
+        frame, roster, time_ns = self._frame, self._roster, self._time_ns + self._latency_ns
         exists = roster.probability[frame.home]
         reported = roster.is_confirmed[frame.home] & (exists >= self.tracking.report_above)
-        frame.shown, home = self._now(frame.held[reported]), frame.home[reported]
-        frame.shown_home, frame.shown_names = home, roster.names_of(home)
-        weighed = frame.moments  # of the time when detections were true
-        m = self._filter.moments(frame.shown) if weighed is None or self._latency_ns else weighed[reported]
+        slot, home = self._now(frame.held[reported]), frame.home[reported]
+        names, weighed = roster.names_of(home), frame.moments  # of the time when detections were true
+        m = self._filter.moments(slot) if weighed is None or self._latency_ns else weighed[reported]
         is_measured = roster.measured_ns[home] == self._time_ns
-        estimates = Estimates(
-            track_id=np.array(frame.shown_names, dtype=np.str_),
-            time_ns=np.full(home.size, self._time_ns + self._latency_ns, np.int64),
+        estimates = with_unseen_errors(Estimates(
+            track_id=np.array(names, dtype=np.str_),
+            time_ns=np.full(home.size, time_ns, np.int64),
             position=m[:, :2],
             covariance=m[:, [2, 3, 3, 4]].reshape(-1, 2, 2),
             direction=m[:, 5],
@@ -206,49 +239,28 @@ class Tracker:
             log_evidence=np.where(is_measured, roster.log_evidence[home], 0.0),
             existence=exists[reported],
             unseen_s=_seconds(self._time_ns - roster.measured_ns[home]),
-            follows_map=np.zeros(home.size) if self._places is None else self._places.places(frame.shown).follows_map,
-        )
-        return with_unseen_errors(estimates, self.sensor)
-
-    def particles(self) -> Samples:
-        """The samples behind the frame's estimates, of which copies can be taken until the next step."""
-        return Particles.none() if self._samples is None else self._samples.particles(self._frame.shown)
-
-    def frame(self) -> TrackedFrame:
-        """All of the frame at hand, to be written before the next step."""
-        frame, time_ns, estimates = self._frame, self._time_ns + self._latency_ns, self.estimate()
-        home, seen, innovations = frame.shown_home, frame.detections, None
+            follows_map=np.zeros(home.size) if self._on_map is None else self._on_map.places(slot).follows_map,
+        ), self.sensor)  # fmt: skip
+        seen = frame.detections
         if self._latency_ns:
             seen = replace(seen, time_ns=seen.time_ns + self._latency_ns)
         if self._recorder is not None:
-            self._recorder.reported(time_ns, home, estimates, self._roster.is_labelled[home])
-        if frame.innovation is not None:
-            innovations = Innovations(distance=frame.innovation[home, 0], squared=frame.innovation[home, 1])
+            self._recorder.reported(time_ns, home, estimates, roster.is_labelled[home])
         return TrackedFrame(
-            time_ns=time_ns, detections=seen, estimates=estimates, particles=self.particles(),
-            innovations=innovations,
-            begun_anew=tuple(compress(frame.shown_names, np.isin(home, frame.lost).tolist())),
+            time_ns=time_ns, detections=seen, estimates=estimates,
+            particles=Particles.none() if self._on_map is None else self._on_map.particles(slot),
+            innovations=None if frame.innovation is None else frame.innovation[home],
+            begun_anew=tuple(compress(names, np.isin(home, frame.lost).tolist())),
         )  # fmt: skip
 
     def resample(self) -> None:
         """Renew the samples of measured beliefs that have lost their weight."""
         self._filter.resample(self._frame.hits.slot)
 
-    def _learn_intervals(self, labels: list[str]) -> None:
-        """How often the sensor looks at vehicles: at each of those it labels, at all others together, at any."""
-        roster, intervals = self._roster, self._intervals
-        intervals.see(labels, self._time_ns)
-        known = [name for name in labels if name in roster]
-        roster.interval[roster.slots_of(known)] = intervals.of(known)
-        roster.interval[roster.unlabelled, 0] = intervals.of_others.usual_ns[0]
-        least_ns = max(self.config.max_gap_s * 1e9, GAP_INTERVALS * intervals.of_frames.usual_ns[0])
-        roster.least_gap_ns = least_ns
-        self.longest_gap_ns = int(max(least_ns, GAP_INTERVALS * roster.interval[:, 0].max(initial=0.0)))
-
     def _by_chance(self, is_labelled: BoolArray, passed_ns: int) -> FloatArray:
         """(d,) density of clutter and first detections at each of the frame's, so long after the frame before."""
         undetected = self._undetected
-        undetected.advance(passed_ns * 1e-9, self.longest_gap_ns * 1e-9)
+        undetected.advance(passed_ns * 1e-9, self._roster.longest_gap_ns * 1e-9)
         expected = undetected.first_detections(self._frame.detections.position) + self.tracking.clutter_density
         return np.asarray(expected * np.where(is_labelled, undetected.of_labels, 1.0))
 
@@ -279,7 +291,6 @@ class Tracker:
         names[~labelled] = self._roster.tentative_names(int((~labelled).sum()))
         exists = existence.at_birth(self._undetected.see(seen.position, labelled), self.tracking)
         slot = self._roster.enter(names.tolist(), is_labelled=labelled, time_ns=self._time_ns, exists=exists)
-        self._roster.interval[slot[labelled]] = self._intervals.of(names[labelled].tolist())
         self._begin(slot, row)
 
     def _hold(self, labels: Sequence[str]) -> None:
@@ -324,16 +335,6 @@ class Tracker:
         self._roster.cue[slot] = np.nan
         logger.info("at %d ns %d beliefs did not explain what was measured: reinitialised", self._time_ns, slot.size)
         self._begin(slot, row)
-
-    def _innovation(self, slot: IntArray, measured: Detections) -> FloatArray:
-        """(slots, 2) how far measurements are from the means of the beliefs, and that squared in their covariance."""
-        columns, m = np.full((self._roster.time_ns.size, 2), np.nan), self._filter.moments(slot)
-        bias, noise = position_errors(measured, m[:, 5], self.config, self.sensor)
-        away = measured.position - m[:, :2] - bias
-        covariance = m[:, [2, 3, 3, 4]].reshape(-1, 2, 2) + noise
-        squared = np.einsum("vi,vi->v", away, np.linalg.solve(covariance, away[..., None])[..., 0])
-        columns[slot] = np.column_stack([np.hypot(*away.T), squared])
-        return columns
 
 
 def _seconds(time_ns: IntArray) -> FloatArray:

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from dirprim_filter.arrays import BoolArray
 from dirprim_filter.detections import Detections
-from dirprim_filter.estimates import Estimates, Innovations, Particles, Samples, TrackedFrame
+from dirprim_filter.estimates import Estimates, TrackedFrame
+from dirprim_filter.filtering.belief import BeliefSamples
 from dirprim_filter.filtering.tracker import Tracker
 from dirprim_filter.track_ids import world_names
 
@@ -102,11 +102,8 @@ def joined(frames: Mapping[int, TrackedFrame]) -> TrackedFrame:
         time_ns=parts[0].time_ns,
         detections=Detections.concatenate([part.detections for part in parts]),
         estimates=Estimates.concatenate([part.estimates for part in parts]),
-        particles=_JoinedSamples([(part.particles, len(part.estimates)) for part in parts]),
-        innovations=None if len(innovations) < len(parts) else Innovations(
-            distance=np.concatenate([of.distance for of in innovations]),
-            squared=np.concatenate([of.squared for of in innovations]),
-        ),
+        particles=BeliefSamples.concatenate(part.particles for part in parts),
+        innovations=np.concatenate(innovations) if len(innovations) == len(parts) else None,
         begun_anew=tuple(name for part in parts for name in part.begun_anew),
         group=np.concatenate([part.group for part in parts]),
     )  # fmt: skip
@@ -123,32 +120,3 @@ def _renamed(frame: TrackedFrame, group: int) -> TrackedFrame:
         frame, detections=frame.detections.in_one_world(), estimates=replace(estimates, track_id=names),
         begun_anew=tuple(anew.tolist()), group=np.full(len(estimates), group),
     )  # fmt: skip
-
-
-class _JoinedSamples:
-    """The `Samples` of several frames, with the number of estimates of each, one after the other."""
-
-    def __init__(self, parts: list[tuple[Samples, int]]) -> None:
-        self._parts = parts
-
-    def __len__(self) -> int:
-        return sum(len(samples) for samples, _ in self._parts)
-
-    def of(self, row: int) -> Particles:
-        """The samples of one vehicle, by its row in the joined estimates."""
-        first = 0
-        for samples, n in self._parts:
-            if row < first + n:
-                own = samples.of(row - first)
-                return replace(own, vehicle=own.vehicle + first)
-            first += n
-        raise IndexError(f"row: expected below {first}, got {row}")
-
-    def thinned(self, stride: int, *, rows: BoolArray | None = None) -> Particles:
-        """Every `stride`-th sample of each part; of some vehicles, where `rows` of the joined estimates are given."""
-        found, first = [], 0
-        for samples, n in self._parts:
-            own = samples.thinned(stride, rows=None if rows is None else rows[first : first + n])
-            found.append(replace(own, vehicle=own.vehicle + first))
-            first += n
-        return Particles.concatenate(found)

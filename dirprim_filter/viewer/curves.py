@@ -56,7 +56,7 @@ def frame_metrics(frame: TrackedFrame, truth: Tracks | None) -> Mapping[str, tup
     is_measured = estimates.unseen_s == 0
     following = float(estimates.follows_map[is_measured].sum())
     ess = estimates.effective_sample_size
-    nis = np.nan if frame.innovations is None else _mean(frame.innovations.squared)
+    nis = np.nan if frame.innovations is None else _mean(frame.innovations)
     return {
         "/metrics/existence": (len(estimates), float(estimates.existence.sum()), int(is_measured.sum()), following),
         "/metrics/ess": (_mean(ess), float(ess.min(initial=np.inf)) if ess.size else np.nan),

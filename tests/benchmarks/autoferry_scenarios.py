@@ -134,10 +134,7 @@ class Scenario(NamedTuple):
         frames = {int(frame.time_ns[0]): frame for frame in (self.seen if seen is None else seen).frames()}
         kept = []
         for time_ns in self.instants.tolist():
-            tracker.predict(frames.get(time_ns, Detections.none()), time_ns=time_ns)
-            tracker.weigh()
-            kept.append(tracker.estimate())
-            tracker.resample()
+            kept.append(tracker.step(frames.get(time_ns, Detections.none()), time_ns=time_ns))
         return Estimates.concatenate(kept)
 
 

@@ -40,12 +40,12 @@ def tracked(*, noise_m, n_vehicles=40, n_frames=25, jump_at=None, with_innovatio
 
 def test_squared_innovations_have_a_mean_of_two_where_the_filter_is_right():
     frames = tracked(noise_m=0.5)
-    assert np.isnan(frames[0].innovations.squared).all()  # all were new
-    squared = np.concatenate([frame.innovations.squared for frame in frames[5:]])
+    assert np.isnan(frames[0].innovations).all()  # all were new
+    squared = np.concatenate([frame.innovations for frame in frames[5:]])
     # 800 of them, chi-squared of two degrees of freedom and nearly independent: deviation of the mean 2 / sqrt(800).
     # Four of these deviations, and 10 % for what the motion model adds: false alarms below one in 10,000.
     assert abs(squared.mean() - 2.0) < 4 * 2.0 / np.sqrt(squared.size) + 0.2
-    too_sure = np.concatenate([frame.innovations.squared for frame in tracked(noise_m=0.3)[5:]])
+    too_sure = np.concatenate([frame.innovations for frame in tracked(noise_m=0.3)[5:]])
     assert too_sure.mean() > 3.0  # the negative control
 
 
@@ -69,7 +69,7 @@ def test_a_tracker_goes_by_all_that_its_sensor_states():
         tracker.predict(Detections(track_id=np.arange(40), time_ns=np.full(40, i * 10**8), position=place))
         tracker.weigh()
         if i > 4:
-            squared.append(tracker.frame().innovations.squared)
+            squared.append(tracker.frame().innovations)
         tracker.resample()
     assert abs(np.mean(squared) - 2.0) < 4 * 2.0 / np.sqrt(np.size(squared)) + 0.2  # as above
 

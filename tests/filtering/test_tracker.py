@@ -138,7 +138,7 @@ def test_a_frame_out_of_order_is_refused_and_changes_nothing(ring_map, filter_of
         _, tracker = track(ring_map, [one("a", 0.5, 20.0, 0.0)], filter_of=filter_of)
         if bad and message is None:  # no frame
             tracker.predict(frame)
-            assert len(tracker.particles()) == 0
+            assert len(tracker.frame().particles) == 0
         elif bad:
             with pytest.raises(ValueError, match=message):
                 tracker.predict(frame, time_ns=time_ns)
@@ -151,7 +151,7 @@ def test_a_frame_in_which_nothing_was_seen_has_an_estimate_where_its_time_is_giv
     _, tracker = track(ring_map, [one("a", 0.0, 20.0, 0.0), one("a", 0.1, 20.0, 0.8)])
     tracker.predict(Detections.none(), time_ns=200_000_000)
     tracker.weigh()
-    assert tracker.estimate().unseen_s.tolist() == pytest.approx([0.1])
+    assert tracker.frame().estimates.unseen_s.tolist() == pytest.approx([0.1])
 
 
 def test_particles_weigh_one_for_each_vehicle_and_are_copied_before_the_next_step(ring_map, traffic):
@@ -159,7 +159,8 @@ def test_particles_weigh_one_for_each_vehicle_and_are_copied_before_the_next_ste
     _, tracker = track(ring_map, frames[:4])
     tracker.predict(frames[4])
     tracker.weigh()
-    estimates, samples = tracker.estimate(), tracker.particles()
+    frame = tracker.frame()
+    estimates, samples = frame.estimates, frame.particles
     particles, odd = samples.thinned(1), np.arange(40) % 2 == 1
     weight = particles.weight.reshape(len(estimates), 100)
     np.testing.assert_allclose(weight.sum(axis=1), 1.0, rtol=1e-12)
@@ -187,9 +188,9 @@ def test_particles_weigh_one_for_each_vehicle_and_are_copied_before_the_next_ste
 def test_a_thousand_vehicles_one_after_another_need_no_more_memory_than_a_few(ring_map):
     frames = [one(f"car {i}", float(i), 20.0, 0.0) for i in range(1000)]
     _, tracker = track(ring_map, frames, n_particles=5, max_gap_s=5.0)
-    assert tracker._filter.belief.n_slots == FIRST_CAPACITY
+    assert len(tracker._filter.belief.cloud.speed) == FIRST_CAPACITY
     _, hoarder = track(ring_map, frames[:50], n_particles=5, max_gap_s=1e6)
-    assert hoarder._filter.belief.n_slots > FIRST_CAPACITY
+    assert len(hoarder._filter.belief.cloud.speed) > FIRST_CAPACITY
 
 
 def test_where_motion_is_linear_and_gaussian_the_belief_is_the_kalman_filters_to_monte_carlo_error():
@@ -257,7 +258,7 @@ def test_one_step_is_predict_weigh_estimate_and_resample(ring_map, traffic):
     for frame in frames:
         tracker.predict(frame)
         tracker.weigh()
-        found.append(tracker.estimate())
+        found.append(tracker.frame().estimates)
         tracker.resample()
     assert Estimates.concatenate(found) == track(ring_map, frames)[0]
 

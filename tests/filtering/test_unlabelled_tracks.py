@@ -131,7 +131,7 @@ def test_unlabelled_tracks_are_the_same_each_time_and_keep_out_of_the_way_of_lab
                 first = of_label(found)
         assert of_label(found) == first
     assert len(first) > 0
-    assert np.unique(named.estimate().track_id).size == 3
+    assert np.unique(named.frame().estimates.track_id).size == 3
 
 
 def kept_apart(found, ways):

@@ -71,7 +71,7 @@ def test_joined_samples_are_those_of_the_estimates_that_they_are_given_to(ring, 
             np.testing.assert_array_equal(own.position, samples.of(row).position)
         chosen = frame.particles.thinned(1, rows=np.arange(8) == 6)
         np.testing.assert_array_equal(chosen.position, samples.of(6).position)
-        assert frame.innovations.distance.shape == (8,)
+        assert frame.innovations.shape == (8,)
         worlds.resample()
     with pytest.raises(IndexError, match="row: expected below 8, got 8"):
         frame.particles.of(8)

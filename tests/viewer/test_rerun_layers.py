@@ -10,7 +10,7 @@ import rerun as rr
 from rrd_files import rows_of
 
 from dirprim_filter.drawing import colors, shapes
-from dirprim_filter.estimates import EstimateList, Innovations, TrackedFrame
+from dirprim_filter.estimates import EstimateList, TrackedFrame
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
 from dirprim_filter.evaluation.tracking_report import Scales, TrackingReport
 from dirprim_filter.forecasting import Forecasts
@@ -35,7 +35,7 @@ def tracked(scene_frames: list[TrackedFrame]) -> list[TrackedFrame]:
     frames = []
     for i, frame in enumerate(scene_frames[:-1]):
         off = replace(frame.estimates, position=frame.estimates.position + 0.5, unseen_s=np.array([0.0, 0.6 * i]))
-        reported = Innovations(distance=np.array([1.0, np.nan]), squared=np.array([4.0, np.nan]))
+        reported = np.array([4.0, np.nan])
         frames.append(replace(frame, estimates=off, innovations=reported))
     return [*frames, scene_frames[-1]]
 

@@ -14,7 +14,7 @@ from rerun.experimental import ViewerClient
 
 from dirprim_filter.detections import Detections
 from dirprim_filter.drawing.colors import track_color
-from dirprim_filter.estimates import Innovations, TrackedFrame
+from dirprim_filter.estimates import TrackedFrame
 from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
@@ -105,7 +105,7 @@ def test_every_kind_of_recording_opens_without_a_complaint(
         sink.log_map(scene_map)
         sink.log_truth(scene_tracks)
         for frame in scene_frames:
-            reported = Innovations(distance=np.ones(len(frame.estimates)), squared=np.ones(len(frame.estimates)))
+            reported = np.ones(len(frame.estimates))
             sink.write(replace(frame, innovations=reported))
             sink.write_smoothed(frame)
             if frame is first:
