@@ -122,7 +122,7 @@ def test_the_reference_has_every_public_name_and_names_nothing_else():
     shown = [name for page in pages for name in re.findall(r"^::: (\S+)$", page.read_text(), flags=re.MULTILINE)]
     assert len(set(shown)) == len(shown)
     for package in (dirprim_filter, tessellation, filtering):
-        public = [getattr(package, name) for name in dir(package) if not name.startswith("_")]
+        public = [getattr(package, name) for name in package.__all__]
         ours = [thing for thing in public if getattr(thing, "__module__", "").startswith(("dirprim_", "tessellation"))]
         assert ours
         for thing in ours:
