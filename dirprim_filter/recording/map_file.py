@@ -1,12 +1,29 @@
-"""A map file: an MCAP log with `/dirprim/map`, a message of its cells, and a drawing of them."""
+"""A map file: an MCAP log with `/dirprim/map`, a message of its cells, and a drawing of them.
+
+The message `dirprim.PrimitiveMap` is an Arrow IPC stream: one record batch with one row, of numbers, texts and tables:
+`row` with the modes of each cell and then of the background, `place` with the cells' centres, `square` (those that are
+the cells of a grid, or near the data), `manoeuvre` of all cells and then of the background, and `transition` with what
+followed them. A table is a list of structs, so that its columns are of one length however the bytes were made; a column
+of several numbers in each row is one of fixed-size lists. Any reader of Arrow opens it, such as
+`pyarrow.ipc.open_stream(data)`.
+
+Source: https://arrow.apache.org/docs/format/Columnar.html.
+"""
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
-from dirprim_filter.arrays import require
+import numpy as np
+import pyarrow as pa
+
+from dirprim_filter.arrays import AnyArray, require
+from dirprim_filter.distributions import Gamma, VonMisesMixture
+from dirprim_filter.primitives.leader import LeaderResponse
+from dirprim_filter.primitives.motion import FLOATS, Motion
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording import topic_names
 from dirprim_filter.recording.container.log import Log, Scan
@@ -15,11 +32,11 @@ from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.foxglove.elements import origin_of, scene_transform, view_of
 from dirprim_filter.recording.foxglove.scenes import map_scene
 from dirprim_filter.recording.log_writer import LogWriter
-from dirprim_filter.recording.schemas.map_message import ENCODING, encoded, map_of
+from tessellation import GridTessellation, Tessellation, VoronoiTessellation
 
 logger = logging.getLogger(__name__)
 
-MAP = Schema(name="dirprim.PrimitiveMap", encoding=ENCODING, data=b"an Arrow IPC stream of one row")
+MAP = Schema(name="dirprim.PrimitiveMap", encoding="arrow", data=b"an Arrow IPC stream of one row")
 
 
 def save_map(
@@ -92,6 +109,190 @@ def _data(found: list[Message]) -> bytes:
     """
     if len(found) != 1:
         raise ValueError(f"expected one message, got {len(found)}{', as of an older version' * bool(found)}")
-    if found[0].message_encoding != ENCODING:
-        raise ValueError(f"it is of an older version, in {found[0].message_encoding}, not {ENCODING}")
+    if found[0].message_encoding != MAP.encoding:
+        raise ValueError(f"it is of an older version, in {found[0].message_encoding}, not {MAP.encoding}")
     return found[0].data
+
+
+Columns = dict[str, AnyArray]
+VERSION = 7
+"""Of the message; a map of another version has other tables."""
+MOST_MODES = 4096
+"""Of a cell: no map has so many, and kernels make room for them."""
+
+ROW = ("weight", "mean_direction", "concentration", "shape", "rate", "bend", "gain")
+"""Columns of the modes of each cell."""
+LEADER = ("gain", "push", "trust", "start_rate")
+SCALARS = {
+    "version": int, "n_background_modes": int, "kind": str, "origin_x": float, "origin_y": float, "cell_size": float,
+    "n_x": int, "n_y": int, "background_visits": float,
+}  # fmt: skip
+TABLES = {
+    "row": (*ROW, "n_rows"), "place": ("center",), "square": ("number",),
+    "manoeuvre": ("cell", "mode", "n_following", *FLOATS), "transition": ("following", "count"), "leader": LEADER,
+}  # fmt: skip
+"""Columns by table, of float64 but for `WHOLE`, which are int64."""
+WHOLE = {"n_rows", "number", "cell", "mode", "n_following", "following"}
+
+
+def encoded(primitive_map: PrimitiveMap) -> bytes:
+    """The message of a map.
+
+    Raises:
+        TypeError: cells of a kind that the message does not know.
+    """
+    cells, motion = primitive_map.tessellation, primitive_map.motion
+    if not isinstance(cells, GridTessellation | VoronoiTessellation):
+        raise TypeError(f"tessellation: expected a GridTessellation or VoronoiTessellation, got {type(cells).__name__}")
+    grid = cells if isinstance(cells, GridTessellation) else cells.region
+    direction, speed = primitive_map.direction, primitive_map.speed
+    rows = (
+        direction.weight, direction.mean_direction, direction.concentration, speed.shape, speed.rate,
+        primitive_map.bend, primitive_map.gain,
+    )  # fmt: skip
+    leaders = [motion.leader] if motion.leader else []
+    scalars = {
+        "version": VERSION, "n_background_modes": primitive_map.n_background_modes,
+        "kind": "grid" if grid is cells else "voronoi", "origin_x": float(grid.origin[0]),
+        "origin_y": float(grid.origin[1]), "cell_size": float(grid.cell_size), "n_x": grid.n_x, "n_y": grid.n_y,
+        "background_visits": float(motion.background_visits),
+    }  # fmt: skip
+    return encode(scalars, {
+        "row": dict(zip(ROW, rows, strict=True)) | {"n_rows": primitive_map.n_rows},
+        "place": {"center": cells.centers.reshape(-1, 2)}, "square": {"number": grid.square},
+        "manoeuvre": {"cell": motion.cell, "mode": motion.mode, "n_following": np.diff(motion.first)}
+        | {name: getattr(motion, name) for name in FLOATS},
+        "transition": {"following": motion.following, "count": motion.count},
+        "leader": {name: np.array([getattr(of, name) for of in leaders], np.float64) for name in LEADER},
+    })  # fmt: skip
+
+
+def map_of(data: bytes) -> PrimitiveMap:
+    """The map of a message.
+
+    What it holds is checked where it is made into a value: by `Motion`, `PrimitiveMap` and what these consist of.
+
+    Raises:
+        ValueError: bytes that are no such message, another version of it, or numbers that make no map.
+    """
+    scalars, tables = decode(data)
+    _check(scalars, tables)
+    rows = tables["row"]
+    modes = rows["weight"].shape
+    if len(modes) < 2 or modes[1] > MOST_MODES:
+        raise ValueError(f"row.weight: expected at most {MOST_MODES} modes, got {modes[1:]}")
+    return PrimitiveMap(
+        tessellation=_tessellation(scalars, tables["square"]["number"], tables["place"]["center"]),
+        direction=VonMisesMixture(**{name: rows[name] for name in ROW[:3]}),
+        speed=Gamma(**{name: rows[name] for name in ROW[3:5]}),
+        n_rows=rows["n_rows"],
+        n_background_modes=scalars["n_background_modes"],
+        **{name: rows[name].reshape(*modes, 2) for name in ROW[5:]},
+        motion=_motion(scalars["background_visits"], tables),
+    )
+
+
+def _check(scalars: dict[str, Any], tables: dict[str, Columns]) -> None:
+    """It is of this version, and has all that one has, of its type."""
+    version = scalars.get("version")
+    if type(version) is not int:
+        raise ValueError(f"version: expected a whole number, got {version!r}")
+    if version != VERSION:
+        age = "an older" if version < VERSION else "a newer"
+        raise ValueError(f"it is of {age} version, {version}; this program reads version {VERSION}")
+    for name, kind in SCALARS.items():
+        if type(scalars.get(name)) is not kind:
+            raise ValueError(f"{name}: expected {kind.__name__}, got {scalars.get(name)!r}")
+    for name, columns in TABLES.items():
+        for of in columns:
+            dtype, column = np.int64 if of in WHOLE else np.float64, tables.get(name, {}).get(of)
+            if column is None or column.dtype != dtype:
+                got = "none" if column is None else str(column.dtype)
+                raise ValueError(f"{name}.{of}: expected {np.dtype(dtype)}, got {got}")
+
+
+def _tessellation(shared: dict[str, Any], square: AnyArray, place: AnyArray) -> Tessellation:
+    if shared["kind"] not in ("grid", "voronoi"):
+        raise ValueError(f"kind: expected grid or voronoi, got {shared['kind']!r}")
+    squares = GridTessellation(
+        origin=np.array([shared["origin_x"], shared["origin_y"]]), cell_size=shared["cell_size"],
+        n_x=shared["n_x"], n_y=shared["n_y"], square=square,
+    )  # fmt: skip
+    return squares if shared["kind"] == "grid" else VoronoiTessellation(generators=place, region=squares)
+
+
+def _motion(background_visits: float, tables: dict[str, Columns]) -> Motion:
+    columns, after = dict(tables["manoeuvre"]), tables["transition"]
+    n = columns.pop("n_following")
+    if ((n < 0) | (n > after["count"].size)).any() or n.sum() != after["count"].size:
+        raise ValueError(f"n_following: expected numbers that sum to {after['count'].size} transitions, got others")
+    leader, leaders = None, tables["leader"]
+    if len(leaders["trust"]):
+        push, trust = float(leaders["push"][0]), float(leaders["trust"][0])
+        leader = LeaderResponse(gain=leaders["gain"][0], push=push, trust=trust, start_rate=leaders["start_rate"][0])
+    made: dict[str, Any] = {**columns, **after, "background_visits": background_visits}
+    return Motion(**made, first=np.append(0, np.cumsum(n)), leader=leader)
+
+
+def encode(scalars: Mapping[str, int | float | str], tables: Mapping[str, Mapping[str, AnyArray]]) -> bytes:
+    """The message.
+
+    Args:
+        scalars: by name.
+        tables: by name, (n, ...) int64 or float64 columns by name.
+    """
+    arrays = [pa.array([value]) for value in scalars.values()] + [_listed(columns) for columns in tables.values()]
+    batch = pa.RecordBatch.from_arrays(arrays, names=[*scalars, *tables])
+    sink = pa.BufferOutputStream()
+    with pa.ipc.new_stream(sink, batch.schema) as writer:
+        writer.write_batch(batch)
+    return bytes(sink.getvalue())
+
+
+def _listed(columns: Mapping[str, AnyArray]) -> Any:
+    struct = pa.StructArray.from_arrays([_array(column) for column in columns.values()], names=list(columns))
+    return pa.ListArray.from_arrays(pa.array([0, len(struct)], pa.int32()), struct)
+
+
+def _array(column: AnyArray) -> Any:
+    flat = pa.array(np.ascontiguousarray(column).reshape(-1))
+    return flat if column.ndim == 1 else pa.FixedSizeListArray.from_arrays(flat, int(np.prod(column.shape[1:])))
+
+
+def decode(data: bytes) -> tuple[dict[str, Any], dict[str, Columns]]:
+    """The scalars and the tables of a message, of bytes that may be anybody's: as `encode` takes them.
+
+    Raises:
+        ValueError: they are no such message, or hold a null.
+    """
+    try:
+        with pa.ipc.open_stream(data) as stream:
+            batch = stream.read_next_batch()
+        batch.validate(full=True)  # offsets within their buffers, texts of UTF-8
+    except (pa.ArrowException, OSError, StopIteration) as error:
+        reason = str(error).partition("\n")[0] or "an end before a row"
+        raise ValueError(f"expected an Arrow stream, got {reason}") from error
+    if batch.num_rows != 1:
+        raise ValueError(f"expected an Arrow stream of one row, got {batch.num_rows}")
+    scalars, tables = dict[str, Any](), dict[str, Columns]()
+    for name, column in zip(batch.schema.names, batch.columns, strict=True):
+        if name in scalars or name in tables or column.null_count:
+            raise ValueError(f"{name}: expected once, and no null")
+        if pa.types.is_list(column.type) and pa.types.is_struct(column.type.value_type):
+            struct = column.flatten()
+            parts = zip(struct.type, struct.flatten(), strict=True)
+            tables[name] = {of.name: _numbers(f"{name}.{of.name}", array) for of, array in parts}
+        elif column.type in (pa.int64(), pa.float64(), pa.string()):
+            scalars[name] = column[0].as_py()
+        else:
+            raise ValueError(f"{name}: expected a number, a text or a table, got {column.type}")
+    return scalars, tables
+
+
+def _numbers(name: str, array: Any) -> AnyArray:
+    width = array.type.list_size if pa.types.is_fixed_size_list(array.type) else 0
+    flat = array.flatten() if width and not array.null_count else array
+    if flat.type not in (pa.int64(), pa.float64()) or flat.null_count:
+        raise ValueError(f"{name}: expected int64 or float64 without nulls, got {array.type}")
+    numbers = flat.to_numpy()
+    return np.asarray(numbers.reshape(len(array), width) if width else numbers)

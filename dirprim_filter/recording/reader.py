@@ -18,8 +18,7 @@ from dirprim_filter.recording.container.log import Log, LogSource, Scan, opened
 from dirprim_filter.recording.errors import DecodeError, NoTracksError, RecordingError
 from dirprim_filter.recording.inspection import inspect
 from dirprim_filter.recording.losses import REPEATED, Losses
-from dirprim_filter.recording.objects.detection_stream import DetectionStream
-from dirprim_filter.recording.objects.observations import Observations
+from dirprim_filter.recording.objects.observations import DetectionStream, Observations
 from dirprim_filter.recording.objects.options import EVERYTHING, ReadOptions, TimeSource
 from dirprim_filter.recording.objects.topics import choose_topics
 from dirprim_filter.recording.rows import Rows, TrackResult, rows_of_log, rows_of_logs

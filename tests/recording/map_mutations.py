@@ -13,7 +13,7 @@ from test_map_file import encode, load_map, opened, some_map, write
 
 from dirprim_filter import forecast
 from dirprim_filter.recording.errors import RecordingError
-from dirprim_filter.recording.schemas.map_message import encoded
+from dirprim_filter.recording.map_file import encoded
 
 EXTREME = (np.nan, np.inf, -np.inf, 1e300, -1e300, 1e9, -1e9, 5e-324, 0.0, -1.0)
 EXTREME_WHOLE = (-(2**63), 2**63 - 1, 2**62, 2**31, -1, 0, 10**6)

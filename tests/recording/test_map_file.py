@@ -19,10 +19,8 @@ from dirprim_filter.recording.container.records import Schema
 from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.foxglove.elements import scene_transform
 from dirprim_filter.recording.log_writer import LogWriter
-from dirprim_filter.recording.map_file import MAP
+from dirprim_filter.recording.map_file import MAP, decode, encode, encoded
 from dirprim_filter.recording.scan import scan
-from dirprim_filter.recording.schemas import map_message
-from dirprim_filter.recording.schemas.map_message import decode, encode
 from tessellation import GridTessellation, VoronoiTessellation
 
 LEADER = LeaderResponse(gain=np.arange(10.0), push=1.0, trust=0.5, start_rate=np.ones(3))
@@ -141,7 +139,7 @@ def write(path, messages):
 
 
 def test_a_missing_a_doubled_and_a_damaged_message_are_reported(tmp_path):
-    data = map_message.encoded(some_map(FEW))
+    data = encoded(some_map(FEW))
     for part, message in (([], "expected a map"), ([data] * 2, "expected one message, got 2, as of an older version")):
         with pytest.raises(RecordingError, match=message):
             load_map(write(tmp_path / "map", part))
@@ -208,7 +206,7 @@ GENERATORS = [
 def message_of(kind):
     """The message of a small map, which reads back."""
     made = some_map(10, voronoi=kind == "generators")
-    data = map_message.encoded(made)
+    data = encoded(made)
     with tempfile.TemporaryDirectory() as folder:
         assert_equal(load_map(write(Path(folder) / "map", [encode(*opened(data))])), made)
     return data
