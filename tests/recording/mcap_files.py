@@ -81,6 +81,22 @@ def write_protobuf_log(path: Path, messages: Iterable[tuple[str, int, Any]], **o
     return path
 
 
+def write_log(
+    path: Path, messages: Iterable[tuple[str, int, bytes]], schema: tuple[str, str, bytes], encoding: str
+) -> Path:
+    """A log of (topic, log time, data) of one schema: name, encoding of the definition, and the definition."""
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        number, channels = writer.register_schema(*schema), dict[str, int]()
+        for topic, time_ns, data in messages:
+            if topic not in channels:
+                channels[topic] = writer.register_channel(topic, encoding, number)
+            writer.add_message(channels[topic], time_ns, data, time_ns)
+        writer.finish()
+    return path
+
+
 def columns_of(channel, payloads):
     """Messages of one channel that stand in no file, at times 0, 1, ..."""
     n, length = len(payloads), np.array([len(payload) for payload in payloads], np.int64)

@@ -16,8 +16,7 @@ import pytest
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf.json_format import MessageToDict
-from mcap.writer import CompressionType, Writer
-from mcap_files import columns_of
+from mcap_files import columns_of, write_log
 from mcap_protobuf.schema import build_file_descriptor_set
 from ros_messages import header, write_ros2_log
 from test_ros2_schemas import tracked
@@ -182,16 +181,9 @@ def check_definition(subject, rng):
 def check_transforms(rng, path, n):
     """Broken transforms behind whole ones in a log: what is placed is turned by a rotation. -> messages refused."""
     data = some_transforms().SerializeToString()
-    with path.open("wb") as file:
-        writer = Writer(file, compression=CompressionType.NONE)
-        writer.start()
-        kind = schema_of(FrameTransforms)
-        channel = writer.register_channel(
-            "/tf", "protobuf", writer.register_schema(kind.name, kind.encoding, kind.data)
-        )
-        for k, payload in enumerate([data, *(broken(data, rng) for _ in range(n))]):
-            writer.add_message(channel, 10**9 * k, payload, 10**9 * k)
-        writer.finish()
+    kind = schema_of(FrameTransforms)
+    sent = [("/tf", 10**9 * k, payload) for k, payload in enumerate([data, *(broken(data, rng) for _ in range(n))])]
+    write_log(path, sent, (kind.name, kind.encoding, kind.data), "protobuf")
     with Log(path) as log:
         tree = TransformTree.of_log(log)
     assert {"car", "lidar", "pole"} <= tree.edges.keys()

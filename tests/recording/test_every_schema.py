@@ -10,8 +10,7 @@ from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
 from foxglove_schemas_protobuf.Odometry_pb2 import Odometry
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from foxglove_schemas_protobuf.PosesInFrame_pb2 import PosesInFrame
-from mcap.writer import Writer
-from mcap_files import scene, write_protobuf_log
+from mcap_files import scene, write_log, write_protobuf_log
 from ros_messages import header, write_ros2_log
 from test_osi_sensor_data import sensor_data_class
 from test_ros2_schemas import point, quaternion
@@ -87,37 +86,27 @@ def pb_scene(path):
 def osi_sensor_data(path):
     """By the descriptor of OSI 3.7's fields that matter; the host stands at the origin."""
     kind, definition = sensor_data_class()
-    with path.open("wb") as file:
-        writer = Writer(file)
-        writer.start()
-        channel = writer.register_channel(
-            "/car", "protobuf", writer.register_schema("osi3.SensorData", "protobuf", definition)
-        )
-        for k, (x, y) in enumerate(PLACE):
-            message = kind()
-            message.timestamp.seconds, message.timestamp.nanos = TIMES[k] // 10**9, TIMES[k] % 10**9
-            truth = message.sensor_view.add().global_ground_truth
-            truth.host_vehicle_id.value = 3
-            host = truth.moving_object.add()
-            host.id.value, host.base.position.x = 3, 0.0
-            seen = message.moving_object.add()
-            seen.header.tracking_id.value, seen.base.position.x, seen.base.position.y = 7, x, y
-            writer.add_message(channel, TIMES[k], message.SerializeToString(), TIMES[k])
-        writer.finish()
+    sent = []
+    for k, (x, y) in enumerate(PLACE):
+        message = kind()
+        message.timestamp.seconds, message.timestamp.nanos = TIMES[k] // 10**9, TIMES[k] % 10**9
+        truth = message.sensor_view.add().global_ground_truth
+        truth.host_vehicle_id.value = 3
+        host = truth.moving_object.add()
+        host.id.value, host.base.position.x = 3, 0.0
+        seen = message.moving_object.add()
+        seen.header.tracking_id.value, seen.base.position.x, seen.base.position.y = 7, x, y
+        sent.append(("/car", TIMES[k], message.SerializeToString()))
+    write_log(path, sent, ("osi3.SensorData", "protobuf", definition), "protobuf")
 
 
 def in_json(schema, make):
-    def write(path):
-        with path.open("wb") as file:
-            writer = Writer(file)
-            writer.start()
-            channel = writer.register_channel("/car", "json", writer.register_schema(schema, "jsonschema", b"{}"))
-            for k in range(N):
-                reported = {"timestamp": stamp(k, "nsec"), "frame_id": "map"} | make(k)
-                writer.add_message(channel, TIMES[k], json.dumps(reported).encode(), TIMES[k])
-            writer.finish()
+    def one(k):
+        return json.dumps({"timestamp": stamp(k, "nsec"), "frame_id": "map"} | make(k)).encode()
 
-    return write
+    return lambda path: write_log(
+        path, [("/car", TIMES[k], one(k)) for k in range(N)], (schema, "jsonschema", b"{}"), "json"
+    )
 
 
 def json_scene(k):

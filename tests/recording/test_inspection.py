@@ -7,8 +7,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from mcap.writer import CompressionType, Writer
-from mcap_files import CHUNK, log_bytes, records, scene, write_protobuf_log
+from mcap.writer import CompressionType
+from mcap_files import CHUNK, log_bytes, records, scene, write_log, write_protobuf_log
 
 from dirprim_filter.cli.main import run
 from dirprim_filter.recording.inspection import inspect
@@ -85,17 +85,12 @@ def test_filters(log, capsys):
 
 
 def test_tracks_of_a_private_schema_are_counted_by_the_paths_of_its_fields(tmp_path, capsys):
-    path = tmp_path / "log.mcap"
-    with path.open("wb") as file:
-        writer = Writer(file)
-        writer.start()
-        for topic, field in (("/cars", "cars"), ("/other", "doors")):
-            schema = writer.register_schema(f"acme.{field}", "jsonschema", b"{}")
-            channel = writer.register_channel(topic, "json", schema)
-            for k in range(3):
-                cars = [{"name": f"{field}{i}", "x": k, "y": i} for i in range(2)]
-                writer.add_message(channel, k, json.dumps({field: cars}).encode(), k)
-        writer.finish()
+    sent = [
+        (topic, k, json.dumps({field: [{"name": f"{field}{i}", "x": k, "y": i} for i in range(2)]}).encode())
+        for topic, field in (("/cars", "cars"), ("/other", "doors"))
+        for k in range(3)
+    ]
+    path = write_log(tmp_path / "log.mcap", sent, ("acme.Anything", "jsonschema", b"{}"), "json")
     assert {topic.tracks for topic in inspect(path).topics} == {None}
     assert run(["info", str(path), "--json", "--fields", "id=.cars[].name,x=.cars[].x,y=.cars[].y"]) == 0
     reported = json.loads(capsys.readouterr().out)

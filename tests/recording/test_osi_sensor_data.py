@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from mcap.reader import make_reader
-from mcap.writer import Writer
-from mcap_files import DATA
+from mcap_files import DATA, write_log
 from mcap_protobuf.decoder import DecoderFactory
 from scipy.spatial.transform import Rotation
 
@@ -84,41 +83,37 @@ def test_what_a_moving_sensor_perceives_arrives_in_the_world(tmp_path):
     rear, mount, mounted = [-1.4, 0.0, -0.3], [3.6, 0.5, 0.4], [0.3, 0.02, -0.01]
     cars = np.array([[50.0, 5.0, 0.5], [-20.0, 8.0, 0.5]])
     velocity = np.array([[-6.0, 2.0, 0.0], [0.0, 9.0, 0.0]])
-    with (tmp_path / "log.mcap").open("wb") as file:
-        writer = Writer(file)
-        writer.start()
-        schema = writer.register_schema("osi3.SensorData", "protobuf", definition)
-        channel = writer.register_channel("/sensor", "protobuf", schema)
-        for k in range(N):
-            message = kind()
-            message.timestamp.seconds, message.last_measurement_time.nanos = 1000 + k, k * STEP_NS % 10**9
-            message.last_measurement_time.seconds = k * STEP_NS // 10**9
-            put(message.mounting_position.position, mount)
-            turn(message.mounting_position.orientation, *mounted)
-            place, angles = [10.0 + k, 0.1 * k * k, 0.7], [0.2 * k, 0.03, -0.02]
-            truth = message.sensor_view.add().global_ground_truth
-            truth.host_vehicle_id.value = 77
-            other, host = truth.moving_object.add(), truth.moving_object.add()
-            other.id.value = 3
-            host.id.value = 77
-            put(host.base.position, place)
-            turn(host.base.orientation, *angles)
-            put(host.vehicle_attributes.bbcenter_to_rear, rear)
-            vehicle = homogeneous(place, angles) @ homogeneous(rear, [0, 0, 0])
-            back = np.linalg.inv(vehicle @ homogeneous(mount, mounted))
-            body = Rotation.from_matrix(back[:3, :3]) * Rotation.from_euler("Z", HEADING)
-            for i in range(2):
-                seen = message.moving_object.add()
-                seen.header.tracking_id.value = i
-                put(seen.base.position, (back @ [*(cars[i] + velocity[i] * k * 0.1), 1.0])[:3])
-            first = message.moving_object[0].base
-            turn(first.orientation, *body.as_euler("ZYX"))  # the other's is not set, nor is its size
-            first.dimension.length, first.dimension.width, first.dimension.height = 4.25, 1.875, 1.5
-            message.moving_object.add().header.tracking_id.value = 9  # not placed, so no object
-            if k == 4:
-                truth.host_vehicle_id.value = 5
-            writer.add_message(channel, k * STEP_NS, message.SerializeToString(), k * STEP_NS)
-        writer.finish()
+    sent = []
+    for k in range(N):
+        message = kind()
+        message.timestamp.seconds, message.last_measurement_time.nanos = 1000 + k, k * STEP_NS % 10**9
+        message.last_measurement_time.seconds = k * STEP_NS // 10**9
+        put(message.mounting_position.position, mount)
+        turn(message.mounting_position.orientation, *mounted)
+        place, angles = [10.0 + k, 0.1 * k * k, 0.7], [0.2 * k, 0.03, -0.02]
+        truth = message.sensor_view.add().global_ground_truth
+        truth.host_vehicle_id.value = 77
+        other, host = truth.moving_object.add(), truth.moving_object.add()
+        other.id.value = 3
+        host.id.value = 77
+        put(host.base.position, place)
+        turn(host.base.orientation, *angles)
+        put(host.vehicle_attributes.bbcenter_to_rear, rear)
+        vehicle = homogeneous(place, angles) @ homogeneous(rear, [0, 0, 0])
+        back = np.linalg.inv(vehicle @ homogeneous(mount, mounted))
+        body = Rotation.from_matrix(back[:3, :3]) * Rotation.from_euler("Z", HEADING)
+        for i in range(2):
+            seen = message.moving_object.add()
+            seen.header.tracking_id.value = i
+            put(seen.base.position, (back @ [*(cars[i] + velocity[i] * k * 0.1), 1.0])[:3])
+        first = message.moving_object[0].base
+        turn(first.orientation, *body.as_euler("ZYX"))  # the other's is not set, nor is its size
+        first.dimension.length, first.dimension.width, first.dimension.height = 4.25, 1.875, 1.5
+        message.moving_object.add().header.tracking_id.value = 9  # not placed, so no object
+        if k == 4:
+            truth.host_vehicle_id.value = 5
+        sent.append(("/sensor", k * STEP_NS, message.SerializeToString()))
+    write_log(tmp_path / "log.mcap", sent, ("osi3.SensorData", "protobuf", definition), "protobuf")
     log = read_track_logs(tmp_path / "log.mcap", time_source="header")
     assert log.losses.dropped[UNDECODABLE] == 1
     assert "without the host vehicle" in str(log.losses)

@@ -1,9 +1,7 @@
 """What is not read says what it is and what to do, in one short line."""
 
-import io
-
 import pytest
-from mcap.writer import Writer
+from mcap_files import write_log
 
 from dirprim_filter import read_tracks
 from dirprim_filter.cli.main import run
@@ -40,21 +38,9 @@ def test_a_table_of_another_format_says_the_way(tmp_path, opening):
         read_named(tmp_path / "t.csv")
 
 
-def log(path, encoding, n_topics):
-    file = io.BytesIO()
-    writer = Writer(file)
-    writer.start()
-    schema = writer.register_schema("std_msgs/String", "ros1msg", b"string data")
-    for i in range(n_topics):
-        channel = writer.register_channel(f"/topic_{i}", encoding, schema)
-        writer.add_message(channel, i, b"\0", i)
-    writer.finish()
-    path.write_bytes(file.getvalue())
-    return path
-
-
 def test_a_log_of_ros_1_is_reported_by_its_encoding_and_no_fields_are_advised(tmp_path, capsys):
-    bag = log(tmp_path / "ros1.mcap", "ros1", 2)
+    sent = [(f"/topic_{i}", i, b"\0") for i in range(2)]
+    bag = write_log(tmp_path / "ros1.mcap", sent, ("std_msgs/String", "ros1msg", b"string data"), "ros1")
     assert run(["info", str(bag)]) == 0
     said = capsys.readouterr().out
     for fields in (None, "x=.x,y=.y"):
