@@ -54,7 +54,7 @@ MOST_LOOKS = 60
 def demo(folder: Path) -> None:
     """The demo, in Foxglove."""
     succeed("demo", "-o", folder / "demo")
-    foxglove(folder / "demo" / "tracks.mcap", folder / "demo" / "layout.json")
+    foxglove(folder / "demo" / "tracks.mcap", Path(__file__).with_name("guides") / "foxglove_layout.json")
 
 
 def foxglove(log: Path, layout: Path) -> None:

@@ -115,7 +115,7 @@ def demo(
     """
     from dirprim_filter.recording.errors import OutputExistsError
 
-    outputs = {name: folder / name for name in ("map.mcap", "tracks.mcap", "layout.json", "tracks.rrd", "demo.png")}
+    outputs = {name: folder / name for name in ("map.mcap", "tracks.mcap", "tracks.rrd", "demo.png")}
     for path in outputs.values():
         if path.exists() and not force:
             raise OutputExistsError(path)
@@ -130,7 +130,6 @@ def demo(
         from dirprim_filter.cli.results import provenance
         from dirprim_filter.primitives import learn_primitives
         from dirprim_filter.recording import read_tracks, save_map
-        from dirprim_filter.recording.foxglove.layout import write_layout
 
         learning, tracking = scene.recording("learn"), scene.recording("track")
         tracks, truth = read_tracks(learning), read_tracks(tracking)
@@ -141,7 +140,6 @@ def demo(
             learned = learn_primitives(tracks, progress=bars.progress, stage=bars.stage, rng=rng)
         rivals[WITHOUT_MAP] = second.apply_async(track, (run, learned.without_places()))
         save_map(learned, outputs["map.mcap"], metadata=provenance("demo", inputs=[learning], seed=seed), force=force)
-        write_layout(learned, outputs["layout.json"], force=force)
         if compiled is not None:
             compiled.wait(LONGEST_S)
         typer.echo(f"tracking {tracking.name}: {truth.n_tracks} vehicles for 90 s, three ways ...", err=True)
@@ -150,7 +148,7 @@ def demo(
     typer.echo("\n".join(columns(found)))
     typer.echo("\nwrote " + ", ".join(str(path) for path in outputs.values()))
     typer.echo(f"next: open {outputs['demo.png']}; `dirprim view {outputs['tracks.rrd']}` plays it in rerun;")
-    typer.echo(f"      {outputs['tracks.mcap']} opens in Foxglove, with the layout {outputs['layout.json']};")
+    typer.echo(f"      {outputs['tracks.mcap']} opens in Foxglove, with the layout in docs/guides;")
     typer.echo("      `dirprim info LOG` summarises a log of yours")
 
 

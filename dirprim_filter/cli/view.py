@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dirprim_filter.cli import exit_codes
-from dirprim_filter.cli.options import WRITTEN, Connect, Force, Save, Spawn
+from dirprim_filter.cli.options import Connect, Force, Save, Spawn
 from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.texts import counted, say
 
@@ -41,22 +41,19 @@ def view(
         Path | None, typer.Option("--truth", help="Show the true tracks of this log, and the errors.", exists=True)
     ] = None,
     focus: Annotated[str | None, typer.Option(help="Id of the vehicle to follow. Default: the least expected.")] = None,
-    layout: Annotated[
-        Path | None, typer.Option("--layout", help="Write a layout for Foxglove of a map, .json."), WRITTEN
-    ] = None,
     force: Force = False,
     *,
     reading: Reading,
 ) -> int:
     """Show maps, logs, tracks and recordings in rerun.
 
-    A map lies under its tracks. Recordings, .rrd, are opened together. Without --save, --connect or --layout a viewer
+    A map lies under its tracks. Recordings, .rrd, are opened together. Without --save or --connect a viewer
     is started on this machine. With --rate the tracks of one log are played: the estimates that `dirprim track` wrote,
     else the objects.
 
     Example: dirprim view map.mcap tracks.mcap --truth log.mcap
     """
-    is_elsewhere = save is not None or connect is not None or layout is not None
+    is_elsewhere = save is not None or connect is not None
     recordings = [file for file in files if file.suffix == ".rrd"]
     if recordings:
         from dirprim_filter.viewer.process import spawn_viewer
@@ -66,10 +63,6 @@ def view(
         spawn_viewer(recordings)
         return exit_codes.DONE
     kinds = _sorted(files)
-    if layout is not None:
-        _write_layout(kinds[MAP], layout, force=force)
-        if save is None and connect is None and not spawn:
-            return exit_codes.DONE
     playback, frames = (None, iter(())) if rate is None else _played(files, rate, reading)
     with open_viewer(
         " ".join(file.stem for file in files), save=save, spawn=spawn or not is_elsewhere, connect=connect,
@@ -128,16 +121,6 @@ def _sorted(files: Sequence[Path]) -> dict[str, list[Path]]:
         shown = ", ".join(map(str, runs))
         raise ValueError(f"view: expected at most one run, got {shown}; `track --save` makes an .rrd of each instead")
     return kinds
-
-
-def _write_layout(maps: Sequence[Path], layout: Path, *, force: bool) -> None:
-    from dirprim_filter.recording import load_map
-    from dirprim_filter.recording.foxglove.layout import write_layout
-
-    if len(maps) != 1:
-        raise typer.BadParameter(f"expected one map among the files, got {len(maps)}", param_hint="--layout")
-    write_layout(load_map(maps[0]), layout, force=force)
-    typer.echo(f"{layout}: import it by Layouts, Import from file")
 
 
 def _played(files: Sequence[Path], rate: float, reading: Reading) -> tuple[Playback, Iterator[TrackedFrame]]:

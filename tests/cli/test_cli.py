@@ -195,7 +195,6 @@ def test_options_reach_the_library(here):
         ("evaluate tracking log.mcap --set miss_rate", "expected NAME=VALUE"),
         ("evaluate tracking log.mcap --set mis_rate=1", "mis_rate: expected one of"),
         ("evaluate tracking log.mcap --set group=x", "group: expected"),
-        ("view log.mcap --layout x", "expected one map among the files"),
         ("recover log.mcap -o -", "expected the name of a file, got -"),
         ("learn log.mcap -o -", "expected the name of a file, got -"),
     ],

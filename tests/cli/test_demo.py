@@ -12,7 +12,7 @@ from dirprim_filter import read_estimates
 from dirprim_filter.cli.demo import departure_rate, in_ring, with_blind_ring
 from dirprim_filter.detections import Detections
 
-OUTPUTS = {"map.mcap", "tracks.mcap", "layout.json", "tracks.rrd", "demo.png"}
+OUTPUTS = {"map.mcap", "tracks.mcap", "tracks.rrd", "demo.png"}
 WAYS = ("with the map", "without the map", "constant velocity")
 
 

@@ -1,6 +1,5 @@
 """`dirprim view` and the watching options of `dirprim track`: what is shown is what the files hold."""
 
-import json
 import subprocess
 import sys
 from pathlib import Path
@@ -101,11 +100,3 @@ def test_time_is_the_logs_own_to_the_nanosecond(folder):
         for t in chunk.to_record_batch().column("message_log_time").to_numpy().astype(np.int64)
     }
     assert times == set((np.arange(20) * 100_000_000).tolist())
-
-
-def test_a_layout_is_of_a_map_and_does_not_overwrite_one(here):
-    assert dirprim("view map.mcap --layout layout.json") == DONE
-    layout = json.loads((here / "layout.json").read_text())
-    assert layout["configById"]["3D!map"]["topics"]["/dirprim/tracks/scene"]["visible"]
-    assert dirprim("view map.mcap --layout layout.json") == FAILED
-    assert dirprim("view map.mcap --layout layout.json --force") == DONE
