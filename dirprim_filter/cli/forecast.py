@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dirprim_filter.cli.options import AT, FIGURE, WRITTEN, Force, Map, Seed, named_file, say_if_outside
+from dirprim_filter.cli.options import FIGURE, WRITTEN, Force, Map, Seed, named_file
 from dirprim_filter.cli.texts import columns
+
+if TYPE_CHECKING:
+    from dirprim_filter.primitives import PrimitiveMap
 
 
 def forecast(
     map_file: Map,
-    at: Annotated[tuple[float, float], typer.Option(AT, help=f"Position, metres east and north: {AT} 3 17.")],
+    at: Annotated[tuple[float, float], typer.Option("--at", help="Position, metres east and north: --at 3 17.")],
     direction_deg: Annotated[float, typer.Option(help="Course, degrees counter-clockwise from east.")],
     speed: Annotated[float, typer.Option(help="m/s.")],
     horizon: Annotated[float, typer.Option(help="Seconds to look ahead.")] = 5.0,
@@ -42,7 +45,7 @@ def forecast(
     from dirprim_filter.recording import load_map
 
     learned = load_map(map_file)
-    say_if_outside(learned, at)
+    _say_if_outside(learned, at)
     paths = sample_paths(
         learned, position=at, direction=np.deg2rad(direction_deg), speed=speed, horizon_s=horizon, dt_s=dt,
         n_samples=samples, rng=np.random.default_rng(seed),
@@ -57,3 +60,18 @@ def forecast(
     steps = np.column_stack([dt * np.arange(1, paths.shape[1] + 1), paths.mean(axis=0), paths.std(axis=0)])
     heads = ["time_s", "mean_x_m", "mean_y_m", "std_x_m", "std_y_m"]
     typer.echo("\n".join(columns([heads, *([f"{figure:.2f}" for figure in step] for step in steps)], n_left=0)))
+
+
+def _say_if_outside(learned: PrimitiveMap, at: tuple[float, float]) -> None:
+    """On stderr, that no cell of the map covers a place, and how far the map is."""
+    import numpy as np
+
+    from tessellation import OUTSIDE
+
+    cells = learned.tessellation
+    if cells.cell_of(np.array(at)) == OUTSIDE:
+        away = float(np.hypot(*(cells.centers - at).T).min(initial=np.inf))
+        typer.echo(
+            f"({at[0]:g}, {at[1]:g}) is outside of every cell of the map, {away:.0f} m from the centre of the nearest: "
+            "the background model answers", err=True,
+        )  # fmt: skip

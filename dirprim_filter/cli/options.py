@@ -7,19 +7,14 @@ from datetime import UTC, datetime
 from decimal import Decimal, InvalidOperation
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
-
-if TYPE_CHECKING:
-    from dirprim_filter.primitives import PrimitiveMap
 
 WRITTEN, FIGURE = "written", "figure"
 """Mark the options for output files, and of them those for pictures, which `outputs.checked` checks before the work."""
 
 
-AT = "--at"
-"""The option for a place."""
 AUTO = "auto"
 """In place of a sensor's file: learn it from the log."""
 
@@ -76,21 +71,6 @@ def time_ns(text: str | None) -> int | None:
     return (since.days * 86_400 + since.seconds) * 1_000_000_000 + since.microseconds * 1000
 
 
-def say_if_outside(learned: PrimitiveMap, at: tuple[float, float]) -> None:
-    """On stderr, that no cell of the map covers a place, and how far the map is."""
-    import numpy as np
-
-    from tessellation import OUTSIDE
-
-    cells = learned.tessellation
-    if cells.cell_of(np.array(at)) == OUTSIDE:
-        away = float(np.hypot(*(cells.centers - at).T).min(initial=np.inf))
-        typer.echo(
-            f"({at[0]:g}, {at[1]:g}) is outside of every cell of the map, {away:.0f} m from the centre of the nearest: "
-            "the background model answers", err=True,
-        )  # fmt: skip
-
-
 def _log(text: str) -> Path:
     """A file or folder that exists, "-", or a URL."""
     path = Path(text)
@@ -138,7 +118,6 @@ Map = Annotated[Path, typer.Option("--map", help="A map that `dirprim learn` wro
 Output = Annotated[Path, typer.Option("--output", "-o", help="The file to write.", callback=named_file), WRITTEN]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite what exists.")]
 Json = Annotated[bool, typer.Option("--json", help="Print all figures, and what they follow from, as JSON.")]
-Plot = Annotated[Path | None, typer.Option("--plot", help="Also draw the table: .png, .pdf or .svg."), WRITTEN, FIGURE]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="The same seed gives the same result.")]
 Split = Annotated[
     WholeVehicles | None, typer.Option(help="What to hold out together. Default: groups if the log has several.")

@@ -95,15 +95,6 @@ def _plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def draw(chart: str, table: Any, path: Path | None, *, force: bool) -> None:
-    """Draw a table by the function of that name in `viewer.charts`, where a picture is asked for."""
-    if path is not None:
-        from dirprim_filter.viewer import charts
-        from dirprim_filter.viewer.figures import save_figure
-
-        save_figure(getattr(charts, chart)(table), path, force=force)
-
-
 def read_experiment(path: Path | None, *, of: str) -> dict[str, Any]:
     """The experiment that a TOML file describes, or that an earlier run's JSON or MCAP carries; of no file none.
 

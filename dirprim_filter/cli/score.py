@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dirprim_filter.cli.options import Force, Json, Plot
+from dirprim_filter.cli.options import Json
 from dirprim_filter.cli.reading import Reading, reads_logs
-from dirprim_filter.cli.results import draw, report
+from dirprim_filter.cli.results import report
 from dirprim_filter.cli.settings import Settings, deal, taken
 from dirprim_filter.cli.texts import counted, figure_lines, number, say
 
@@ -39,9 +39,7 @@ def score(
         bool,
         typer.Option("--ids/--no-ids", help="Assign estimates by id, or to the nearest vehicle."),
     ] = False,
-    plot: Plot = None,
     as_json: Json = False,
-    force: Force = False,
     *,
     reading: Reading,
     settings: Settings,
@@ -82,7 +80,6 @@ def score(
         if found.left_out:
             path = named[found.name.removesuffix(SMOOTHED)]
             say(f"{path}: left out {counted(found.left_out, 'row')} of groups or instants without a truth", err=True)
-    draw("score_chart", table, plot, force=force)
     return report(
         "score", [*estimates, truth], reading, log.losses, table=asdict(table), settings=asdict(scales),
         text=lambda: score_text(table, truth.name), as_json=as_json,

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import get_type_hints
 
 import pytest
+from matplotlib.figure import Figure
 
 from cli.commands import FAILED, dirprim
 from dirprim_filter.cli.main import app
@@ -13,7 +14,7 @@ from dirprim_filter.cli.options import WRITTEN
 from dirprim_filter.cli.outputs import check_outputs
 from dirprim_filter.cli.results import provenance
 from dirprim_filter.partial_file import PartialFile
-from dirprim_filter.viewer.figures import Figure, save_figure
+from dirprim_filter.viewer.figures import save_figure
 from dirprim_filter.viewer.sink import open_stream
 
 UNPRIVILEGED = 65534
@@ -40,9 +41,7 @@ TRACK = "track log.mcap --map map.mcap -o"
         ("view shown.rrd --save shown.rrd --force", REPLACED),
         ("view log.mcap --rate inf --save log.mcap --force", REPLACED),
         ("export log.mcap -o log.mcap --force", REPLACED),
-        ("score log.mcap --truth log.mcap --plot log.mcap --force", REPLACED),
         ("evaluate tracking log.mcap --map map.mcap -o map.mcap --force", REPLACED),
-        ("evaluate forecast log.mcap --plot log.mcap --force", REPLACED),
         (f"{TRACK} new.mcap --save new.mcap", "another file for each output"),
         ("learn log.mcap -o there", EXISTS),
         (f"{TRACK} there", EXISTS),
@@ -50,9 +49,7 @@ TRACK = "track log.mcap --map map.mcap -o"
         ("plot map.mcap -o there.png", EXISTS),
         ("store learn fleet -o there", EXISTS),
         ("calibrate log.mcap --truth log.mcap -o there", EXISTS),
-        ("evaluate forecast log.mcap --plot there.png", EXISTS),
         *((f"plot map.mcap -o {name}", f"{name}: {ENDS} .png, .pdf, .svg") for name in ("m", "m.jpg")),
-        ("score log.mcap --truth log.mcap --plot m.xyz", f"m.xyz: {ENDS}"),
         ("forecast --map map.mcap --at 1 2 --direction-deg 0 --speed 1 -o m.gif", f"m.gif: {ENDS}"),
         ("view map.mcap --save there/out.rrd", "there/out.rrd: expected a folder"),
         ("learn log.mcap -o there/map.mcap", "there/map.mcap: expected a folder"),
@@ -78,7 +75,7 @@ def test_every_option_that_names_an_output_is_marked(command):
     """Of every command: what is called like an output is asked for before the work, and nothing else is."""
     hints = get_type_hints(command.callback, include_extras=True)
     marked = {name for name, hint in hints.items() if WRITTEN in getattr(hint, "__metadata__", ())}
-    called = {"output", "save", "plot"} & set(inspect.signature(command.callback).parameters)
+    called = {"output", "save"} & set(inspect.signature(command.callback).parameters)
     assert marked == called | ({"folder"} if command.callback.__name__ == "demo" else set())
     assert command.callback.__wrapped__.__name__ == command.callback.__name__  # `checked` wraps what is registered
 

@@ -5,21 +5,15 @@ import sys
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 
 from dirprim_filter.drawing import shapes
-from dirprim_filter.primitives.cues import TURN_LEFT, TURN_RIGHT
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
-from dirprim_filter.viewer.charts import tracking_chart
-from dirprim_filter.viewer.figures import map_figure, place_figure, save_figure
-from dirprim_filter.viewer.figures.page import INK
-from dirprim_filter.viewer.figures.place import place_at
+from dirprim_filter.viewer.figures import map_figure, save_figure
 from tessellation import GridTessellation
 
 
@@ -102,87 +96,6 @@ def test_a_figure_that_cannot_be_drawn_leaves_what_was_there(
         save_figure(figure, tmp_path / "map.png", force=True)
     assert (tmp_path / "map.png").read_bytes() == before
     assert [p.name for p in tmp_path.iterdir()] == ["map.png"]
-
-
-SHARP_CELL, JUNCTION, OUTSIDE = (5.0, 5.0), (15.0, 15.0), (500.0, -3.0)
-
-
-def lines_of(axes: Axes, color: str = INK) -> tuple[np.ndarray, np.ndarray]:
-    """The longest line of a colour, x ascending."""
-    line = max((line for line in axes.lines if line.get_color() == color), key=lambda line: len(line.get_xdata()))
-    x, y = np.asarray(line.get_xdata()), np.asarray(line.get_ydata())
-    return x, y
-
-
-@pytest.mark.parametrize("position", [SHARP_CELL, JUNCTION])
-def test_drawn_areas_of_directions_are_probabilities(scene_map: PrimitiveMap, position: tuple) -> None:
-    theta, radius = lines_of(place_figure(scene_map, position=position).axes[0])
-    assert np.trapezoid(radius**2, theta) == pytest.approx(1.0, abs=1e-3)
-
-
-def test_the_drawn_density_of_speed_is_the_share_that_moves(scene_map: PrimitiveMap) -> None:
-    speed = replace(scene_map.speed, rate=np.where(np.arange(3) == 1, 100.0, scene_map.speed.rate))  # mode 2 stands
-    figure = place_figure(replace(scene_map, speed=speed), position=JUNCTION)
-    x, density = lines_of(figure.axes[1])
-    assert np.trapezoid(density, x) == pytest.approx(0.7, abs=0.02)  # past four standard deviations
-    assert figure.axes[1].get_xlabel() == "speed [m/s]; standing, not drawn: 30.0%"
-    assert [text.get_text() for text in figure.legends[0].get_texts()][1:] == ["60.0%: +17°, 8.0 ± 4.0 m/s"]
-
-
-def test_the_posterior_moves_towards_the_signal(scene_map: PrimitiveMap) -> None:
-    means = {}
-    for name, cue in (("left", TURN_LEFT), ("right", TURN_RIGHT)):
-        theta, radius = lines_of(place_figure(scene_map, position=JUNCTION, heading=1.2, cue=cue).axes[0], "#D55E00")
-        assert np.trapezoid(radius**2, theta) == pytest.approx(1.0, abs=1e-3)
-        means[name] = np.angle((radius**2 * np.gradient(theta) * np.exp(1j * theta)).sum())
-    assert means["left"] > means["right"] + 0.3
-
-
-def test_the_place_left_out_is_where_most_goes_different_ways(scene_map: PrimitiveMap) -> None:
-    assert place_at(scene_map, None, None).cell == 1
-    one_way = replace(scene_map, n_rows=np.array([10_000, 0, 0, 10_000]))
-    assert place_at(one_way, None, None).cell == 0
-    nothing = replace(scene_map, n_rows=np.zeros(4, np.int64))
-    for of, position, said in (
-        (scene_map, OUTSIDE, r"expected a place in a cell, got \(500, -3\) m, outside of all 3"),
-        (nothing, None, "expected a cell that holds data"),
-        (scene_map.without_places(), None, "expected a cell that holds data"),
-        (scene_map, (np.nan, 0.0), "finite"),
-    ):
-        with pytest.raises(ValueError, match=said):
-            place_figure(of, position=position)
-
-
-def test_a_key_covers_no_data_and_rows_are_a_histogram(scene_map: PrimitiveMap, scene_tracks: Tracks) -> None:
-    figure = place_figure(scene_map, position=SHARP_CELL, tracks=scene_tracks, cue=TURN_LEFT)
-    figure.draw_without_rendering()
-    key = figure.legends[0].get_window_extent()
-    assert figure.bbox.contains(key.x0, key.y0)
-    assert not any(key.overlaps(axes.get_tightbbox()) for axes in figure.axes)
-    assert figure.legends[0].get_texts()[-1].get_text() == "the cell's 5 rows"
-    (bars,) = figure.axes[1].patches
-    heights, edges, _ = bars.get_data()
-    assert (heights * np.diff(edges)).sum() == pytest.approx(1.0)
-
-
-def test_a_chart_has_a_bar_for_each_figure_and_none_for_what_was_not_measured() -> None:
-    """No gaps, so nothing in them: an empty bar without a number, and no warning."""
-    reported = {"prior": 0.5, "place-free": 2.0}
-    methods = [
-        SimpleNamespace(
-            name=name, mean=lambda figure, v=v: float("nan") if "hidden" in figure else v, std=lambda _: float("nan")
-        )
-        for name, v in reported.items()
-    ]
-    figure = tracking_chart(SimpleNamespace(methods=methods))
-    figure.draw_without_rendering()
-    rmse, *_, switches = figure.axes
-    assert [text.get_text() for text in rmse.get_yticklabels()] == list(reported)
-    widths = [bar.get_width() for bar in rmse.patches]
-    assert widths[:4] == 2 * list(reported.values())  # of all, and of those in sight
-    assert np.isnan(widths[4:]).all()
-    assert {text.get_text() for text in rmse.texts} == {"0.50", "2.00", ""}
-    assert switches.get_xlim()[0] == 0.0
 
 
 def test_pyplot_is_never_imported() -> None:

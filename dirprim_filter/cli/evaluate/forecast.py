@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dirprim_filter.cli.options import Config, Force, Json, Logs, Plot, Split
+from dirprim_filter.cli.options import Config, Json, Logs, Split
 from dirprim_filter.cli.reading import Reading, reads_logs
-from dirprim_filter.cli.results import draw, read_experiment, report
+from dirprim_filter.cli.results import read_experiment, report
 from dirprim_filter.cli.settings import Settings, deal
 from dirprim_filter.cli.texts import UNKNOWN, columns, counted
 
@@ -40,9 +40,7 @@ def forecast(
     seeds: Annotated[int | None, typer.Option(min=1, help="Number of random splits. Default: 1.")] = None,
     samples: Annotated[int | None, typer.Option(min=20, help="Rollouts of each vehicle. Default: 100.")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="The same seed gives the same result. Default: 0.")] = None,
-    plot: Plot = None,
     as_json: Json = False,
-    force: Force = False,
     *,
     reading: Reading,
     settings: Settings,
@@ -51,7 +49,7 @@ def forecast(
 
     The prior stands beside what it must beat: fewer or no cells, remembered tracks, constant velocity.
 
-    Example: dirprim evaluate forecast recordings/roundabout_learn.mcap --plot forecast.png
+    Example: dirprim evaluate forecast recordings/roundabout_learn.mcap
     """
     import numpy as np
 
@@ -80,7 +78,6 @@ def forecast(
             log.tracks, **of_table, methods=WITH_LEADERS if made["interaction"] == "leader" else METHODS,
             progress=step, rng=np.random.default_rng(made["seed"]),
         )  # fmt: skip
-    draw("forecast_chart", table, plot, force=force)
     return report(
         "evaluate forecast", logs, reading, log.losses, table=forecast_object(table), settings=made,
         text=lambda: forecast_text(table), as_json=as_json,

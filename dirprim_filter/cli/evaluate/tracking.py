@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dirprim_filter.cli.options import WRITTEN, Config, Force, Json, Logs, Plot, named_file
+from dirprim_filter.cli.options import WRITTEN, Config, Force, Json, Logs, named_file
 from dirprim_filter.cli.reading import Reading, reads_logs
-from dirprim_filter.cli.results import CONFIG_KEY, draw, read_experiment, report
+from dirprim_filter.cli.results import CONFIG_KEY, read_experiment, report
 from dirprim_filter.cli.settings import Settings, deal
 from dirprim_filter.cli.texts import counted, figure_lines, number
 
@@ -47,7 +47,6 @@ def tracking(
         typer.Option("--output", "-o", help="Write the first method's run, MCAP.", callback=named_file),
         WRITTEN,
     ] = None,
-    plot: Plot = None,
     as_json: Json = False,
     force: Force = False,
     *,
@@ -82,7 +81,6 @@ def tracking(
             log.tracks, made, primitive_map=_map_of(map_file, log.tracks) if map_file else None, sinks=tuple(sinks),
             progress=step,
         )  # fmt: skip
-    draw("tracking_chart", table, plot, force=force)
     return report(
         "evaluate tracking", inputs, reading, log.losses, table=tracking_object(table), settings=asdict(made),
         text=lambda: tracking_text(table), as_json=as_json,

@@ -1,30 +1,45 @@
-"""The map, petals by speed, and closer where most happens.
+"""The map as a figure for papers, talks and pages: petals by speed, and closer where most happens.
 
-Sizes that mean something are in metres, so that they hold at every scale; line widths are in points.
+Drawn through matplotlib's objects and never through pyplot: nothing global changes and no window opens. Sizes that mean
+something are in metres, so that they hold at every scale; line widths are in points.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from io import BytesIO
 from itertools import compress
+from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import EllipseCollection, LineCollection, PolyCollection
 from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
+from matplotlib.ticker import MaxNLocator
 
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.drawing import shapes
 from dirprim_filter.drawing.colors import speed_color
 from dirprim_filter.estimates import Estimates
+from dirprim_filter.partial_file import OutputExistsError, PartialFile
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
-from dirprim_filter.viewer.figures.page import FOCUS_COLOR, INK, SMALL, color_bar, dress_map, mark_close_up, new_figure
 
+DOTS_PER_INCH = 200
+SMALL, NORMAL, LARGE = 8, 9, 10
+"""Points: numbers at ticks and keys, labels, titles."""
+PAD = 0.1
+"""Inches around all that is drawn."""
+INK, FAINT, CELL_GREY, TRACK_GREY = "0.15", "0.6", "0.87", "0.45"
+ESTIMATES_COLOR, FORECAST_COLOR = "#0072B2", "#D55E00"
+"""Of Okabe and Ito (2008)."""
 Forecasts = Mapping[str, FloatArray]
 """Rollouts by track id, (n_samples, n_steps, 2) metres each."""
 
@@ -46,7 +61,6 @@ DISC_OPACITY = 0.4
 """Of standing vehicles: they must not hide those that go."""
 FEW_VEHICLES = 12
 """Of more, lines are thin: they would hide the map."""
-CELL_GREY, TRACK_GREY, ESTIMATES_COLOR = "0.87", "0.45", "#0072B2"
 TRACKS_OPACITY, FAINTEST_TRACK, BOLDEST_TRACK = 60.0, 0.15, 0.7
 """Of all tracks together where they lie over each other, and the limits of each one's."""
 KEY: Mapping[str, dict[str, Any]] = {
@@ -54,7 +68,7 @@ KEY: Mapping[str, dict[str, Any]] = {
     "roots, where petals start": {"color": INK, "marker": "o", "markersize": 3, "linestyle": "none"},
     "tracks": {"color": TRACK_GREY, "linewidth": 0.5},
     "estimates, thin: coasting": {"color": ESTIMATES_COLOR, "linewidth": 1.6},
-    "forecast samples": {"color": FOCUS_COLOR, "linewidth": 0.7},
+    "forecast samples": {"color": FORECAST_COLOR, "linewidth": 0.7},
 }
 
 
@@ -88,7 +102,8 @@ def map_figure(
     if extent is None and np.ptp(near, axis=0).max() <= LARGEST_CLOSE_UP * np.ptp(boxes[0], axis=0).max():
         boxes.append(near)
     figure, panels = _page(boxes, width)
-    for axes, box in zip(panels, boxes, strict=True):
+    titles = [""] if len(boxes) == 1 else ["(a)  Overview", "(b)  Closer"]
+    for axes, box, title in zip(panels, boxes, titles, strict=True):
         colors = _draw_map(axes, primitives)
         if tracks is not None:
             _draw_tracks(axes, tracks)
@@ -96,13 +111,14 @@ def map_figure(
             _draw_estimates(axes, estimates)
         for paths in (forecasts or {}).values():
             _draw_forecast(axes, paths)
-        dress_map(axes, box)
+        _dress(axes, box, title)
     if len(panels) > 1:
-        dress_map(panels[0], boxes[0], "(a)  Overview")
-        dress_map(panels[1], boxes[1], "(b)  Closer")
         panels[1].set_ylabel("")
-        mark_close_up(panels[0], boxes[1], "b")
-    color_bar(figure, colors, panels, "mean speed [m/s]")
+        _mark_close_up(panels[0], boxes[1])
+    bar = figure.colorbar(colors, ax=panels, extend="max", shrink=0.6, aspect=25)
+    bar.set_label("mean speed [m/s]", fontsize=NORMAL)
+    bar.ax.tick_params(labelsize=SMALL, color=FAINT)
+    bar.outline.set_visible(False)
     shown = (True, True, tracks is not None, estimates is not None, bool(forecasts))
     lines = [Line2D([], [], label=name, **style) for name, style in compress(KEY.items(), shown)]
     n_rows = -(-len(lines) // max(int(figure.get_figwidth() / KEY_WIDTH), 2))
@@ -111,15 +127,63 @@ def map_figure(
     return figure
 
 
+def save_figure(figure: Figure, path: Path, *, dpi: float | None = None, force: bool = False) -> None:
+    """Write a figure in the format of the path's suffix; under a temporary name until it is whole.
+
+    The same figure gives the same bytes: no dates, no random names. Text stays text: TrueType in PDF, as publishers
+    ask for, and fonts by name in SVG.
+
+    Args:
+        figure: the figure.
+        path: .png, .pdf or .svg.
+        dpi: dots per inch of bitmaps. Default: the figure's, 200.
+        force: replace an existing file.
+
+    Raises:
+        OutputExistsError: the file exists and `force` is not given.
+        ValueError: the suffix is no format that matplotlib writes.
+        OSError: the file cannot be written.
+    """
+    if path.exists() and not force:
+        raise OutputExistsError(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    drawn = BytesIO()
+    undated = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}.get(path.suffix.lower())
+    with mpl.rc_context({"svg.hashsalt": "dirprim", "svg.fonttype": "none", "pdf.fonttype": 42}):
+        figure.savefig(drawn, dpi=dpi or "figure", metadata=undated, format=path.suffix[1:].lower())
+    with PartialFile(path, force=force) as file:
+        file.write(drawn.getvalue())
+
+
 def _page(boxes: list[FloatArray], width: float | None) -> tuple[Figure, list[Axes]]:
-    """Panels of one height, as wide as their boxes ask for."""
+    """Panels of one height, as wide as their boxes ask for; matplotlib finds room for what is around the axes."""
     shape = [float(east / north) for east, north in (np.ptp(box, axis=0) for box in boxes)]
     across = width or (ONE_WIDTH if len(boxes) == 1 else TWO_WIDTH)
     height = (across - AROUND[0]) / sum(shape) + AROUND[1]
     if width is None and height > TALLEST:
         across, height = (TALLEST - AROUND[1]) * sum(shape) + AROUND[0], TALLEST
-    figure = new_figure(across, height)
+    layout = ConstrainedLayoutEngine(w_pad=PAD, h_pad=PAD)
+    figure = Figure(figsize=(across, height), dpi=DOTS_PER_INCH, layout=layout)
     return figure, list(figure.subplots(1, len(boxes), width_ratios=shape, squeeze=False)[0])
+
+
+def _dress(axes: Axes, box: FloatArray, title: str) -> None:
+    """East and north in metres, of one scale, over a box of (2, 2) corners."""
+    axes.set(xlim=box[:, 0], ylim=box[:, 1], aspect="equal")
+    axes.set_xlabel("east [m]", fontsize=NORMAL)
+    axes.set_ylabel("north [m]", fontsize=NORMAL)
+    axes.set_title(title, loc="left", fontsize=LARGE)
+    axes.tick_params(color=FAINT, labelsize=SMALL)
+    axes.spines[:].set_color(FAINT)
+    axes.xaxis.set_major_locator(MaxNLocator(6))
+    axes.yaxis.set_major_locator(MaxNLocator(6))
+
+
+def _mark_close_up(axes: Axes, box: FloatArray) -> None:
+    """A frame around what the second panel shows closer."""
+    frame = Rectangle(box[0], *np.ptp(box, axis=0), fill=False, color=INK, linewidth=0.8, zorder=11)
+    axes.add_patch(frame)
+    axes.annotate("(b)", tuple(box[1]), (3, 3), textcoords="offset points", fontsize=SMALL, va="center", zorder=11)
 
 
 def _draw_map(axes: Axes, primitives: PrimitiveMap) -> ScalarMappable:
@@ -165,8 +229,8 @@ def _draw_estimates(axes: Axes, estimates: Estimates) -> None:
 
 def _draw_forecast(axes: Axes, paths: FloatArray) -> None:
     """Rollouts of one vehicle, (n_samples, n_steps, 2) metres, as thin lines with a dot at their ends."""
-    axes.add_collection(LineCollection(list(paths), colors=FOCUS_COLOR, linewidths=0.7, alpha=0.4, zorder=5))
-    axes.plot(*paths[:, -1].T, ".", color=FOCUS_COLOR, markersize=3.5, alpha=0.8, markeredgewidth=0, zorder=5)
+    axes.add_collection(LineCollection(list(paths), colors=FORECAST_COLOR, linewidths=0.7, alpha=0.4, zorder=5))
+    axes.plot(*paths[:, -1].T, ".", color=FORECAST_COLOR, markersize=3.5, alpha=0.8, markeredgewidth=0, zorder=5)
 
 
 def _paths(track_id: AnyArray, time_ns: IntArray, position: FloatArray) -> list[FloatArray]:
