@@ -9,6 +9,7 @@ import pytest
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mcap_files import run
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from dirprim_filter.recording.decoding.cdr_plan import cdr_plan
@@ -84,7 +85,7 @@ def test_cdr_of_any_definition_reads_as_rosbags_wrote_it(data):
             expected[label] = [v if j is None else v[j] for v in flat]
     for little in (True, False):
         payloads = [bytes(store.serialize_cdr(m, "pkg/msg/Outer", little_endian=little)) for m in messages]
-        read = cdr_plan("pkg/Outer", "ros2msg", text.encode(), fields).run(payloads)
+        read = run(cdr_plan("pkg/Outer", "ros2msg", text.encode(), fields), payloads)
         assert read.failures == {}
         for label, values in expected.items():
             if fields[label].kind == "name":
@@ -124,22 +125,22 @@ def test_an_idl_definition_reads_as_its_msg_twin():
     }  # fmt: skip
     third = fields.pop("third")
     for encoding, definition in (("ros2msg", text), ("ros2idl", IDL)):
-        read = cdr_plan("pkg/msg/Outer", encoding, definition.encode(), fields).run([payload, payload[:9]])
+        read = run(cdr_plan("pkg/msg/Outer", encoding, definition.encode(), fields), [payload, payload[:9]])
         assert read.numbers("x").tolist() == [2.5, -1.0]
         assert read.names("name").tolist() == ["ä", ""]
         assert read.numbers("second")[0] == 2.0
         assert read.numbers("last")[0] == 65535
         assert np.isnan(read.numbers("other")).all()
         assert list(read.failures) == [1]
-        alone = cdr_plan("pkg/msg/Outer", encoding, definition.encode(), {"third": third}).run([payload])
+        alone = run(cdr_plan("pkg/msg/Outer", encoding, definition.encode(), {"third": third}), [payload])
         assert math.isnan(alone.numbers("third")[0])
 
 
 def test_cdr2_aligns_to_four_bytes():
     plan = cdr_plan("p/M", "ros2msg", b"uint8 a\nfloat64 b", {"b": Field(path=".b")})
     packed = struct.pack("<BxxxI", 7, 0)[:4] + struct.pack("<d", 2.5)
-    read = plan.run(
-        [b"\x00\x07\x00\x00" + packed, b"\x00\x01\x00\x00" + bytes(8) + struct.pack("<d", 3.5), b"\x00\x03\0\0"]
+    read = run(
+        plan, [b"\x00\x07\x00\x00" + packed, b"\x00\x01\x00\x00" + bytes(8) + struct.pack("<d", 3.5), b"\x00\x03\0\0"]
     )
     assert read.numbers("b")[:2].tolist() == [2.5, 3.5]
     assert read.failures == {2: "an encapsulation other than plain CDR or CDR2"}
@@ -168,12 +169,13 @@ def test_a_ros2_schema_that_cannot_be_read_says_why(definition, path, reported):
 def test_a_length_that_a_message_claims_is_not_allocated():
     plan = cdr_plan("p/M", "ros2msg", b"p/I[] a\n" + b"=" * 80 + b"\nMSG: p/I\nuint8 x", {"x": Field(path=".a[].x")})
     head = b"\x00\x01\x00\x00"
-    read = plan.run(
+    read = run(
+        plan,
         [
             head + b"\xff\xff\xff\x7f" + bytes(8),
             head + struct.pack("<I", 1 << 18) + bytes(1 << 18),
             head + b"\x02\0\0\0ab",
-        ]
+        ],
     )
     assert sorted(read.failures) == [0, 1]
     assert read.numbers("x").tolist() == [97.0, 98.0]
@@ -258,7 +260,7 @@ def test_protobuf_of_any_kind_reads_as_the_stock_parser_reads_it(kind, data):
     none = "" if form == "name" else math.nan
     for k, label in enumerate(("first", "second")):
         expected[label] = [([*getattr(m, f"many_{kind}"), none, none])[k] for m in written]
-    read = protobuf_plan("p.M", DEFINITION, fields).run([m.SerializeToString() for m in written])
+    read = run(protobuf_plan("p.M", DEFINITION, fields), [m.SerializeToString() for m in written])
     assert read.failures == {}
     assert read.is_set("is_set").tolist() == [m.HasField("one") for m in written]
     for label in paths:
@@ -282,7 +284,7 @@ def test_columns_of_many_numbers_are_whole_in_few_walks(lengths, most_walks, mon
     plan = protobuf_plan("p.M", DEFINITION, {name: Field(path=f".{name}[]", kind="number") for name in columns})
     walks, walk = [], plan._walk
     monkeypatch.setattr(plan, "_walk", lambda *given: walks.append(1) or walk(*given))
-    read = plan.run(payloads)
+    read = run(plan, payloads)
     for name in columns:
         np.testing.assert_array_equal(read.numbers(name), np.concatenate([np.arange(n) for n in lengths]))
     assert len(walks) <= most_walks
@@ -327,7 +329,7 @@ def test_json_reads_what_is_there_and_says_what_is_not():
         {"objects": [{"id": {}}]},
     ]
     payloads = [json.dumps(one).encode() for one in reported] + [b"{", b"\xff", b"[" * 100_000]
-    read = JsonPlan(fields).run(payloads)
+    read = run(JsonPlan(fields), payloads)
     assert sorted(read.failures) == [3, 4, 5, 6, 7, 8]
     assert read.names("id").tolist() == ["7", "b", ""]
     np.testing.assert_array_equal(read.numbers("x"), [1.5, math.nan, 3.0])

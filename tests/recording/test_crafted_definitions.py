@@ -5,7 +5,7 @@ import mmap
 import numpy as np
 import pytest
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
-from mcap_files import log_bytes
+from mcap_files import log_bytes, run
 from mcap_protobuf.schema import build_file_descriptor_set
 from payload_mutations import broken
 
@@ -95,7 +95,7 @@ def test_a_length_that_no_message_can_have_is_refused_wherever_it_stands(leaf, n
 
 def test_bytes_that_a_message_lacks_are_not_read_from_behind_it():
     plan = cdr_plan("p/M", "ros2msg", b"uint8[8] x", {"x": Field(path=".x", kind="name")})
-    columns = plan.run([b"\0\1\0\0\1\2\3"])
+    columns = run(plan, [b"\0\1\0\0\1\2\3"])
     assert columns.failures == {0: "a message that ends within a field"}
     assert columns.names("x").tolist() == [""]
 

@@ -8,7 +8,7 @@ import pytest
 from google.protobuf.timestamp_pb2 import Timestamp
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mcap_files import columns_of
+from mcap_files import columns_of, run
 
 from dirprim_filter.recording.container.records import Channel, Schema
 from dirprim_filter.recording.decoding.field_columns import EACH, MAX_NAME_LENGTH, NO_TIME, Field, wanted
@@ -29,7 +29,7 @@ NASTY = [
 def read(kind, *values):
     """The column of the values, and the numbers of the messages that failed."""
     payloads = [json.dumps({"v": value}).encode() for value in values]
-    columns = JsonPlan({"v": Field(path=".v", kind=kind)}).run(payloads)
+    columns = run(JsonPlan({"v": Field(path=".v", kind=kind)}), payloads)
     column = {"time": columns.times, "number": columns.numbers, "name": columns.names}[kind]("v")
     return column.tolist(), sorted(columns.failures)
 

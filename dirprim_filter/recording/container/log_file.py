@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import ChainMap
 from collections.abc import Iterator, Mapping, MutableMapping
-from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -17,14 +16,12 @@ from dirprim_filter.recording.container.errors import Damage
 from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.container.outline import Outline
 from dirprim_filter.recording.container.records import (
-    RECORD_HEADER_SIZE,
     Channel,
     MalformedRecordError,
     Schema,
     UndefinedSchemaError,
     parse_channel,
     parse_schema,
-    record_end,
 )
 from dirprim_filter.recording.container.source import FileBytes
 
@@ -86,8 +83,10 @@ class LogFile:
         if end != len(contents) and not chunk.is_cut:
             detail = f"byte {end} of its contents starts no record that fits; {len(contents) - end} bytes are lost"
             damage.append(chunk.damaged("message", None, detail))
-        channel, bad = self._resolved(contents, channel_id, others)
-        damage += [chunk.damaged("definition", None, text) for text in bad]
+        schemas, channels = self._schemas.new_child(), self._channels.new_child()  # what a chunk says itself goes first
+        damage += [chunk.damaged("definition", None, why) for why in self._learn(contents, others, schemas, channels)]
+        channel = self._numbers(channel_id, channels)
+        self._keep(schemas.maps[0], channels.maps[0])
         unknown = channel_id[channel == UNKNOWN]
         for one, n in zip(*(part.tolist() for part in np.unique(unknown, return_counts=True)), strict=True):
             damage.append(
@@ -113,21 +112,6 @@ class LogFile:
             kept[chunk.offset] = contents, damage
         return contents, damage
 
-    def _resolved(self, contents: bytes, channel_id: AnyArray, others: AnyArray) -> tuple[AnyArray, list[str]]:
-        """(n) int32 numbers of the messages' channels, and why definitions are broken.
-
-        What a chunk says itself goes before what others say.
-        """
-        schemas, channels, bad = self._schemas.new_child(), self._channels.new_child(), []
-        for at in others.tolist():
-            try:
-                self._take(contents, at, schemas, channels)
-            except MalformedRecordError as error:
-                bad.append(str(error))
-        channel = self._numbers(channel_id, channels)
-        self._keep(schemas.maps[0], channels.maps[0])
-        return channel, bad
-
     def _keep(self, schemas: Mapping[int, Schema], channels: Mapping[int, Channel]) -> None:
         """For what does not say it itself, and is not known otherwise."""
         for schema_id, schema in schemas.items():
@@ -147,43 +131,38 @@ class LogFile:
             lookup[one] = UNKNOWN if found is None else self._all_numbers[found]
         return np.asarray(lookup[channel_id], np.int32)
 
-    def _take(
-        self, contents: bytes, at: int, schemas: MutableMapping[int, Schema], channels: MutableMapping[int, Channel]
-    ) -> None:
-        """Learn from the record at `at`, if it is a definition.
-
-        Raises:
-            MalformedRecordError: it is a schema or a channel that cannot be parsed.
-        """
-        if contents[at] == Opcode.SCHEMA:
-            schema_id, schemas[schema_id] = parse_schema(contents, at)
-        elif contents[at] == Opcode.CHANNEL:
+    def _learn(
+        self, contents: bytes, others: AnyArray, schemas: MutableMapping[int, Schema],
+        channels: MutableMapping[int, Channel],
+    ) -> list[str]:  # fmt: skip
+        """Take the definitions among a chunk's records that are no messages; why some cannot be parsed."""
+        bad = []
+        for at in others.tolist():
             try:
-                channel_id, channel = parse_channel(contents, at, schemas)
-            except UndefinedSchemaError:
-                self._look_everywhere()
-                channel_id, channel = parse_channel(contents, at, schemas)
-            channels[channel_id] = channel
+                if contents[at] == Opcode.SCHEMA:
+                    schema_id, schemas[schema_id] = parse_schema(contents, at)
+                elif contents[at] == Opcode.CHANNEL:
+                    try:
+                        channel_id, channel = parse_channel(contents, at, schemas)
+                    except UndefinedSchemaError:
+                        self._look_everywhere()
+                        channel_id, channel = parse_channel(contents, at, schemas)
+                    channels[channel_id] = channel
+            except MalformedRecordError as error:
+                bad.append(str(error))
+        return bad
 
     def _look_everywhere(self) -> None:
-        """Chunks are read in order of time, definitions stand in order of the file: look for all of them, once."""
+        """Chunks are read in order of time, definitions stand in order of the file: look for all of them, once.
+
+        What is broken of them is reported when its chunk's messages are read.
+        """
         if self._has_all:
             return
         self._has_all = not self.bytes_of.is_live
         for chunk in self.outline.chunks:
             if chunk.data_offset > chunk.offset:  # else a run of bare messages
                 contents, _ = self._contents(chunk)
-                for at in _definitions(contents):
-                    with suppress(MalformedRecordError):  # reported when its chunk's messages are read
-                        self._take(contents, at, self._schemas, self._channels)
+                others = read_records(np.frombuffer(contents, np.uint8))[6]
+                self._learn(contents, others, self._schemas, self._channels)
         self._keep(self.outline.summary.schemas, self.outline.summary.channels)
-
-
-def _definitions(contents: bytes) -> Iterator[int]:
-    """First byte of each schema and channel record in a chunk's contents."""
-    at = 0
-    while at + RECORD_HEADER_SIZE <= len(contents):
-        end = record_end(contents, at)
-        if contents[at] in (Opcode.SCHEMA, Opcode.CHANNEL) and end <= len(contents):
-            yield at
-        at = end

@@ -41,12 +41,6 @@ class Plan(Protocol):
         """The columns of the messages that stand in (n_bytes,) uint8 `data`, from (n,) `start` to (n,) `stop`."""
         ...
 
-    def run(self, payloads: Sequence[bytes]) -> FieldColumns:
-        """The columns of these messages."""
-        length = np.fromiter(map(len, payloads), np.int64, len(payloads))
-        stop = np.cumsum(length)
-        return self.read(np.frombuffer(b"".join(payloads), np.uint8), stop - length, stop)
-
 
 class OutputTables:
     """Which tables and columns a program writes; given out while the program is made.
