@@ -12,23 +12,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from foxglove.messages import (
-    Color,
-    Duration,
-    FrameTransform,
-    LinePrimitive,
-    LinePrimitiveLineType,
-    Point3,
-    Pose,
-    Quaternion,
-    SceneEntity,
-    SceneEntityDeletion,
-    SceneEntityDeletionType,
-    SceneUpdate,
-    Timestamp,
-    TriangleListPrimitive,
-    Vector3,
-)
+from foxglove import messages as fg
 
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.drawing import shapes
@@ -49,7 +33,7 @@ HEIGHT: Mapping[str, float] = {
 """Metres above the ground. Viewers draw what is seen through from the lowest up, by the height of its pose."""
 FINEST_M = 1.0 / 1024.0
 """Of a map's coordinates: a millimetre, a power of two, so that their last bits are zeros and compress."""
-STRIP, SEGMENTS = LinePrimitiveLineType.LineStrip, LinePrimitiveLineType.LineList
+STRIP, SEGMENTS = fg.LinePrimitiveLineType.LineStrip, fg.LinePrimitiveLineType.LineList
 
 
 def view_of(primitive_map: PrimitiveMap) -> FloatArray:
@@ -65,47 +49,47 @@ def origin_of(points: FloatArray) -> FloatArray:
     return np.asarray(np.round(0.5 * (points.min(axis=0) + points.max(axis=0))))
 
 
-def scene_transform(time_ns: int, origin: FloatArray) -> FrameTransform:
+def scene_transform(time_ns: int, origin: FloatArray) -> fg.FrameTransform:
     """Where `scene` is in `map`: (2,) metres. Viewers draw no frame that no transform names."""
     x, y = origin.tolist()
-    return FrameTransform(
+    return fg.FrameTransform(
         timestamp=stamp(time_ns), parent_frame_id=MAP_FRAME, child_frame_id=SCENE_FRAME,
-        translation=Vector3(x=x, y=y, z=0.0), rotation=Quaternion(x=0.0, y=0.0, z=0.0, w=1.0),
+        translation=fg.Vector3(x=x, y=y, z=0.0), rotation=fg.Quaternion(x=0.0, y=0.0, z=0.0, w=1.0),
     )  # fmt: skip
 
 
-def stamp(time_ns: int) -> Timestamp:
+def stamp(time_ns: int) -> fg.Timestamp:
     """The time of a message; one that such a message cannot hold is refused where it is written."""
-    return Timestamp(*divmod(min(max(time_ns, 0), LATEST_NS), NANOSECONDS))
+    return fg.Timestamp(*divmod(min(max(time_ns, 0), LATEST_NS), NANOSECONDS))
 
 
-def fresh_update(entities: list[SceneEntity], time_ns: int) -> SceneUpdate:
+def fresh_update(entities: list[fg.SceneEntity], time_ns: int) -> fg.SceneUpdate:
     """An update that first deletes what earlier ones of its topic drew."""
-    everything = SceneEntityDeletion(timestamp=stamp(time_ns), type=SceneEntityDeletionType.All)
-    return SceneUpdate(deletions=[everything], entities=entities)
+    everything = fg.SceneEntityDeletion(timestamp=stamp(time_ns), type=fg.SceneEntityDeletionType.All)
+    return fg.SceneUpdate(deletions=[everything], entities=entities)
 
 
-def entity(name: str, time_ns: int, **parts: Any) -> SceneEntity:
+def entity(name: str, time_ns: int, **parts: Any) -> fg.SceneEntity:
     """An entity of primitives, which lasts until it is replaced or deleted."""
-    return SceneEntity(
-        id=name, timestamp=stamp(time_ns), frame_id=SCENE_FRAME, lifetime=Duration(0, 0), frame_locked=False, **parts
+    return fg.SceneEntity(
+        id=name, timestamp=stamp(time_ns), frame_id=SCENE_FRAME, lifetime=fg.Duration(0, 0), frame_locked=False, **parts
     )
 
 
-def pose(x: float, y: float, z: float, yaw: float = 0.0) -> Pose:
+def pose(x: float, y: float, z: float, yaw: float = 0.0) -> fg.Pose:
     """A pose on level ground."""
-    turn = Quaternion(x=0.0, y=0.0, z=math.sin(yaw / 2), w=math.cos(yaw / 2))
-    return Pose(position=Vector3(x=x, y=y, z=z), orientation=turn)
+    turn = fg.Quaternion(x=0.0, y=0.0, z=math.sin(yaw / 2), w=math.cos(yaw / 2))
+    return fg.Pose(position=fg.Vector3(x=x, y=y, z=z), orientation=turn)
 
 
-def painted(rgb: Sequence[float], opacity: float) -> Color:
+def painted(rgb: Sequence[float], opacity: float) -> fg.Color:
     """A colour of red, green and blue, 0 to 1."""
-    return Color(r=rgb[0], g=rgb[1], b=rgb[2], a=opacity)
+    return fg.Color(r=rgb[0], g=rgb[1], b=rgb[2], a=opacity)
 
 
-def points(position: FloatArray) -> list[Point3]:
+def points(position: FloatArray) -> list[fg.Point3]:
     """(..., 2) metres."""
-    return [Point3(x=x, y=y, z=0.0) for x, y in position.reshape(-1, 2).tolist()]
+    return [fg.Point3(x=x, y=y, z=0.0) for x, y in position.reshape(-1, 2).tolist()]
 
 
 def rounded(position: FloatArray) -> FloatArray:
@@ -114,18 +98,18 @@ def rounded(position: FloatArray) -> FloatArray:
 
 
 def line(
-    kind: LinePrimitiveLineType, along: FloatArray, *, pixels: float, color: Color, height: float,
+    kind: fg.LinePrimitiveLineType, along: FloatArray, *, pixels: float, color: fg.Color, height: float,
     indices: Sequence[int] = (),
-) -> LinePrimitive:  # fmt: skip
+) -> fg.LinePrimitive:  # fmt: skip
     """A line along points (n, 2), so wide on the screen at every zoom."""
-    return LinePrimitive(
+    return fg.LinePrimitive(
         type=kind, pose=pose(0.0, 0.0, height), thickness=pixels, scale_invariant=True, points=points(along),
         color=color, indices=list(indices),
     )  # fmt: skip
 
 
-def area(vertex: FloatArray, triangle: IntArray, *, height: float, **color: Any) -> TriangleListPrimitive:
+def area(vertex: FloatArray, triangle: IntArray, *, height: float, **color: Any) -> fg.TriangleListPrimitive:
     """Triangles, (m, 3) numbers of their vertices, (n, 2) metres, of one color or of `colors` at the vertices."""
-    return TriangleListPrimitive(
+    return fg.TriangleListPrimitive(
         pose=pose(0.0, 0.0, height), points=points(vertex), indices=triangle.ravel().tolist(), **color
     )

@@ -10,18 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from foxglove.messages import (
-    ArrowPrimitive,
-    CubePrimitive,
-    CylinderPrimitive,
-    KeyValuePair,
-    PackedElementField,
-    PackedElementFieldNumericType,
-    PointCloud,
-    SceneUpdate,
-    TextPrimitive,
-    Vector3,
-)
+from foxglove import messages as fg
 
 from dirprim_filter.arrays import AnyArray, FloatArray
 from dirprim_filter.columns import is_held
@@ -82,7 +71,7 @@ class EstimatesScene:
         self.sizes: dict[str, list[float]] = {}
         self._trail: dict[str, list[tuple[int, list[float]]]] = {}
 
-    def update(self, estimates: Estimates, detections: Detections, time_ns: int, origin: FloatArray) -> SceneUpdate:
+    def update(self, estimates: Estimates, detections: Detections, time_ns: int, origin: FloatArray) -> fg.SceneUpdate:
         """The update of one instant; sizes are those that were last reported of vehicles by name.
 
         A vehicle of unknown direction, as one that has stood from its first detection on, is drawn as long as wide.
@@ -113,20 +102,20 @@ class EstimatesScene:
             rgb, opacity = self._color or own, {part: strength * alpha for part, alpha in OPACITY.items()}
             head = min(HEAD_LENGTH, HEAD_SHARE * speed)
             entities.append(entity(
-                name, time_ns, metadata=[KeyValuePair(key=DRAWN_NOTE, value="body")],
-                cubes=[CubePrimitive(
+                name, time_ns, metadata=[fg.KeyValuePair(key=DRAWN_NOTE, value="body")],
+                cubes=[fg.CubePrimitive(
                     pose=pose(x, y, height / 2, yaw), color=painted(rgb, opacity["body"]),
-                    size=Vector3(x=length if is_turned else width, y=width, z=height),
+                    size=fg.Vector3(x=length if is_turned else width, y=width, z=height),
                 )],
-                arrows=[ArrowPrimitive(
+                arrows=[fg.ArrowPrimitive(
                     pose=pose(x, y, HEIGHT["arrow"], yaw), color=painted(rgb, opacity["arrow"]), shaft_diameter=0.35,
                     head_diameter=1.0, shaft_length=speed - head, head_length=head,
                 )],
-                cylinders=[CylinderPrimitive(
-                    pose=pose(x, y, HEIGHT["region"], turn), size=Vector3(x=minor, y=major, z=0.02), bottom_scale=1.0,
+                cylinders=[fg.CylinderPrimitive(
+                    pose=pose(x, y, HEIGHT["region"], turn), size=fg.Vector3(x=minor, y=major, z=0.02), bottom_scale=1.0,
                     top_scale=1.0, color=painted(rgb, 0.0 if is_anywhere else opacity["region"]),
                 )],
-                texts=[TextPrimitive(
+                texts=[fg.TextPrimitive(
                     pose=pose(x, y + LABEL_NORTH, HEIGHT["label"]), billboard=True, font_size=13.0,
                     scale_invariant=True, text=short_name(name), color=painted(rgb, opacity["label"]),
                 )],
@@ -157,10 +146,10 @@ _CHANNELS = ("red", "green", "blue", "alpha")
 _PLACE = [("x", "<f4"), ("y", "<f4")]
 _PARTICLE = np.dtype([*_PLACE, ("weight", "<f4"), *((channel, "u1") for channel in _CHANNELS)])
 _REPORT = np.dtype(_PLACE)
-_FIELD_TYPE = {"f4": PackedElementFieldNumericType.Float32, "u1": PackedElementFieldNumericType.Uint8}
+_FIELD_TYPE = {"f4": fg.PackedElementFieldNumericType.Float32, "u1": fg.PackedElementFieldNumericType.Uint8}
 
 
-def particle_cloud(particles: Particles, time_ns: int, origin: FloatArray) -> PointCloud:
+def particle_cloud(particles: Particles, time_ns: int, origin: FloatArray) -> fg.PointCloud:
     """Each particle with its weight, in the colour of its direction."""
     points: AnyArray = np.zeros(len(particles), _PARTICLE)
     points["weight"] = particles.weight
@@ -170,21 +159,21 @@ def particle_cloud(particles: Particles, time_ns: int, origin: FloatArray) -> Po
     return _cloud(points, particles.position - origin, time_ns, height=HEIGHT["particles"])
 
 
-def detection_cloud(position: FloatArray, time_ns: int, origin: FloatArray) -> PointCloud:
+def detection_cloud(position: FloatArray, time_ns: int, origin: FloatArray) -> fg.PointCloud:
     """What was reported at one instant, (n, 2) metres."""
     return _cloud(np.zeros(len(position), _REPORT), position - origin, time_ns, height=HEIGHT["detections"])
 
 
-def _cloud(points: AnyArray, position: FloatArray, time_ns: int, *, height: float) -> PointCloud:
+def _cloud(points: AnyArray, position: FloatArray, time_ns: int, *, height: float) -> fg.PointCloud:
     """Single precision counts from the middle of the points."""
     middle = np.round(position.mean(axis=0)) if len(position) else np.zeros(2)
     points["x"], points["y"] = (position - middle).T
     x, y = middle.tolist()
-    return PointCloud(
+    return fg.PointCloud(
         timestamp=stamp(time_ns), frame_id=SCENE_FRAME, pose=pose(x, y, height),
         point_stride=points.dtype.itemsize, data=points.tobytes(),
         fields=[
-            PackedElementField(name=name, offset=offset, type=_FIELD_TYPE[kind.str[1:]])
+            fg.PackedElementField(name=name, offset=offset, type=_FIELD_TYPE[kind.str[1:]])
             for name, (kind, offset, *_) in (points.dtype.fields or {}).items()
         ],
     )  # fmt: skip
@@ -195,7 +184,7 @@ PATHS_OPACITY = 3.0
 LEAST_OPACITY, MOST_OPACITY = 0.03, 0.4
 
 
-def forecast_scene(forecasts: Forecasts, origin: FloatArray, *, hidden: frozenset[str] = frozenset()) -> SceneUpdate:
+def forecast_scene(forecasts: Forecasts, origin: FloatArray, *, hidden: frozenset[str] = frozenset()) -> fg.SceneUpdate:
     """The paths of each vehicle as one list of lines, and its regions. Earlier forecasts are deleted.
 
     Args:
@@ -221,7 +210,9 @@ def forecast_scene(forecasts: Forecasts, origin: FloatArray, *, hidden: frozense
                  color=painted(rgb, fan))
             for share, region in zip(REGION_SHARES, regions, strict=True)
         ]  # fmt: skip
-        notes = [KeyValuePair(key=f"triangles_{k}_share", value=repr(share)) for k, share in enumerate(REGION_SHARES)]
+        notes = [
+            fg.KeyValuePair(key=f"triangles_{k}_share", value=repr(share)) for k, share in enumerate(REGION_SHARES)
+        ]
         entities.append(entity(name, forecasts.time_ns, lines=[lines], triangles=areas, metadata=notes))
     return fresh_update(entities, forecasts.time_ns)
 
@@ -231,7 +222,7 @@ ROSE_OPACITY = 0.65
 """What moves must stand out."""
 
 
-def map_scene(primitive_map: PrimitiveMap, time_ns: int, origin: FloatArray) -> SceneUpdate:
+def map_scene(primitive_map: PrimitiveMap, time_ns: int, origin: FloatArray) -> fg.SceneUpdate:
     """The cells' outlines as one entity, and a petal for each mode as another."""
     polygons = [*primitive_map.tessellation.polygons()]
     sides = [np.stack([polygon, np.roll(polygon, -1, axis=0)], axis=1) for polygon in polygons]
