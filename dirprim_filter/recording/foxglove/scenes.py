@@ -112,8 +112,8 @@ class EstimatesScene:
                     head_diameter=1.0, shaft_length=speed - head, head_length=head,
                 )],
                 cylinders=[fg.CylinderPrimitive(
-                    pose=pose(x, y, HEIGHT["region"], turn), size=fg.Vector3(x=minor, y=major, z=0.02), bottom_scale=1.0,
-                    top_scale=1.0, color=painted(rgb, 0.0 if is_anywhere else opacity["region"]),
+                    pose=pose(x, y, HEIGHT["region"], turn), size=fg.Vector3(x=minor, y=major, z=0.02),
+                    bottom_scale=1.0, top_scale=1.0, color=painted(rgb, 0.0 if is_anywhere else opacity["region"]),
                 )],
                 texts=[fg.TextPrimitive(
                     pose=pose(x, y + LABEL_NORTH, HEIGHT["label"]), billboard=True, font_size=13.0,
