@@ -56,7 +56,7 @@ def learn(
 ) -> int:
     """Learn from logs, or a store, how vehicles move.
 
-    What is learned from a store alone, such as a map that fades, `dirprim store learn` has.
+    `dirprim store learn` has more options for stores, such as --half-life.
 
     Example: dirprim learn recordings/roundabout_learn.mcap -o map.mcap
     """

@@ -61,7 +61,7 @@ app = typer.Typer(
         "  dirprim plot  map.mcap -o map.png --log LOG        look at it\n"
         "  dirprim track LOG --map map.mcap -o tracks.mcap --save tracks.rrd\n"
         "  dirprim view  tracks.rrd                           play it\n"
-        "A table becomes a log by `dirprim convert`.\n\n"
+        "A table (.csv, .parquet) may stand wherever a log does.\n\n"
         "Exit codes: 0 done; 1 error, in one line; 2 usage; 3 done, but a part of the input was lost; 130 ended by "
         "Ctrl-C, 143 by SIGTERM."
     ),

@@ -48,10 +48,10 @@ def score(
 
     The table has a column for each file.
 
-    Every group of the truth is a world of its own. The options that choose a part of a log are about the truth;
-    estimates of other groups, and of instants at which the truth is not known, are left out and counted. Between rows
-    of a vehicle at most 1 s (or 2.5 of its usual intervals) apart the truth is interpolated, at the truth's own
-    instants, or, if estimates are of others, at those of all files together.
+    Each group of the truth is compared by itself. Options of reading choose a part of the truth. Estimates of other
+    groups, and at instants without a truth, are left out and counted. The instants of the truth are judged, or those of
+    all files where one has others. The truth is interpolated between rows of a vehicle at most 1 s, or 2.5 of its
+    median intervals, apart.
 
     Example: dirprim score tracks.mcap other.csv --truth recordings/roundabout_track.mcap
     """

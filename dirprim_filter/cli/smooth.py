@@ -40,8 +40,8 @@ def smooth(
 ) -> int:
     """Refine the tracks of another tracker, offline, by a map.
 
-    A log or table with ids is enough: its rows are taken for measurements whose errors last, rows in which the tracker
-    coasted are left out, and what is between them is filled in along the map.
+    A log or table with ids is enough. Its rows count as measurements whose errors last. Rows in which the tracker
+    coasted are left out and filled in along the map.
 
     Example: dirprim smooth their_tracks.csv --map map.mcap -o refined.mcap --truth truth.mcap
     """

@@ -168,8 +168,8 @@ def keep(
 ) -> None:
     """Keep fewer vehicles of months that are over.
 
-    Of each turn at most so many are kept, which count for all of it. A turn that fewer vehicles take is
-    kept whole. What is left out is gone.
+    At most --vehicles of each turn are kept, and weigh as much as all of them. The others are deleted. Turns with fewer
+    vehicles are kept whole.
 
     Example: dirprim store keep fleet --vehicles 100 --of-month 2026-08
     """

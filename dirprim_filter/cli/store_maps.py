@@ -46,7 +46,7 @@ def learn(
         str | None, typer.Option(help="With --half-life: from when age is counted. Default: the last log's end.")
     ] = None,
     hours: Annotated[
-        str | None, typer.Option(help="From vehicles that come in these hours of the day alone, such as 7-10 or 22-5.")
+        str | None, typer.Option(help="Learn only from vehicles of these hours of the day, such as 7-10 or 22-5.")
     ] = None,
     zone: Annotated[str, typer.Option(help="With --hours: whose clocks count, such as Europe/Berlin.")] = "UTC",
     workers: StoreWorkers = None,
@@ -121,8 +121,7 @@ def update(
 ) -> int:
     """Learn a map anew as it was learned.
 
-    Only where logs were added or forgotten is there work to do. A map of which nothing changed stays as it is, to the
-    byte.
+    Only blocks whose logs changed are learned. A map of which nothing changed stays the same to the byte.
 
     Example: dirprim store update map.mcap fleet
     """

@@ -106,7 +106,7 @@ def track(
 
     Estimates are written as MCAP, and shown by rerun (--save, --spawn, --connect). Unless --noise, --sensor, --config
     or the log states it, the sensor's noise is learned from the log's first minutes, and printed. With --lag a pipe is
-    tracked as it is written. Groups of a log are tracked each by itself; their vehicles are called group/id.
+    tracked as it is written. Each group of a log is tracked by itself; its vehicles are called group/id.
 
     Example: dirprim track recordings/roundabout_track.mcap --map map.mcap -o tracks.mcap --save tracks.rrd
     """

@@ -47,7 +47,7 @@ def forecast(
 ) -> int:
     """Compare forecasts of held-out vehicles.
 
-    The prior stands beside what it must beat: fewer or no cells, remembered tracks, constant velocity.
+    The map is compared with one cell, no cells, remembered tracks and constant velocity.
 
     Example: dirprim evaluate forecast recordings/roundabout_learn.mcap
     """

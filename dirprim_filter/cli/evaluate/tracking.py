@@ -55,8 +55,8 @@ def tracking(
 ) -> int:
     """Compare trackers on known traffic, by a simulated sensor.
 
-    The traffic goes through noise, gaps, misses and false detections; the trackers have the prior, or do without. What
-    `--set` takes of an experiment, such as noise_m or miss_rate, is in docs/experiments.md.
+    The sensor adds noise, gaps, misses and false detections. Trackers with and without the map get the same ones.
+    docs/experiments.md lists what --set takes, such as noise_m or miss_rate.
 
     Example: dirprim evaluate tracking recordings/roundabout_learn.mcap --gap 3 --seeds 2
     """
