@@ -7,14 +7,10 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray, as_floats
-from dirprim_filter.columns import as_times, check_lengths
+from dirprim_filter.columns import as_optional, as_times, check_lengths
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.track_ids import as_texts, as_track_ids, check_not_repeated, vehicle_numbers
 from dirprim_filter.tracks import Tracks
-
-
-def _left_out() -> FloatArray:
-    return np.empty(0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,10 +35,10 @@ class TrackedRows:
     time_ns: IntArray
     position: FloatArray
     group: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
-    covariance: FloatArray = field(default_factory=_left_out)
-    direction: FloatArray = field(default_factory=_left_out)
-    speed: FloatArray = field(default_factory=_left_out)
-    unseen_s: FloatArray = field(default_factory=_left_out)
+    covariance: FloatArray = field(default_factory=lambda: np.empty(0))
+    direction: FloatArray = field(default_factory=lambda: np.empty(0))
+    speed: FloatArray = field(default_factory=lambda: np.empty(0))
+    unseen_s: FloatArray = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
         n = len(np.atleast_1d(self.time_ns))
@@ -50,11 +46,10 @@ class TrackedRows:
             "track_id": as_track_ids(self.track_id),
             "time_ns": as_times("time_ns", self.time_ns),
             "position": as_floats("position", self.position, "n 2"),
+            "group": np.asarray(self.group, np.int64) if np.size(self.group) else np.zeros(n, np.int64),
+            "covariance": as_optional("covariance", self.covariance, n, 2, 2),
+            **{name: as_optional(name, getattr(self, name), n) for name in ("direction", "speed", "unseen_s")},
         }
-        columns["group"] = np.asarray(self.group, np.int64) if np.size(self.group) else np.zeros(n, np.int64)
-        for name in ("covariance", "direction", "speed", "unseen_s"):
-            given = np.asarray(getattr(self, name), np.float64)
-            columns[name] = given if given.size else np.full((n, 2, 2) if name == "covariance" else n, np.nan)
         check_lengths(columns)
         for name, column in columns.items():
             object.__setattr__(self, name, column)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.estimates import EstimateList, Estimates
 from dirprim_filter.evaluation.scores import score_rows
 from dirprim_filter.evaluation.scoring import TrackedWorld, Truth, scored
@@ -24,7 +25,7 @@ def where(vehicle, seconds):
     angle = vehicle + pace / radius * seconds
     center = np.column_stack([40.0 * (vehicle % 3), 40.0 * (vehicle // 3)])
     around = np.column_stack([np.cos(angle), np.sin(angle)])
-    return center + radius[:, None] * around, angle + 0.5 * np.pi, pace
+    return center + radius[:, None] * around, wrap(angle + 0.5 * np.pi), pace
 
 
 def truth_of(offset_ns=0):
@@ -45,7 +46,7 @@ def tracked_at(time_ns):
     off = 0.6 * np.column_stack([np.sin(seconds + vehicle), np.cos(1.7 * seconds - vehicle)])
     name = np.where((seconds > 4.0) & (vehicle < 2), 1 - vehicle, vehicle)
     rows = TrackedRows(
-        track_id=name, time_ns=when, position=position + off, direction=direction + 0.1 * np.sin(seconds),
+        track_id=name, time_ns=when, position=position + off, direction=wrap(direction + 0.1 * np.sin(seconds)),
         speed=speed + 0.5,
     )  # fmt: skip
     return rows[(vehicle != 4) | (seconds < 3.0) | (seconds > 5.0)]

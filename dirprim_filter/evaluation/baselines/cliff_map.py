@@ -18,6 +18,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+from scipy.special import logsumexp
 
 from dirprim_filter.arrays import FloatArray, IntArray, as_floats
 from dirprim_filter.distributions.angles import TWO_PI, difference, wrap
@@ -107,7 +108,7 @@ class CliffMap:
         """Natural log of p(direction | position), per radian. (n, 2), (n,) -> (n,)."""
         pairs, deviation = self._pairs(position), np.sqrt(self.modes.covariance[:, 0, 0])
         turn = difference(np.asarray(direction)[pairs.row], self.modes.mean[pairs.mode, 0])[:, None] + WRAPS
-        mode = self._log_weight(pairs) + _log_sum(_log_normal(turn, deviation[pairs.mode, None]))
+        mode = self._log_weight(pairs) + logsumexp(_log_normal(turn, deviation[pairs.mode, None]), axis=1)
         return self._mixture(position, pairs, mode, np.full(len(position), -np.log(TWO_PI)))
 
     def speed_log_density(self, position: FloatArray, speed: FloatArray) -> FloatArray:
@@ -121,7 +122,7 @@ class CliffMap:
         """Natural log of p(direction, speed | position), per radian and m/s. (n, 2), (n,), (n,) -> (n,)."""
         pairs, row = self._pairs(position), np.column_stack([direction, np.asarray(speed) / self.speed_unit])
         wrapped = _wrapped_log_density(self.modes, pairs, *_apart(self.modes, pairs, row))
-        mode = _log_sum(wrapped) - np.log(self.speed_unit)
+        mode = logsumexp(wrapped, axis=1) - np.log(self.speed_unit)
         return self._mixture(position, pairs, mode, self._background(speed) - np.log(TWO_PI))
 
     def _pairs(self, position: FloatArray) -> Pairs:
@@ -218,7 +219,7 @@ def expectation_maximisation(
     for _ in range(MAX_ITERATIONS):
         turn, faster = _apart(modes, pairs, row)
         wrapped = _wrapped_log_density(modes, pairs, turn, faster)
-        total = _log_sum_of_rows(_log_sum(wrapped), pairs)
+        total = _log_sum_of_rows(logsumexp(wrapped, axis=1), pairs)
         found.append(float(total.mean()))
         if found[-1] - found[-2] < TOLERANCE:
             break
@@ -271,16 +272,6 @@ def _log_normal(away: FloatArray, deviation: FloatArray) -> FloatArray:
     return np.asarray(-0.5 * (away / deviation) ** 2 - np.log(deviation) - 0.5 * np.log(TWO_PI))
 
 
-def _log_sum(log_p: FloatArray) -> FloatArray:
-    """(p, k) -> (p,) natural log of the sum of exponentials."""
-    top = log_p.max(axis=1, initial=-np.inf)
-    return np.asarray(top + np.log(np.exp(log_p - top[:, None]).sum(axis=1)))
-
-
 def _log_sum_of_rows(log_p: FloatArray, pairs: Pairs) -> FloatArray:
-    """(p,) -> the same over the pairs of each row that has one."""
-    if log_p.size == 0:
-        return log_p
-    top = np.maximum.reduceat(log_p, pairs.start)
-    number = np.cumsum(np.bincount(pairs.start, minlength=log_p.size)) - 1
-    return np.asarray(top + np.log(np.add.reduceat(np.exp(log_p - top[number]), pairs.start)))
+    """(p,) -> natural log of the sum of exponentials over the pairs of each row that has one."""
+    return np.asarray(np.logaddexp.reduceat(log_p, pairs.start)) if log_p.size else log_p

@@ -74,13 +74,6 @@ class States(NamedTuple):
         return np.column_stack([self.position / PLACE_M, compass, pace])
 
 
-class Following(NamedTuple):
-    """What particles follow: fractional rows of a memory; NaN for straight on, in the own direction."""
-
-    row: FloatArray  # (n,)
-    is_unmatched: BoolArray  # (n,)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TrajectoryMemory:
     """Tracks of vehicles, a row each `ROW_S`, one track after the other.
@@ -121,13 +114,9 @@ class TrajectoryMemory:
     def at(self, row: FloatArray) -> States:
         """The states at fractional rows."""
         before = row.astype(np.int64)
-        after, share = np.minimum(before + 1, self.last[before]), row - before
-        a, b = self.states.of(before), self.states.of(after)
-        return States(
-            a.position + share[:, None] * (b.position - a.position),
-            a.direction + share * (b.direction - a.direction),
-            a.speed + share * (b.speed - a.speed),
-        )
+        share = row - before
+        a, b = self.states.of(before), self.states.of(np.minimum(before + 1, self.last[before]))
+        return States(*(x + (share * (y - x).T).T for x, y in zip(a, b, strict=True)))
 
     def sample(
         self, start: States, *, time_s: FloatArray, n_samples: int, but: IntArray | None = None,
@@ -159,8 +148,13 @@ class TrajectoryMemory:
             path[:, i], before = particles.position, later
         return path.reshape(n, n_samples, len(time_s), 2)
 
-    def found(self, start: States, but: IntArray, n_samples: int, *, rng: np.random.Generator) -> Following:
-        """Rows to continue along: (n n_samples,), by weights e^{-d^2 / 2} against the weight of dissimilar rows."""
+    def found(
+        self, start: States, but: IntArray, n_samples: int, *, rng: np.random.Generator
+    ) -> tuple[FloatArray, BoolArray]:
+        """Fractional rows to continue along, by weights e^{-d^2 / 2} against that of dissimilar rows; whether these are.
+
+        (n n_samples,) each; NaN for straight on.
+        """
         n = but.size
         row, weight = self._alike(start, but)
         so_far = np.cumsum(weight, axis=1)
@@ -173,7 +167,7 @@ class TrajectoryMemory:
         of = np.repeat(np.arange(n), n_samples)[is_unmatched]
         followed = row.ravel()[place]
         followed[is_unmatched] = self._anywhere(start.speed[of], but[of], rng=rng)
-        return Following(followed, is_unmatched)
+        return followed, is_unmatched
 
     def _alike(self, start: States, but: IntArray) -> tuple[FloatArray, FloatArray]:
         """The nearest rows, each beside its vehicle, and their weights. (n, NEIGHBOURS), (n, NEIGHBOURS)."""
@@ -252,9 +246,8 @@ class _Particles:
 
     def look(self, start: States, but: IntArray, rows: IntArray) -> None:
         """Let `rows`, as many for each of the starts, find something to follow."""
-        following = self._memory.found(start, but, rows.size // but.size, rng=self._rng)
-        self._row[rows], self._is_unmatched[rows] = following
-        rows = rows[~np.isnan(following.row)]
+        self._row[rows], self._is_unmatched[rows] = self._memory.found(start, but, rows.size // but.size, rng=self._rng)
+        rows = rows[~np.isnan(self._row[rows])]
         beside = self._memory.at(self._row[rows])
         self._turned[rows] = difference(self.direction[rows], beside.direction)
         self._log_ratio[rows] = np.log((self.speed[rows] + CREEP) / (beside.speed + CREEP))
