@@ -8,7 +8,7 @@ import pytest
 from dirprim_filter import learn_primitives, read_estimates, read_tracks
 from dirprim_filter.cli.main import run as dirprim
 from dirprim_filter.evaluation.forecast_cases import SCORES, Cases, score_cases
-from dirprim_filter.evaluation.forecast_methods import by_constant_velocity, futures_of
+from dirprim_filter.evaluation.forecasting import by_constant_velocity, futures_of
 
 DATA = Path(__file__).parent / "data"
 HORIZONS_S = (1.0, 3.0)

@@ -14,7 +14,7 @@ from dirprim_filter import learn_primitives, read_tracks
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.evaluation.cues import evaluate_cues
 from dirprim_filter.evaluation.forecast_cases import SCORES, Cases, score_cases
-from dirprim_filter.evaluation.forecast_methods import by_constant_velocity, futures_of
+from dirprim_filter.evaluation.forecasting import by_constant_velocity, futures_of
 from dirprim_filter.evaluation.tracking import compared, evaluate_tracking
 from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
 

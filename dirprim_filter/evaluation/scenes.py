@@ -15,7 +15,7 @@ from dirprim_filter.config import TrackingConfig
 from dirprim_filter.detections import NO_ID, NO_TIME, Detections
 from dirprim_filter.estimates import EstimateList, Estimates, EstimateSink
 from dirprim_filter.evaluation.rivals import MakeFilter
-from dirprim_filter.evaluation.scoring import TrackedWorld, Truth
+from dirprim_filter.evaluation.scores import TrackedWorld, Truth
 from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
 from dirprim_filter.filtering import Tracker, Worlds
 from dirprim_filter.filtering.smoothing import Smoother

@@ -21,7 +21,7 @@ from dirprim_filter.estimates import EstimateSink
 from dirprim_filter.evaluation.intervals import Interval, difference_of_means, paired, reduction_of_rmse
 from dirprim_filter.evaluation.rivals import RAW, RIVALS, SMOOTHED, FittedRival, MakeFilter, Method, fitted
 from dirprim_filter.evaluation.scenes import Scene, as_reported, followed
-from dirprim_filter.evaluation.scoring import RowErrors, TrackedWorld, scored
+from dirprim_filter.evaluation.scores import RowErrors, TrackedWorld, scored
 from dirprim_filter.evaluation.settings import Choice
 from dirprim_filter.evaluation.splits import held_out, honest_split, steps
 from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment

@@ -14,9 +14,9 @@ from dirprim_filter.arrays import AnyArray, FloatArray
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.evaluation.forecast_cases import SCORES, Cases, score_cases
-from dirprim_filter.evaluation.forecast_methods import futures_in_worlds, futures_of
+from dirprim_filter.evaluation.forecasting import futures_in_worlds, futures_of
 from dirprim_filter.evaluation.scenes import Scene, followed
-from dirprim_filter.evaluation.scoring import RowErrors, TrackedWorld, scored
+from dirprim_filter.evaluation.scores import RowErrors, TrackedWorld, scored
 from dirprim_filter.evaluation.splits import held_out
 from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
 from dirprim_filter.filtering import Tracker

@@ -19,7 +19,7 @@ from dirprim_filter import PrimitiveMap, Tracks, learn_primitives
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.evaluation.baselines.trajectory_memory import States, TrajectoryMemory
 from dirprim_filter.evaluation.forecast_cases import Cases, score_cases
-from dirprim_filter.evaluation.forecast_methods import SampleFutures, futures_of, straight_on_as
+from dirprim_filter.evaluation.forecasting import SampleFutures, futures_of, straight_on_as
 from dirprim_filter.instants import Instants
 
 DATA = Path(__file__).parents[2] / "../shared/data/chicago_bus/chicago_bus.csv"

@@ -9,7 +9,7 @@ from dirprim_filter.evaluation.baselines.gaussian_process import (
     projected_normal_log_density,
 )
 from dirprim_filter.evaluation.baselines.stef_map import StefMap
-from dirprim_filter.evaluation.density_methods import Uninformative
+from dirprim_filter.evaluation.density import Uninformative
 
 CIRCLE = np.linspace(-np.pi, np.pi, 2001)[:-1]
 STEP = CIRCLE[1] - CIRCLE[0]

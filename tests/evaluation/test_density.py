@@ -5,8 +5,7 @@ import pytest
 from scipy import stats
 
 from dirprim_filter.evaluation.baselines import gaussian_process
-from dirprim_filter.evaluation.density import conclusion, evaluate_density, rows_to_judge
-from dirprim_filter.evaluation.density_methods import Method, all_methods
+from dirprim_filter.evaluation.density import Method, all_methods, conclusion, evaluate_density, rows_to_judge
 from dirprim_filter.evaluation.intervals import Interval
 from dirprim_filter.evaluation.settings import Axis
 from dirprim_filter.tracks import Tracks

@@ -8,8 +8,7 @@ from scipy import stats
 
 from dirprim_filter.course import motion_of
 from dirprim_filter.evaluation.forecast_cases import SCORES, Cases, score_cases, seen_so_far
-from dirprim_filter.evaluation.forecast_methods import Forecaster, by_constant_velocity
-from dirprim_filter.evaluation.forecasting import evaluate_forecasts
+from dirprim_filter.evaluation.forecasting import Forecaster, by_constant_velocity, evaluate_forecasts
 from dirprim_filter.tracks import Tracks
 from situations import ring_traffic
 

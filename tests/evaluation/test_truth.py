@@ -7,8 +7,7 @@ import pytest
 
 from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.estimates import EstimateList, Estimates
-from dirprim_filter.evaluation.scores import score_rows
-from dirprim_filter.evaluation.scoring import TrackedWorld, Truth, scored
+from dirprim_filter.evaluation.scores import TrackedWorld, Truth, score_rows, scored
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
 from dirprim_filter.evaluation.tracking_report import Scales, TrackingReport
 from dirprim_filter.evaluation.truth import judged_truth

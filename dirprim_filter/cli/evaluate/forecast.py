@@ -55,8 +55,7 @@ def forecast(
 
     from dirprim_filter.cli.progress import step_progress
     from dirprim_filter.evaluation.forecast_cases import HORIZONS_S
-    from dirprim_filter.evaluation.forecast_methods import METHODS, WITH_LEADERS
-    from dirprim_filter.evaluation.forecasting import evaluate_forecasts
+    from dirprim_filter.evaluation.forecasting import METHODS, WITH_LEADERS, evaluate_forecasts
     from dirprim_filter.evaluation.splits import honest_split
 
     given: dict[str, Any] = deal(settings, ("interaction",))[0] | {

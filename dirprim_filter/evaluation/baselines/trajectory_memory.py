@@ -151,7 +151,7 @@ class TrajectoryMemory:
     def found(
         self, start: States, but: IntArray, n_samples: int, *, rng: np.random.Generator
     ) -> tuple[FloatArray, BoolArray]:
-        """Fractional rows to continue along, by weights e^{-d^2 / 2} against that of dissimilar rows; whether these are.
+        """Fractional rows to continue along, by weights e^{-d^2 / 2} against that of dissimilar ones; which are such.
 
         (n n_samples,) each; NaN for straight on.
         """
