@@ -1,4 +1,4 @@
-"""Messages, definitions and transforms broken at random; tests/benchmarks/fuzz_payloads.py has ten thousand of each."""
+"""Messages, definitions and transforms broken at random; tests/benchmarks/fuzz.py has ten thousand of each."""
 
 import os
 import subprocess
@@ -42,7 +42,7 @@ def test_of_a_broken_table_each_row_is_read_or_counted(tmp_path, form):
 @pytest.mark.slow
 def test_no_index_of_a_kernel_leaves_its_array(tmp_path):
     """The kernels compiled with checks of bounds, which normal ones do without: an index beyond raises."""
-    command = [sys.executable, Path(__file__).parents[1] / "benchmarks/fuzz_payloads.py", "40"]
+    command = [sys.executable, Path(__file__).parents[1] / "benchmarks/fuzz.py", "40"]
     checked = os.environ | {"NUMBA_BOUNDSCHECK": "1", "NUMBA_CACHE_DIR": str(tmp_path)}
     done = subprocess.run(command, env=checked, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
