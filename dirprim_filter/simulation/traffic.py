@@ -65,7 +65,7 @@ def simulate(scene: str, *, duration_s: float, seed: int, rate_hz: float = 10.0,
     netconvert, sumo = _program("netconvert"), _program("sumo")
     driven = {
         "--configuration-file": str(FOLDER / "drive.sumocfg"), "--net-file": "scene.net.xml",
-        "--route-files": "scene.rou.xml", "--fcd-output": "fcd.xml", "--statistic-output": "statistics.xml",
+        "--route-files": "scene.rou.xml", "--fcd-output": "fcd.xml",
         "--step-length": str(STEP_MS / 1000), "--seed": str(seed), "--end": f"{WARM_UP_S + duration_s:.3f}",
         "--device.fcd.begin": str(WARM_UP_S), "--device.fcd.period": f"{period_ms / 1000:.3f}",
     }  # fmt: skip
@@ -78,7 +78,6 @@ def simulate(scene: str, *, duration_s: float, seed: int, rate_hz: float = 10.0,
         _write_flows(FOLDER / scene / "scene.rou.xml", folder / "scene.rou.xml", demand)
         _run(netconvert, network, folder)
         _run(sumo, driven, folder)
-        _report_trouble(folder / "statistics.xml", scene)
         return _read_tracks(folder / "fcd.xml")
 
 
@@ -142,19 +141,6 @@ def _run(program: Path, settings: dict[str, str], folder: Path) -> None:
     if done.returncode:
         errors = [line for line in done.stderr.splitlines() if line.startswith("Error")] or [done.stderr.strip()]
         raise SimulationError(f"{program.name} failed with status {done.returncode}: {errors[0]}")
-
-
-def _report_trouble(statistics: Path, scene: str) -> None:
-    """Log what ought not to happen: vehicles that jumped, collided, or found no room to enter."""
-    counts = {element.tag: element.attrib for element in ET.parse(statistics).getroot()}  # noqa: S314  our child's
-    troubles = {
-        "jumps": int(counts["teleports"]["total"]),
-        "collisions": int(counts["safety"]["collisions"]),
-        "vehicles that found no room to enter": int(counts["vehicles"]["waiting"]),
-    }
-    for what, count in troubles.items():
-        if count:
-            logger.warning("%s: %d %s", scene, count, what)
 
 
 def _read_tracks(path: Path) -> Tracks:

@@ -11,71 +11,55 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 
 import numpy as np
 
 from dirprim_filter import learn_primitives, read_tracks
-from dirprim_filter.evaluation.density import mean_over, rows_to_judge
-from dirprim_filter.evaluation.splits import honest_split, split
-from dirprim_filter.track_ids import vehicle_numbers
+from dirprim_filter.evaluation.density import Method, evaluate_density
 
 SIZES = (2.0, 3.0, 4.5, 7.0, 10.0, 15.0)
-JOINT = "joint, curved"
+ONE_CELL = {"tessellation": "grid", "n_cells": 1}
 
 
-def in_all_folds(folds, *, without_map=False, **options):
-    """Log densities of the held-out rows of all folds, and the mean number of cells."""
-    log_p, n_cells = [], []
-    for fold in folds:
-        m = learn_primitives(fold.train, rng=np.random.default_rng(0), **options)
-        used = m.without_places() if without_map else m
-        log_p.append(used.log_density(fold.test.position, fold.test.direction, fold.test.speed))
-        n_cells.append(m.tessellation.n_cells)
-    return np.concatenate(log_p), float(np.mean(n_cells))
-
-
-def best_grid(folds, primitive):
-    """The grid that is best in hindsight, by its name."""
-    found = {size: in_all_folds(folds, tessellation="grid", cell_size=size, primitive=primitive) for size in SIZES}
-    size = max(found, key=lambda tried: found[tried][0].mean())
-    return f"grid, {primitive}, {size:g} m is best", found[size]
-
-
-def methods(folds):
-    """Every row of the table: its name, log densities and cells."""
-    yield JOINT, in_all_folds(folds)
-    yield "voronoi, curved", in_all_folds(folds, tessellation="voronoi")
-    for primitive in ("curved", "flat"):
-        name, best = best_grid(folds, primitive)
-        yield name, best
-        half = int(best[1] // 2)
-        yield f"joint, {primitive}, {half} cells", in_all_folds(folds, n_cells=half, primitive=primitive)
-    yield "joint, flat", in_all_folds(folds, primitive="flat")
-    yield "one cell", in_all_folds(folds, n_cells=1)
-    one_flat = {"tessellation": "grid", "n_cells": 1, "primitive": "flat"}
-    yield "without the map", in_all_folds(folds, without_map=True, **one_flat)
-
-
-def table(given):
+def table(tracks, n_folds):
     """The rows by their names."""
-    rows = rows_to_judge(read_tracks(given.logs), min_speed=0.5, interval_s=0.5)
-    by = honest_split(rows)
-    folds = split(rows, by=by, n_folds=given.folds, rng=np.random.default_rng(0))
-    group = np.concatenate([fold.test.group for fold in folds])
-    vehicle = vehicle_numbers(np.concatenate([fold.test.track_id for fold in folds]), group)
-    cluster = group if by == "group" else vehicle
-    print(f"{len(rows):,} rows, {rows.n_tracks} vehicles, held out by {by}, {len(folds)} folds", file=sys.stderr)
-    print(f"{'':42}mean log density   cells   joint is ahead by", file=sys.stderr)
-    found, joint = {}, None
-    for name, (log_p, cells) in methods(folds):
-        joint = log_p if joint is None else joint
-        ahead = mean_over(cluster, joint - log_p)
-        found[name] = {
-            "mean": log_p.mean(), "cells": cells, "difference": ahead.value, "low": ahead.low, "high": ahead.high
+    n_cells = {}
+
+    def method(name, *, without_map=False, **options):
+        def fit(train, _values, rng):
+            learned = learn_primitives(train, rng=rng, **options)
+            n_cells.setdefault(name, []).append(learned.tessellation.n_cells)
+            return learned.without_places() if without_map else learned
+
+        return Method(name, fit)
+
+    def compared(*methods):
+        joint = method("joint, curved")
+        rows = evaluate_density(
+            tracks, n_folds=n_folds, interval_s=0.5, methods=[joint, *methods], rng=np.random.default_rng(0)
+        ).methods
+        return {
+            row.name: {"mean": row.joint.mean_log.value, "cells": np.mean(n_cells[row.name]),
+                       "difference": row.joint.behind.value, "low": row.joint.behind.low, "high": row.joint.behind.high}
+            for row in rows
         }  # fmt: skip
-        text = "" if joint is log_p else f"   {ahead.value:.3f} ({ahead.low:.3f} to {ahead.high:.3f})"
-        print(f"{name:42}{log_p.mean():16.3f}{cells:8.0f}{text}", flush=True, file=sys.stderr)
+
+    grids = {
+        f"grid, {primitive}, {size:g} m is best": {"tessellation": "grid", "cell_size": size, "primitive": primitive}
+        for primitive in ("curved", "flat") for size in SIZES
+    }  # fmt: skip
+    found = compared(
+        method("voronoi, curved", tessellation="voronoi"),
+        *(method(name, **options) for name, options in grids.items()),
+        method("joint, flat", primitive="flat"), method("one cell", n_cells=1),
+        method("without the map", without_map=True, primitive="flat", **ONE_CELL),
+    )  # fmt: skip
+    for primitive in ("curved", "flat"):
+        names = [name for name, options in grids.items() if options["primitive"] == primitive]
+        best = max(names, key=lambda name: found[name]["mean"])
+        half = int(found[best]["cells"] // 2)
+        found |= compared(method(f"joint, {primitive}, {half} cells", n_cells=half, primitive=primitive))
+        found = {name: row for name, row in found.items() if name == best or name not in names}
     return found
 
 
@@ -83,11 +67,10 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("logs", nargs="+")
     parser.add_argument("--folds", type=int, default=4)
-    parser.add_argument("--json", action="store_true", help="the rows again, on stdout")
+    parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
-    found = table(given)
-    if given.json:
-        print(json.dumps({"rows": found}, default=float))
+    rows = table(read_tracks(given.logs), given.folds)
+    print(json.dumps({"rows": rows}, default=float, indent=None if given.json else 1))
 
 
 if __name__ == "__main__":

@@ -85,9 +85,9 @@ class Scene:
         frames = frames_of(detections)
         self.frame_group, self._frame_ns = frames.T
         self.frame_s: FloatArray = np.asarray((self._frame_ns - epoch_ns) * 1e-9, np.float64)
-        number = {(group, time_ns): i for i, (group, time_ns) in enumerate(frames.tolist())}
-        keys = zip(detections.group.tolist(), detections.time_ns.tolist(), strict=True)
-        self.frame_of = np.array([number[key] for key in keys], np.int64)
+        own = np.column_stack([detections.group, detections.time_ns])
+        _, number = np.unique(np.concatenate([frames, own]), axis=0, return_inverse=True)  # as frames are sorted
+        self.frame_of: IntArray = number.ravel()[len(frames) :].astype(np.int64)
         self._tree = KDTree(self._keyed(detections.position, self.frame_of))
         self.truth_s: FloatArray = np.asarray((truth.time_ns - epoch_ns) * 1e-9, np.float64)
         self.names = as_texts(truth.track_id[truth.first_rows])
