@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass
 
 import numpy as np
 
-from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray, as_floats
-from dirprim_filter.columns import as_optional, as_times, check_lengths
+from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
+from dirprim_filter.columns import ArrayTable, groups, optional, required
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.track_ids import as_texts, as_track_ids, check_not_repeated, vehicle_numbers
 from dirprim_filter.tracks import Tracks
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TrackedRows:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TrackedRows(ArrayTable):
     """Where a tracker says that vehicles are, a row for each track and instant.
 
     Attributes:
@@ -33,34 +33,20 @@ class TrackedRows:
 
     track_id: AnyArray
     time_ns: IntArray
-    position: FloatArray
-    group: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
-    covariance: FloatArray = field(default_factory=lambda: np.empty(0))
-    direction: FloatArray = field(default_factory=lambda: np.empty(0))
-    speed: FloatArray = field(default_factory=lambda: np.empty(0))
-    unseen_s: FloatArray = field(default_factory=lambda: np.empty(0))
+    position: FloatArray = required(2)
+    group: IntArray = groups()
+    covariance: FloatArray = optional(2, 2)
+    direction: FloatArray = optional()
+    speed: FloatArray = optional()
+    unseen_s: FloatArray = optional()
 
     def __post_init__(self) -> None:
-        n = len(np.atleast_1d(self.time_ns))
-        columns: dict[str, AnyArray] = {
-            "track_id": as_track_ids(self.track_id),
-            "time_ns": as_times("time_ns", self.time_ns),
-            "position": as_floats("position", self.position, "n 2"),
-            "group": np.asarray(self.group, np.int64) if np.size(self.group) else np.zeros(n, np.int64),
-            "covariance": as_optional("covariance", self.covariance, n, 2, 2),
-            **{name: as_optional(name, getattr(self, name), n) for name in ("direction", "speed", "unseen_s")},
-        }
-        check_lengths(columns)
-        for name, column in columns.items():
-            object.__setattr__(self, name, column)
+        ArrayTable.__post_init__(self)
         check_not_repeated(self.track_id, self.time_ns, self.group)
 
-    def __len__(self) -> int:
-        return int(self.time_ns.size)
-
-    def __getitem__(self, rows: BoolArray | IntArray) -> TrackedRows:
-        """The chosen rows, by mask or indices."""
-        return TrackedRows(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
+    @staticmethod
+    def _as_ids(value: AnyArray) -> AnyArray:
+        return as_track_ids(value)
 
     @property
     def n_tracks(self) -> int:
