@@ -160,12 +160,9 @@ class TrajectoryMemory:
         so_far = np.cumsum(weight, axis=1)
         drawn = rng.random((n, n_samples)) * (so_far[:, -1:] + self.strength)
         is_unmatched = (drawn >= so_far[:, -1:]).ravel()
-        number = np.arange(n)[:, None] * NEIGHBOURS
-        begin = np.cumsum(so_far[:, -1])[:, None] - so_far[:, -1:]
-        place = np.searchsorted((begin + so_far).ravel(), (begin + drawn).ravel(), side="right")
-        place = np.clip(place.reshape(n, n_samples), number, number + NEIGHBOURS - 1).ravel()
+        place = np.minimum((drawn[..., None] >= so_far[:, None]).sum(axis=-1), NEIGHBOURS - 1)
+        followed = np.take_along_axis(row, place, axis=1).ravel()
         of = np.repeat(np.arange(n), n_samples)[is_unmatched]
-        followed = row.ravel()[place]
         followed[is_unmatched] = self._anywhere(start.speed[of], but[of], rng=rng)
         return followed, is_unmatched
 
@@ -178,15 +175,14 @@ class TrajectoryMemory:
         reach = float(np.sqrt(FARTHEST) * self.nearness + half.max(initial=0.0))
         features = start.features()
         _, index = self._tree.query(features, k=NEIGHBOURS, distance_upper_bound=reach)
-        is_near = index.ravel() < going.size
-        row = going[np.minimum(index.ravel(), going.size - 1)]
-        of = np.repeat(np.arange(n), NEIGHBOURS)
+        row = going[np.minimum(index, going.size - 1)]
         way = self.states.position[row + 1] - self.states.position[row]
-        along = ((start.position[of] - self.states.position[row]) * way).sum(axis=1)
-        beside = row + np.clip(along / np.maximum((way**2).sum(axis=1), 1e-6), 0.0, 1.0)
-        distance = (((self.at(beside).features() - features[of]) / self.nearness) ** 2).sum(axis=1)
-        alike = is_near & (self.vehicle[row] != but[of]) & (distance <= FARTHEST)
-        return beside.reshape(n, -1), np.where(alike, np.exp(-0.5 * distance), 0.0).reshape(n, -1)
+        along = ((start.position[:, None] - self.states.position[row]) * way).sum(axis=-1)
+        beside = row + np.clip(along / np.maximum((way**2).sum(axis=-1), 1e-6), 0.0, 1.0)
+        apart = self.at(beside.ravel()).features().reshape(n, NEIGHBOURS, -1) - features[:, None]
+        distance = ((apart / self.nearness) ** 2).sum(axis=-1)
+        alike = (index < going.size) & (self.vehicle[row] != but[:, None]) & (distance <= FARTHEST)
+        return beside, np.where(alike, np.exp(-0.5 * distance), 0.0)
 
     def _anywhere(self, speed: FloatArray, but: IntArray, *, rng: np.random.Generator) -> FloatArray:
         """Rows of any place about as fast, or straight on."""
