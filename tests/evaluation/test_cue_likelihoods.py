@@ -8,7 +8,6 @@ from dirprim_filter.evaluation.cues import (
     most_probable_direction,
     observation_concentration,
     steps_between_cells,
-    turn_signal_example,
 )
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.tracks import Tracks
@@ -107,18 +106,3 @@ def test_steps_need_whole_vehicles(ring):
         evaluate_cues(ring, split_by="random", rng=np.random.default_rng(0))
     with pytest.raises(ValueError, match="from one cell to another, got none"):
         evaluate_cues(ring[ring.time_ns == 0], n_folds=2, rng=np.random.default_rng(0))
-
-
-def test_the_signal_draws_samples_from_straight_on_to_the_turn():
-    either = [(0.5, 0.0, 20.0), (0.5, -np.pi / 2, 20.0)]
-    only_on = [(0.5, 0.0, 20.0), (0.5, 0.1, 20.0)]
-    learned = street(3, [only_on, either, only_on, only_on])
-    example = turn_signal_example(learned, n_samples=20_000, rng=np.random.default_rng(6))
-    np.testing.assert_array_equal(example.position, [15.0, 5.0])
-    assert example.heading == 0.0
-    assert np.rad2deg(example.target) == pytest.approx(-90.0)
-    spread = stats.vonmises.rvs(20.0, size=200_000, random_state=7)
-    expected = np.sqrt(0.5 * (spread**2).mean() + 0.5 * ((spread + np.pi / 2) ** 2).mean())
-    assert example.rmse_before == pytest.approx(expected, rel=0.02)
-    assert np.rad2deg(example.rmse_before) > 60
-    assert np.rad2deg(example.rmse_after) < 40

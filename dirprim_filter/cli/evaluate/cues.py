@@ -1,4 +1,4 @@
-"""`dirprim evaluate cues`: what the prior adds to an observation, and a turn signal to the prior (Table II, Eq. 4)."""
+"""`dirprim evaluate cues`: what the prior adds to an observation (Table II, Eq. 4)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dirprim_filter.cli.results import report
 from dirprim_filter.cli.texts import columns, counted
 
 if TYPE_CHECKING:
-    from dirprim_filter.evaluation.cues import CueTable, SignalExample
+    from dirprim_filter.evaluation.cues import CueTable
 
 
 @reads_logs()
@@ -27,28 +27,25 @@ def cues(
     *,
     reading: Reading,
 ) -> int:
-    """Compare what prior and turn signal add (Table II).
+    """Compare what the prior adds to an observation (Table II).
 
     Example: dirprim evaluate cues recordings/roundabout_learn.mcap
     """
     import numpy as np
 
     from dirprim_filter.cli.progress import step_progress
-    from dirprim_filter.evaluation.cues import evaluate_cues, turn_signal_example
-    from dirprim_filter.primitives import learn_primitives
+    from dirprim_filter.evaluation.cues import evaluate_cues
 
     log = reading.tracks(logs)
-    deal, learn, draw = np.random.default_rng(seed).spawn(3)
+    (deal,) = np.random.default_rng(seed).spawn(1)
     with step_progress("evaluating", "folds") as step:
         table = evaluate_cues(
             log.tracks, split_by=None if split is None else split.value, n_folds=folds,
             tessellation=tessellation.value, min_speed=min_speed, progress=step, rng=deal,
         )  # fmt: skip
-    learned = learn_primitives(log.tracks, tessellation=tessellation.value, rng=learn)
-    example = turn_signal_example(learned, rng=draw)
     return report(
-        "evaluate cues", logs, reading, log.losses, as_json=as_json, text=lambda: cues_text(table, example),
-        table={"table": asdict(table), "turn_signal": asdict(example) | {"position": example.position.tolist()}},
+        "evaluate cues", logs, reading, log.losses, as_json=as_json, text=lambda: cues_text(table),
+        table={"table": asdict(table)},
         settings={
             "split_by": table.split_by, "n_folds": folds, "tessellation": tessellation.value, "min_speed": min_speed,
             "seed": seed,
@@ -56,10 +53,8 @@ def cues(
     )  # fmt: skip
 
 
-def cues_text(table: CueTable, example: SignalExample) -> str:
-    """Table II and the turn-signal example as text."""
-    import numpy as np
-
+def cues_text(table: CueTable) -> str:
+    """Table II as text."""
     rows = [
         ["", "mean log density, nat", "prior adds, nat", "adds to the prior, nat", "mean density"],
         ["prior", interval_text(table.prior.mean_log), "", "", f"{table.prior.mean:.3f}"],
@@ -69,8 +64,6 @@ def cues_text(table: CueTable, example: SignalExample) -> str:
         gains = [interval_text(score.log_gain), interval_text(score.over_prior)]
         rows.append([name, interval_text(alone.mean_log), "", "", f"{alone.mean:.3f}"])
         rows.append([f"{name}, posterior", interval_text(both.mean_log), *gains, f"{both.mean:.3f}"])
-    before, after, heading = np.rad2deg([example.rmse_before, example.rmse_after, example.heading])
-    x, y = example.position
     return "\n".join([
         f"{table.n_steps} steps from cell to cell, {counted(table.n_vehicles, 'vehicle')}, "
         f"held out by {table.split_by}, {counted(table.n_folds, 'fold')}",
@@ -78,7 +71,4 @@ def cues_text(table: CueTable, example: SignalExample) -> str:
         *columns(rows),
         "",
         "no figure is the paper's +54 %: that is of sums of densities, by an observation of unstated concentration",
-        "",
-        f"turn signal to the right at ({x:.1f}, {y:.1f}) m, heading {heading:.0f} deg: RMSE of {example.n_samples} "
-        f"directions from the turn {before:.1f} deg, with the signal {after:.1f} deg",
     ])  # fmt: skip
