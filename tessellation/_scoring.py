@@ -10,7 +10,6 @@ half the way across the border, and a turn of the border for what is beside.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 
@@ -27,22 +26,14 @@ RIDGE = 0.1
 """Of the mean information: so that a border without data beside it stays."""
 
 
-class Scoring(NamedTuple):
-    """A step of the generators and what it comes from."""
-
-    step: FloatArray  # (n_cells, 2) metres
-    cell: IntArray  # (n, k) the rivals for each datum, nearest first
-    responsibility: FloatArray  # (n, k)
-
-
 def scoring_step(
     position: FloatArray,
     generators: FloatArray,
     *,
     width: float,
     log_density: Callable[[IntArray, IntArray], FloatArray],
-) -> Scoring:
-    """One step of Fisher scoring.
+) -> FloatArray:
+    """One step of Fisher scoring. -> (n_cells, 2) metres.
 
     Args:
         position: (n, 2) metres.
@@ -65,8 +56,7 @@ def scoring_step(
     step *= 0.5  # a border moves with both its generators
     spacing = nearest_generators(generators, generators, k=2)[0][:, -1]
     length = np.linalg.norm(step, axis=1)
-    step *= np.minimum(1.0, FARTHEST_MOVE * spacing / np.maximum(length, 1e-300))[:, None]
-    return Scoring(step, cell, posterior)
+    return np.asarray(step * np.minimum(1.0, FARTHEST_MOVE * spacing / np.maximum(length, 1e-300))[:, None])
 
 
 def _shares(log_p: FloatArray) -> FloatArray:

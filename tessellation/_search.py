@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Generic
@@ -10,17 +9,14 @@ from typing import Generic
 import numpy as np
 from scipy.spatial import Delaunay, QhullError
 
-from tessellation._arrays import FloatArray, IntArray
-from tessellation._scoring import N_RIVALS, Scoring, scoring_step
-from tessellation._state import State, joined, known, sums, taken
+from tessellation._arrays import BoolArray, FloatArray, IntArray
+from tessellation._scoring import N_RIVALS, scoring_step
 from tessellation.gates import (
-    LEAST_SHARE,
     halve,
     leave_out,
     members_of,
     nearest_generators,
     part_of_members,
-    sort_by_cell,
     unite,
 )
 from tessellation.protocols import CellModel, Cells, Data_contra, Members
@@ -34,10 +30,23 @@ MARGIN = 2.0
 TRIES = 3
 """Steps that raise the objective are halved so often before they are given up."""
 MOVE_WIDTHS = (0.25, 0.1)
-ANNEALING_WIDTHS = (0.25, 0.12, 0.06, 0.03)
-ANNEALING_STEPS = 3
 LEAST_GAIN = 5e-3
 """Of the objective per datum: a round that gains less is the last."""
+
+
+@dataclass(slots=True, kw_only=True, eq=False)
+class State(Generic[Cells]):
+    """Cells, as fitted without each of the folds, and what they give to the rows held out."""
+
+    generators: FloatArray  # (n_cells, 2)
+    members: Members
+    cell: IntArray  # (n,) of each row
+    signature: FloatArray  # (n_cells,) the same for the same members
+    fits: Cells  # cell c without fold f is number c * n_folds + f
+    score: FloatArray  # (n,) log density of each row as held out
+    objective: float  # minus the mean of the scores
+    finished: BoolArray  # (n_cells,) cells that are known not to gain by a split
+    refused: FloatArray  # (n,) sums of two signatures, of cells that are known not to gain by being one
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,11 +114,8 @@ class Search(Generic[Data_contra, Cells]):
 
     def _fit(self, members: Members) -> Cells:
         """Every cell without each of the folds."""
-        return self._fit_all(leave_out(members, self.fold, self.n_folds))
-
-    def _fit_all(self, members: Members) -> Cells:
-        """Every cell from all its members, which are numbered among the data that are used."""
-        return self.model.fit(self.position, self.data, members._replace(row=self.row[members.row]))
+        kept = leave_out(members, self.fold, self.n_folds)  # numbered among the data that are used
+        return self.model.fit(self.position, self.data, kept._replace(row=self.row[kept.row]))
 
     def _of_folds(self, fits: Cells, cell: IntArray) -> Cells:
         """The fits of some cells, without each of the folds."""
@@ -120,38 +126,29 @@ class Search(Generic[Data_contra, Cells]):
         held_out = cell * self.n_folds + self.fold[row]
         return self.model.log_density(fits, self.position, self.data, self.row[row], held_out)
 
-    def _better(self, state: State[Cells], generators: FloatArray) -> State[Cells] | None:
-        """The state of these generators, if its objective is lower."""
-        found = self.evaluate(generators, state)
-        return found if found.objective < state.objective else None
-
     # Steps ------------------------------------------------------------------------------------------------------------
 
-    def split(self, state: State[Cells], n_cells: int | None) -> State[Cells]:
-        """Split the cells that gain by it more than by chance; with `n_cells` asked for, those that gain most."""
-        room = None if n_cells is None else n_cells - len(state.generators)
-        if room is not None and room <= 0:
-            return state
+    def split(self, state: State[Cells], most: int | None = None) -> State[Cells]:
+        """Split the cells that gain by it more than by chance; or those that gain most, at most so many."""
+        state.finished[:] &= most is None
         children, gain, error = self._halves(state)
         axis = gain.argmax(axis=0)
         cells = np.arange(axis.size)
         best = gain[axis, cells]
         needed = MARGIN * error[axis, cells]
-        state.finished[:] |= ~(best > needed)
         order = np.argsort(-best, kind="stable")
-        if room is None:
+        if most is None:
+            state.finished[:] |= ~(best > needed)
             order = order[(best > needed)[order] & (best[order] > 0)]
         else:
-            order = order[np.isfinite(best[order])][:room]
+            order = order[np.isfinite(best[order])][:most]
         for _ in range(TRIES):
             if order.size == 0:
                 return state
             kept = np.delete(state.generators, order, axis=0)
             generators = np.vstack([kept, children[axis[order], order].reshape(-1, 2)])
-            if room is not None:
-                return self.evaluate(generators, state)
-            found = self._better(state, generators)
-            if found is not None:
+            found = self.evaluate(generators, state)
+            if most is not None or found.objective < state.objective:
                 return found
             order = order[: order.size // 2]
         return state
@@ -207,33 +204,10 @@ class Search(Generic[Data_contra, Cells]):
     def move(self, state: State[Cells]) -> State[Cells]:
         """Move generators by scoring steps, with the cells as they are fitted: first far, then by less and less."""
         for width in MOVE_WIDTHS if len(state.generators) > 1 else ():
-            scoring = self._scoring(state.generators, width, partial(self._log_density, state.fits))
-            state = self._helpful(state, state.generators + scoring.step)
+            log_density = partial(self._log_density, state.fits)
+            step = scoring_step(self.position[self.row], state.generators, width=width, log_density=log_density)
+            state = self._helpful(state, state.generators + step)
         return state
-
-    def anneal(self, state: State[Cells]) -> State[Cells]:
-        """Expectation and maximisation of softly gated cells, whose gates harden as the temperature falls."""
-        if len(state.generators) < 2:
-            return state
-        generators, members = state.generators, state.members
-        for width in ANNEALING_WIDTHS:
-            for _ in range(ANNEALING_STEPS):
-                fits = self._fit_all(members)
-                scoring = self._scoring(generators, width, partial(self._log_density_of_all, fits))
-                generators = generators + scoring.step
-                datum, rival = np.nonzero(scoring.responsibility >= LEAST_SHARE)
-                share = datum, scoring.cell[datum, rival], scoring.responsibility[datum, rival]
-                members = sort_by_cell(*share, generators)
-        return self._helpful(state, generators)
-
-    def _log_density_of_all(self, fits: Cells, row: IntArray, cell: IntArray) -> FloatArray:
-        """Of rows, numbered among those used, in cells as fitted to all."""
-        return self.model.log_density(fits, self.position, self.data, self.row[row], cell)
-
-    def _scoring(
-        self, generators: FloatArray, width: float, log_density: Callable[[IntArray, IntArray], FloatArray]
-    ) -> Scoring:
-        return scoring_step(self.position[self.row], generators, width=width, log_density=log_density)
 
     def _helpful(self, state: State[Cells], trial: FloatArray) -> State[Cells]:
         """The best of the state, that of all the moves, and of those alone that help the cells around."""
@@ -249,13 +223,14 @@ class Search(Generic[Data_contra, Cells]):
         around = np.bincount(cell.ravel(), np.repeat(gain, cell.shape[1]), minlength=len(before.generators))
         return np.asarray(around, np.float64)
 
-    def merge(self, state: State[Cells]) -> State[Cells]:
-        """Unite neighbours that do better as one."""
+    def merge(self, state: State[Cells], most: int | None = None) -> State[Cells]:
+        """Unite neighbours that do better as one; or those that lose least, at most so many pairs."""
         n = len(state.generators)
         if n < 2:
             return state
         pair = _neighbors(state.generators)
-        pair = pair[~np.isin(state.signature[pair].sum(axis=1), state.refused)]
+        if most is None:
+            pair = pair[~np.isin(state.signature[pair].sum(axis=1), state.refused)]
         mass = np.maximum(np.bincount(state.cell, minlength=n), 1)
         united = (mass[pair, None] * state.generators[pair]).sum(axis=1) / mass[pair].sum(axis=1)[:, None]
         fits = self._fit(unite(state.members, pair, united))
@@ -270,13 +245,13 @@ class Search(Generic[Data_contra, Cells]):
             change = self._log_density(fits, held, which) - state.score[held]
             gain += np.bincount(which, change, minlength=len(pair))
         state.refused = np.union1d(state.refused, state.signature[pair[gain <= 0]].sum(axis=1))
-        chosen = _disjoint(pair, gain)
+        chosen = _disjoint(pair, gain, least=0.0 if most is None else -np.inf)[:most]
         for _ in range(TRIES):
             if chosen.size == 0:
                 break
             kept = np.delete(state.generators, pair[chosen].ravel(), axis=0)
-            found = self._better(state, np.vstack([kept, united[chosen]]))
-            if found is not None:
+            found = self.evaluate(np.vstack([kept, united[chosen]]), state)
+            if most is not None or found.objective < state.objective:
                 return found
             chosen = chosen[: chosen.size // 2]
         return state
@@ -294,12 +269,40 @@ def _neighbors(generators: FloatArray) -> IntArray:
     return np.unique(np.sort(np.vstack(pairs).astype(np.int64), axis=1), axis=0)
 
 
-def _disjoint(pair: IntArray, gain: FloatArray) -> IntArray:
-    """Which pairs gain, best first, none with a cell that a better one has."""
+def _disjoint(pair: IntArray, gain: FloatArray, *, least: float) -> IntArray:
+    """Which pairs gain more than the least, best first, none with a cell that a better one has."""
     used: set[int] = set()
     chosen = []
     for p in np.argsort(-gain, kind="stable"):
-        if gain[p] > 0 and not used.intersection(pair[p].tolist()):
+        if gain[p] > least and not used.intersection(pair[p].tolist()):
             chosen.append(p)
             used.update(pair[p].tolist())
     return np.array(chosen, dtype=np.int64)
+
+
+def sums(value: FloatArray, start: IntArray) -> FloatArray:
+    """The sum of each cell's values."""
+    total = np.concatenate([value, [0.0]])
+    return np.where(np.diff(start) > 0, np.add.reduceat(total, start[:-1]), 0.0)
+
+
+def known(generators: FloatArray, signature: FloatArray, before: tuple[State[Cells], ...]) -> tuple[IntArray, IntArray]:
+    """Which of the states before has each cell with the same members, and its number there; -1 where none has."""
+    numbers = {
+        key: (i, c)
+        for i, state in enumerate(before)
+        for c, key in enumerate(zip(*state.generators.T.tolist(), state.signature.tolist(), strict=True))
+    }
+    keys = zip(*generators.T.tolist(), signature.tolist(), strict=True)
+    found = np.array([numbers.get(key, (-1, -1)) for key in keys], dtype=np.int64).reshape(-1, 2)
+    return found[:, 0].copy(), found[:, 1].copy()
+
+
+def taken(cells: Cells, index: IntArray) -> Cells:
+    """The parameters of some cells."""
+    return type(cells)(*(column[index] for column in cells))
+
+
+def joined(parts: list[Cells]) -> Cells:
+    """The parameters of the first cells, then of the next."""
+    return type(parts[0])(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))

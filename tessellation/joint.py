@@ -14,7 +14,8 @@ From a few large, even cells on, as long as the objective falls:
 3. *merge* neighbours that do better as one; cells that starve go this way.
 
 Every step is judged by the true objective of true Voronoi cells, and is taken back if that has risen: the trace never
-rises. All steps of a kind are tried together, and only cells whose members have changed are fitted again.
+rises. Where a number of cells is asked for, those that lose least by it are then merged, or those that gain most split.
+All steps of a kind are tried together, and only cells whose members have changed are fitted again.
 """
 
 from __future__ import annotations
@@ -26,8 +27,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tessellation._arrays import FloatArray, IntArray, as_floats
-from tessellation._search import LEAST_GAIN, Search
-from tessellation._state import State
+from tessellation._search import LEAST_GAIN, Search, State
 from tessellation.gates import nearest_generators
 from tessellation.protocols import CellModel, Cells, Data_contra
 from tessellation.voronoi import VoronoiTessellation
@@ -40,6 +40,8 @@ SMALLEST = 0.03
 """Of the reach: no cell is split that is so small; parked vehicles jitter."""
 FEWEST_ROWS = 8
 """For each cell, where the search begins."""
+OVERSHOOT = 4
+"""Of the cells that are asked for, so many times as many are found, if they gain, before they are merged."""
 START_SHARE = 0.5
 """A search begins with so many of the even cells that do best, and splits them: where even ones are too few it gets
 stuck, where they are too many they never find their shape."""
@@ -129,7 +131,8 @@ def fit_jointly(
 
     if search.n_folds > 1:
         state = _first(search, spread, n_cells)
-        generators = _descend(search, state, n_cells, report).generators
+        state = _descend(search, state, np.inf if n_cells is None else OVERSHOOT * n_cells, report)
+        generators = (state if n_cells is None else _as_many(search, state, n_cells, report)).generators
     else:  # nothing can be held out, so the data do not determine the number of cells
         generators = spread(n_cells or 1)
     nearest = nearest_generators(position - origin, generators, k=1)[1]
@@ -154,25 +157,36 @@ def _first(
 
 
 def _descend(
-    search: Search[Data_contra, Cells],
-    state: State[Cells],
-    n_cells: int | None,
-    report: Callable[[State[Cells]], None],
+    search: Search[Data_contra, Cells], state: State[Cells], most: float, report: Callable[[State[Cells]], None]
 ) -> State[Cells]:
-    """Step by step, until no kind of step lowers the objective."""
+    """Step by step, until no kind of step lowers the objective by much, or there are so many cells."""
     report(state)
     for _ in range(MAX_ROUNDS):
         before = state
-        split = search.split(state, n_cells)
-        still_to_come = n_cells is not None and split is not before
-        state = search.move(split)
-        if not still_to_come and state.objective >= before.objective - LEAST_GAIN:
-            state = search.anneal(state)
-            state = search.merge(state) if n_cells is None else state
+        state = search.move(search.split(state))
+        stalls = state.objective >= before.objective - LEAST_GAIN
+        state = search.merge(state) if stalls else state
         if state is not before:
             report(state)
-        if not still_to_come and state.objective >= before.objective - LEAST_GAIN:
+        if len(state.generators) >= most or (stalls and state.objective >= before.objective - LEAST_GAIN):
             break
+    return state
+
+
+def _as_many(
+    search: Search[Data_contra, Cells], state: State[Cells], n_cells: int, report: Callable[[State[Cells]], None]
+) -> State[Cells]:
+    """So many cells, or fewer where there are too few data: those that lose least merged, or that gain most split."""
+    for _ in range(MAX_ROUNDS):
+        n, before = len(state.generators), state
+        if n < n_cells:
+            state = search.split(state, n_cells - n)
+        elif n > n_cells:
+            state = search.merge(state, min(n - n_cells, 1 + n // 4))
+        state = search.move(state)
+        if len(state.generators) == n and state.objective >= before.objective - LEAST_GAIN:
+            break
+        report(state)
     return state
 
 
