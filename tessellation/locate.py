@@ -8,7 +8,6 @@ is, to the last bit, the nearest of all.
 from __future__ import annotations
 
 from typing import NamedTuple
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -51,19 +50,6 @@ def locator_of(cells: Tessellation) -> Locator:
     own = getattr(cells, "locator", None)
     if isinstance(own, Locator):
         return own
-    try:
-        if cells not in _RASTERS:
-            _RASTERS[cells] = _raster_of(cells)
-        return _RASTERS[cells]
-    except TypeError:  # cells that are not hashable, or not weakly referenced
-        return _raster_of(cells)
-
-
-_RASTERS: WeakKeyDictionary[Tessellation, Locator] = WeakKeyDictionary()
-"""Of cells without a locator of their own, while they live: a raster takes longer than most of what asks for it."""
-
-
-def _raster_of(cells: Tessellation) -> Locator:
     corners = [corners for corners in cells.polygons() if len(corners)]
     if not corners:
         return in_blocks(np.zeros(2), 1.0, (1, 1), NONE)

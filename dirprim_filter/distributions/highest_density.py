@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.ndimage import map_coordinates
 
 from dirprim_filter.arrays import FloatArray, IntArray
 
@@ -20,20 +21,10 @@ N_SQUARES = 24
 """Of the grid along the longer side of a region: finer could not be seen."""
 FINEST_M = 0.75
 """Side of a square at least."""
-KERNEL_SQUARES = 1.2
-"""Standard deviation of the kernel at least: wide enough that regions of one instant and the next touch."""
-WIDEST_KERNEL = 2.2
-"""The same at most."""
-NEIGHBOUR = 4
-"""The kernel of an instant is as wide as the samples' usual distance to so near a neighbour: where they lie thinly, one
-alone makes no region."""
-SOME_COMPANY = 1.3
-"""Of the density at a lone sample: what is less dense is left out,"""
-SPARED = 0.1
-"""if the region then lacks no more than this of its share: strays would lie about it like crumbs."""
-NEIGHBOURS_AMONG = 60
-"""Samples at most by which that is judged."""
+KERNEL_SQUARES = 1.5
+"""Standard deviation of the kernel: wide enough that regions of one instant and the next touch."""
 KERNEL_REACH = 3.0
+"""Of its standard deviations: so far around the samples the grid goes."""
 EASED = 0.85
 """The level is lowered by this factor: edges are straight between nodes, and samples of one place have an area."""
 FAINTEST = 1e-3
@@ -107,55 +98,27 @@ def _heights(path: FloatArray, probability: FloatArray) -> tuple[FloatArray, Flo
     side = max(float((high - low).max()) / N_SQUARES, FINEST_M)
     margin = math.ceil(KERNEL_REACH * KERNEL_SQUARES) * side
     columns, rows = (int(n) + 1 for n in np.ceil((high - low + 2.0 * margin) / side))
-    kernel = np.clip(neighbour_distances(path) / side, KERNEL_SQUARES, WIDEST_KERNEL)
     place = ((path - (low - margin)) / side)[..., ::-1].swapaxes(0, 1)
-    height = highest_densities(place, kernel, probability, (rows, columns))
+    height = highest_densities(place, probability, (rows, columns))
     return low - margin, np.log(np.maximum(height, FAINTEST)), side
 
 
-def neighbour_distances(path: FloatArray) -> FloatArray:
-    """(n_steps,) the median distance of some samples to their nth nearest at each step; the first is the sample itself.
-
-    path: (n_samples, n_steps, 2).
-    """
-    some = path[:: max(len(path) // NEIGHBOURS_AMONG, 1)].swapaxes(0, 1)
-    apart = np.linalg.norm(some[:, :, None] - some[:, None], axis=-1)
-    nth = min(NEIGHBOUR, some.shape[1] - 1)
-    return np.asarray(np.median(np.partition(apart, nth, axis=2)[:, :, nth], axis=1), np.float64)
-
-
-def highest_densities(
-    place: FloatArray, kernel: FloatArray, probability: FloatArray, shape: tuple[int, int]
-) -> FloatArray:
+def highest_densities(place: FloatArray, probability: FloatArray, shape: tuple[int, int]) -> FloatArray:
     """How many times its step's level the density is at each node of a grid, at the step where that is most.
 
     The level is the density at so many of the step's samples that the probability is held.
 
     Args:
-        place: (n_steps, n_samples, 2) row and column of each sample, from 0 to the last but one.
-        kernel: (n_steps,) standard deviation in nodes.
+        place: (n_steps, n_samples, 2) row and column of each sample.
         probability: (k,).
         shape: rows and columns of the grid.
 
     Returns:
         (k, rows, columns).
     """
-    n_steps, n_samples, _ = place.shape
-    bell = []
-    for axis in (0, 1):
-        off = np.arange(shape[axis]) - place[:, :, axis, None]
-        wide = kernel[:, None, None]
-        near = np.abs(np.arange(shape[axis]) - np.rint(place[:, :, axis, None])) <= np.floor(KERNEL_REACH * wide + 0.5)
-        bell.append(near * np.exp(-0.5 * (off / wide) ** 2) / (np.sqrt(2.0 * np.pi) * wide))
-    density = bell[0].swapaxes(1, 2) @ bell[1]
-    node = place.astype(np.int64)
-    up, right = (place - node)[..., 0], (place - node)[..., 1]
-    step, (row, column) = np.arange(n_steps)[:, None], np.moveaxis(node, 2, 0)
-    at_sample = (1.0 - up) * ((1.0 - right) * density[step, row, column] + right * density[step, row, column + 1])
-    at_sample += up * ((1.0 - right) * density[step, row + 1, column] + right * density[step, row + 1, column + 1])
-    at_sample.sort(axis=1)
-    least = SOME_COMPANY / (2.0 * np.pi * kernel**2)
-    level = at_sample[:, ((1.0 - probability) * n_samples).astype(np.int64)]
-    enough = (at_sample >= least[:, None]).sum(axis=1)[:, None] >= (probability - SPARED) * n_samples
-    level = EASED * np.where(enough, np.maximum(level, least[:, None]), level)
+    off = (np.arange(n) - place[:, :, axis, None] for axis, n in enumerate(shape))
+    down, across = (np.exp(-0.5 * (each / KERNEL_SQUARES) ** 2) for each in off)
+    density = down.swapaxes(1, 2) @ across
+    at_sample = np.sort([map_coordinates(d, p.T, order=1) for d, p in zip(density, place, strict=True)], axis=1)
+    level = EASED * at_sample[:, ((1.0 - probability) * place.shape[1]).astype(np.int64)]
     return np.stack([(density / of[:, None, None]).max(axis=0) for of in level.T])

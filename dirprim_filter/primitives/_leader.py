@@ -132,12 +132,6 @@ def descriptions(speed: FloatArray, seen: FloatArray, feature: FloatArray) -> No
         describe(speed[p], seen[p, 0], seen[p, 1], feature[p])
 
 
-@njit(cache=True)
-def pace_of(leader: float) -> int:
-    """Whether a leader stands, has just started, or drives: 0 to 2."""
-    return 0 if leader < STANDING_BELOW else (1 if leader < SLOW else 2)
-
-
 @njit(cache=True, nogil=True)
 def respond(table: LeaderTable, speed: FloatArray, push: FloatArray, seen: FloatArray, led: FloatArray) -> None:
     """Fills (n, 3), see `_motion.move`, from speeds, pushes and leaders, (n,), (n,) and (n, 3)."""
@@ -153,4 +147,5 @@ def respond(table: LeaderTable, speed: FloatArray, push: FloatArray, seen: Float
             gained += table.gain[i] * feature[i]
         gained = min(max(gained, HARDEST), STRONGEST) + table.push * push[p]
         led[p, 0], led[p, 1] = table.trust * gained, 1.0 - table.trust
-        led[p, 2] = table.trust * table.start_rate[pace_of(leader)]
+        pace = (leader >= STANDING_BELOW) + (leader >= SLOW)  # it stands, has just started, or drives
+        led[p, 2] = table.trust * table.start_rate[pace]

@@ -22,29 +22,26 @@ NO_MODE = -1e3
 """The logarithm of a weight of nothing."""
 
 
-MAX_ITERATIONS = 200
-
-
 class Bounds(NamedTuple):
-    """Priors and bounds of a fit; see `config.LearningConfig`."""
+    """Priors and bounds of a fit; the first are of `config.LearningConfig`."""
 
     max_modes: int
     prior_strength: float
-    usual_resultant: float  # mean resultant length of a usual mode's directions; 0: uniform
-    speed_spread: float  # log(mean) - mean(log) of a usual mode's speeds
     max_concentration: float
     max_shape: float
     dbscan_eps: float
     dbscan_share: float
     bend_scale: float  # rad/m, standard deviation of a bend before it is seen
     gain_scale: float  # 1/m, likewise of a gain
-    curved: bool  # whether modes may bend
-    parameter_cost: float  # of a parameter, in those of BIC
-    tolerance: float  # of the objective per vehicle: a step that gains less is the last
-    thorough: bool  # whether more modes are tried than the first number that is one too many
     standing_speed: float  # m/s; slower rows are no members
+    parameter_cost: float = 1.0  # of a parameter, in those of BIC
+    usual_resultant: float = 0.0  # mean resultant length of a usual mode's directions; 0: uniform
+    speed_spread: float = 1.0  # log(mean) - mean(log) of a usual mode's speeds
+    curved: bool = False  # whether modes may bend
+    tolerance: float = 1e-7  # of the objective per vehicle: a step that gains less is the last
+    thorough: bool = True  # whether more modes are tried than the first number that is one too many
     with_speed: bool = True  # whether speeds have a say in whose a row is
-    max_iterations: int = MAX_ITERATIONS  # of one climb
+    max_iterations: int = 200  # of one climb
 
 
 class Modes(NamedTuple):

@@ -17,9 +17,9 @@ from scipy.sparse import csr_array
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.distributions.angles import difference
+from dirprim_filter.primitives._map_kernels import ModeTable
 from dirprim_filter.primitives._modes import Modes
 from dirprim_filter.primitives.fitting import MIN_SPREAD, MIN_STANDING_MEAN, bounds_of, fit_all
-from dirprim_filter.primitives.mode_table import ModeTable
 from dirprim_filter.primitives.motion import CREEP, JUMP_S, PUSHED_SHARE, background_manoeuvres, unlearned_background
 from dirprim_filter.primitives.rows import CellRows, TrackRows
 from dirprim_filter.primitives.visits import Visits

@@ -1,7 +1,12 @@
-"""All cells fitted at once, on as many cores as there are."""
+"""All cells fitted at once, on as many cores as there are.
+
+The paper's recipe counts modes on directions alone, and fits speeds when directions are fitted: Senanayake et al. 2020,
+section III; Anderson and Ray, Improved maximum likelihood estimators for the gamma distribution, 1975.
+"""
 
 from __future__ import annotations
 
+import math
 import os
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -10,11 +15,19 @@ import numpy as np
 
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.config import LearningConfig
+from dirprim_filter.distributions import von_mises
+from dirprim_filter.distributions._estimates import shape_from
+from dirprim_filter.distributions.modes import dbscan
 from dirprim_filter.primitives import _kernels
+from dirprim_filter.primitives._em import maximisation
 from dirprim_filter.primitives._modes import (
     COSINE,
     EAST,
+    LOG_CONCENTRATION,
+    LOG_MEAN_SPEED,
+    LOG_SHAPE,
     LOG_SPEED,
+    MEAN,
     N_COLUMNS,
     NORTH,
     SINE,
@@ -24,7 +37,6 @@ from dirprim_filter.primitives._modes import (
     empty_table,
 )
 from dirprim_filter.primitives.rows import CellRows
-from dirprim_filter.primitives.two_steps import fit_in_two_steps
 
 MIN_STANDING_MEAN = 0.05
 """m/s; standing vehicles of a simulator have speed 0, which would make the density at 0 unbounded."""
@@ -33,8 +45,6 @@ MIN_SPREAD = 1e-3
 
 MOST_ROWS = 16_384
 """Of a cell: of more every second, third, ... is fitted, for rows of a vehicle stand together and repeat each other."""
-TOLERANCE = 1e-7
-"""Of the objective per vehicle."""
 ROUGH: dict[str, Any] = {"thorough": False, "tolerance": 1e-3, "parameter_cost": 1.0}
 """Of bounds, while cells are looked for: such fits are compared, not kept, and cells of fewer modes last."""
 SHARE = 8192
@@ -43,23 +53,10 @@ ROWS_OF_A_CELL = 32
 """A cell costs as many rows do, beside its own."""
 
 
-def bounds_of(
-    config: LearningConfig,
-    *,
-    prior_strength: float,
-    max_modes: int | None = None,
-    usual_resultant: float = 0.0,
-    speed_spread: float = 1.0,
-    curved: bool = False,
-    parameter_cost: float = 1.0,
-) -> Bounds:
-    """The priors and bounds of a fit, as the kernels take them."""
-    return Bounds(
-        config.max_modes if max_modes is None else max_modes, prior_strength, usual_resultant, speed_spread,
-        config.max_concentration, config.max_shape, config.dbscan_eps, config.dbscan_share,
-        config.bend_scale, config.gain_scale, curved, parameter_cost,
-        TOLERANCE, True, config.standing_speed,
-    )  # fmt: skip
+def bounds_of(config: LearningConfig, **others: Any) -> Bounds:
+    """The priors and bounds of a fit: those that the configuration has too, and others, see `Bounds`."""
+    shared = (name for name in Bounds._fields if name not in Bounds._field_defaults)
+    return Bounds(**{name: getattr(config, name) for name in shared} | others)
 
 
 def fit_all(in_cells: CellRows, bounds: Bounds, *, n_threads: int | None = None) -> FloatArray:
@@ -75,7 +72,6 @@ def fit_all(in_cells: CellRows, bounds: Bounds, *, n_threads: int | None = None)
         (n_cells, max_modes, N_CURVED) a table of modes, see `_modes`; none where a cell has no rows or fewer modes.
     """
     at_once = bounds.with_speed
-    bounds = bounds._replace(curved=at_once and bounds.curved)
     columns, start = columns_of(in_cells)
     fitted = np.diff(start)  # of a large cell fewer rows, which are not of more vehicles
     n_vehicles = np.where(fitted < MOST_ROWS // 2, in_cells.n_vehicles, np.minimum(in_cells.n_vehicles, fitted))
@@ -117,3 +113,49 @@ def columns_of(in_cells: CellRows) -> tuple[FloatArray, IntArray]:
     columns[WEIGHT] = in_cells.weight[meant]
     columns[EAST], columns[NORTH] = (in_cells.position[row] - in_cells.center[cell]).T
     return columns, start
+
+
+def fit_in_two_steps(columns: FloatArray, n_vehicles: float, bounds: Bounds, out: FloatArray) -> None:
+    """DBSCAN for the number of modes, EM on directions, then a gamma for each mode.
+
+    Args:
+        columns: (N_COLUMNS, n) a column for each of the cell's rows.
+        n_vehicles: that they are of.
+        bounds: priors and bounds.
+        out: (max_modes, N_CURVED) is filled.
+    """
+    n, filled = columns.shape[1], np.empty((3, _kernels.ON_CIRCLE))
+    used, total, mean_speed = _kernels.sort_around(columns, 0, n, filled)
+    if mean_speed == 0.0:
+        return
+    share = max(3, math.ceil(bounds.dbscan_share * n))
+    label = dbscan(np.arctan2(columns[SINE], columns[COSINE]), eps=bounds.dbscan_eps, min_samples=share)
+    k = min(max(int(label.max()) + 1, 1), bounds.max_modes)
+    table = out[:k]
+    _kernels.start_evenly(filled, used, total, mean_speed, bounds, table)
+    one = np.vstack([np.ones(n), columns[[COSINE, SINE, SPEED, LOG_SPEED]]])
+    sums = np.stack([(one * (columns[WEIGHT] * (label == m))).sum(axis=1) for m in range(k)])
+    if sums[:, 0].min() > 0.0:
+        maximisation(sums, n_vehicles, bounds, table)
+    _kernels.ascend(columns, 0, n, n_vehicles, bounds.curved, -np.inf, 0.0, bounds, table)
+    for mode in table:
+        _fit_speeds(columns, bounds, mode)
+
+
+def _fit_speeds(columns: FloatArray, bounds: Bounds, mode: FloatArray) -> None:
+    """Eq. 3: maximum likelihood on rows within two circular standard deviations, sqrt(-2 log R), of the mode.
+
+    The shape's bias is reduced as Anderson and Ray (1975) do: a (n - 3) / n + 2 / (3 n).
+    """
+    resultant = float(von_mises.mean_resultant_length(np.expm1(mode[LOG_CONCENTRATION])))
+    reach = 2.0 * math.sqrt(-2.0 * math.log(max(resultant, 1e-12)))
+    along = columns[COSINE] * math.cos(mode[MEAN]) + columns[SINE] * math.sin(mode[MEAN])
+    near = columns[:, along >= math.cos(min(reach, math.pi))]
+    n = near.shape[1]
+    if n < 4:  # too few to estimate a spread: keep that of EM's last step
+        return
+    weight = near[WEIGHT] / near[WEIGHT].sum()
+    log_mean = math.log(weight @ near[SPEED])
+    shape = shape_from(log_mean - weight @ near[LOG_SPEED], bounds.max_shape) * (n - 3) / n + 2.0 / (3.0 * n)
+    mode[LOG_SHAPE] = math.log(min(max(shape, 1.0), bounds.max_shape))
+    mode[LOG_MEAN_SPEED] = log_mean

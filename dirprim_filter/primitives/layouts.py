@@ -12,9 +12,8 @@ import numpy as np
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.primitives._modes import Bounds
-from dirprim_filter.primitives.assembly import Layout, assemble, fit_cells
 from dirprim_filter.primitives.background import Background
-from dirprim_filter.primitives.cell_model import PrimitiveModel, with_usual
+from dirprim_filter.primitives.cell_model import Layout, PrimitiveModel, assemble, fit_cells, with_usual
 from dirprim_filter.primitives.fitting import ROUGH
 from dirprim_filter.primitives.rows import TrackRows
 from tessellation import GridTessellation, Tessellation, VoronoiTessellation, fit_jointly

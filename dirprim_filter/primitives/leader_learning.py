@@ -58,14 +58,8 @@ class LeaderSums(NamedTuple):
     started: FloatArray  # (4,) of these, where it drove `AHEAD_S` later
 
     @classmethod
-    def of(cls, tracks: Tracks, fold: IntArray | None = None) -> Self:
-        """The sums of a log: of every vehicle and the nearest one ahead, `EVERY_S`.
-
-        Args:
-            tracks: of the log.
-            fold: (n_tracks,) of each vehicle, see `folds_of`; left out, it is looked up.
-        """
-        fold = folds_of(tracks, N_FOLDS) if fold is None else fold
+    def of(cls, tracks: Tracks) -> Self:
+        """The sums of a log: of every vehicle and the nearest one ahead, `EVERY_S`."""
         instants, at, then = _now_and_later(tracks)
         now = instants.some(at)
         speed, row = now.state[:, 3], instants.rows_of(then[now.instant], now.vehicle)
@@ -84,7 +78,7 @@ class LeaderSums(NamedTuple):
         pace = np.where(near, np.digitize(seen[:, 1], [STANDING_BELOW, SLOW]), N_PACES)
         starts = waits & (speed + gained >= STANDING_BELOW)
         return cls(
-            Regression.of(feature, gained[follows] / AHEAD_S, 1.0 / count[pair], fold[driver], N_FOLDS),
+            Regression.of(feature, gained[follows] / AHEAD_S, 1.0 / count[pair], _folds(tracks)[driver], N_FOLDS),
             np.bincount(pace[waits], minlength=N_PACES + 1).astype(np.float64),
             np.bincount(pace[starts], minlength=N_PACES + 1).astype(np.float64),
         )
@@ -112,11 +106,11 @@ class LeaderSums(NamedTuple):
         )
 
 
-def folds_of(tracks: Tracks, n_folds: int) -> IntArray:
+def _folds(tracks: Tracks) -> IntArray:
     """(n_tracks,) the fold of each vehicle: by its name, so that it is the same whichever others there are."""
     row = tracks.first_rows
     names = world_names(tracks.track_id[row], tracks.group[row])
-    return np.array([crc32(name.encode()) % n_folds for name in names.tolist()], np.int64)
+    return np.array([crc32(name.encode()) % N_FOLDS for name in names.tolist()], np.int64)
 
 
 def _held_out_error(acceleration: Regression) -> float:

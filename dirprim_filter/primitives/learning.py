@@ -17,8 +17,8 @@ import numpy as np
 
 from dirprim_filter.arrays import FloatArray, require
 from dirprim_filter.config import LearningConfig
-from dirprim_filter.primitives.assembly import assemble, fit_cells
 from dirprim_filter.primitives.background import learn_background
+from dirprim_filter.primitives.cell_model import assemble, fit_cells
 from dirprim_filter.primitives.fitting import bounds_of
 from dirprim_filter.primitives.layouts import TRIAL_ROWS, Progress, lay_out, leaning
 from dirprim_filter.primitives.leader_learning import learn_leader
@@ -92,10 +92,11 @@ def learn_primitives(
     background = learn_background(rows, config, rng=rng.spawn(1)[0])  # what it draws changes no cell
     begin = stage or (lambda _: None)
     begin(0)
+    at_once = modes == "bic"
     bounds = bounds_of(
-        config, prior_strength=config.prior_strength, speed_spread=background.speed_spread,
-        curved=primitive == "curved" and modes == "bic", parameter_cost=config.parameter_cost,
-    )._replace(with_speed=modes == "bic")  # fmt: skip
+        config, speed_spread=background.speed_spread, curved=at_once and primitive == "curved",
+        parameter_cost=config.parameter_cost, with_speed=at_once,
+    )  # fmt: skip
     layout = lay_out(
         rows, tessellation, bounds, background, config, cell_size=cell_size, n_cells=n_cells, progress=progress, rng=rng
     )

@@ -10,9 +10,9 @@ from scipy.sparse import block_diag, csr_array
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.primitives import _clustering
+from dirprim_filter.primitives._map_kernels import ModeTable
 from dirprim_filter.primitives._modes import Modes
 from dirprim_filter.primitives.background import MOST_ROWS, Background
-from dirprim_filter.primitives.mode_table import ModeTable
 from dirprim_filter.primitives.motion import CREEP, PUSHED_SHARE, Motion, joined
 from dirprim_filter.primitives.motion_sums import MotionSums, pace_field
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
@@ -142,9 +142,10 @@ def motion_of(sums: MotionSums, labels: Labels, primitives: PrimitiveMap, backgr
         background: of the same vehicles.
     """
     cell, mode = labels.cell, labels.mode
-    field = _fields(sums, labels, primitives)
-    course, pace, path = field.course, field.log_pace, field.path
-    stretch, acceleration = sums.stretch.solved(STRETCH_RIDGE)[:, 0], field.acceleration
+    beta = {name: getattr(sums, name).solved(ridge) for name, ridge in _ridges(labels, primitives).items()}
+    course, pace, acceleration = beta["course"], beta["log_pace"], beta["acceleration"]
+    square = [getattr(sums, name).mean_square(beta[name]) for name in ("course", "log_pace", "path", "pushed")]
+    square[3] /= PUSHED_SHARE
     acceleration[:, 3] = np.clip(acceleration[:, 3], -MOST_REVERSION, 0.0)
     mean_speed = primitives.speed.mean[cell, mode]
     acceleration[:, 0] -= acceleration[:, 3] * mean_speed
@@ -154,10 +155,11 @@ def motion_of(sums: MotionSums, labels: Labels, primitives: PrimitiveMap, backgr
         "cell": cell, "mode": mode, "visits": sums.visits, "seconds": sums.seconds,
         "course": direction + course[:, 0], "bend": primitives.bend[cell, mode] + course[:, 1:],
         "log_pace": np.log(mean_speed + CREEP) + pace[:, 0], "gain": pace_field(primitives, cell, mode) + pace[:, 1:],
-        "path": path, "path_direction": direction, "acceleration": acceleration, "stretch": stretch,
+        "path": beta["path"], "path_direction": direction, "acceleration": acceleration,
+        "stretch": beta["stretch"][:, 0],
         "start_rate": np.where(stands, (sums.left + 0.1) / (sums.seconds + 1.0), 0.0),
         "turn_ahead": sums.turned / np.maximum(sums.turns, 1e-9), "curvature": np.zeros(cell.size),
-        **_spreads(_mean_squares(sums, field), sums.visits, stands),
+        **_spreads(np.stack(square), sums.visits, stands),
     }  # fmt: skip
     transition = csr_array(block_diag([sums.transition, background.following], format="csr"))
     transition.sum_duplicates()
@@ -190,28 +192,12 @@ def _spreads(square: FloatArray, visits: FloatArray, stands: BoolArray) -> dict[
     }  # fmt: skip
 
 
-class _Fields(NamedTuple):
-    """Coefficients of the regressions of z manoeuvres."""
-
-    course: FloatArray  # (z, 3)
-    log_pace: FloatArray  # (z, 3)
-    path: FloatArray  # (z, 3)
-    acceleration: FloatArray  # (z, 4)
-    pushed: FloatArray  # (z, 4)
-
-
-def _fields(sums: MotionSums, labels: Labels, primitives: PrimitiveMap) -> _Fields:
+def _ridges(labels: Labels, primitives: PrimitiveMap) -> dict[str, FloatArray]:
+    """(z, p) or (p,) of each regression: slopes are of visits that are spread over the cell."""
     wide = VARIANCE_OF_PLACE * primitives.tessellation.area[labels.cell][:, None]  # m^2
     field, curve = np.insert(np.repeat(wide, 2, axis=1), 0, 1.0, axis=1), wide ** np.arange(3.0)
-    ridge = ACCELERATION_RIDGE * np.insert(field, 3, 1.0, axis=1)
-    return _Fields(
-        sums.course.solved(COURSE_RIDGE * field), sums.log_pace.solved(PACE_RIDGE * field),
-        sums.path.solved(PATH_RIDGE * curve), sums.acceleration.solved(ridge), sums.pushed.solved(ridge),
-    )  # fmt: skip
-
-
-def _mean_squares(sums: MotionSums, field: _Fields) -> FloatArray:
-    """(4, z) of what visits are off in course, log pace and path, and in acceleration."""
-    pushed = sums.pushed.mean_square(field.pushed) / PUSHED_SHARE
-    of_fields = (sums.course.mean_square(field.course), sums.log_pace.mean_square(field.log_pace))
-    return np.stack([*of_fields, sums.path.mean_square(field.path), pushed])
+    by_state = ACCELERATION_RIDGE * np.insert(field, 3, 1.0, axis=1)
+    return {
+        "course": COURSE_RIDGE * field, "log_pace": PACE_RIDGE * field, "path": PATH_RIDGE * curve,
+        "acceleration": by_state, "pushed": by_state, "stretch": STRETCH_RIDGE,
+    }  # fmt: skip

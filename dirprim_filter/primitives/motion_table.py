@@ -9,7 +9,6 @@ import numpy as np
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.primitives._manoeuvres import LANES, N_FIELDS, OWN_WAY, PUSH, TURNING, Candidates, MotionTable
 from dirprim_filter.primitives.motion import ANYWHERE_PUSH, ANYWHERE_TURNING, COURSE_RATE, PUSH_RATE
-from tessellation.locate import locator_of
 
 if TYPE_CHECKING:
     from dirprim_filter.primitives.primitive_map import PrimitiveMap
@@ -37,7 +36,7 @@ def motion_table(primitives: PrimitiveMap, *, step_s: float = 0.1, own_way_rate:
         row[OWN_WAY, [PUSH, TURNING]] = ANYWHERE_PUSH, ANYWHERE_TURNING
     of_cell = motion.cell[: motion.n_placed]
     return MotionTable(
-        locator=locator_of(cells),
+        locator=primitives.compiled().locator,
         candidates=may,
         row=row,
         ahead=motion.turn_ahead,

@@ -10,14 +10,12 @@ from dataclasses import dataclass, field
 from typing import NamedTuple, cast
 
 import numpy as np
-from scipy.special import logsumexp
 
 from dirprim_filter.arrays import FloatArray, IntArray, as_floats, require
 from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.primitives import _map_kernels
-from dirprim_filter.primitives._map_kernels import MapTable
+from dirprim_filter.primitives._map_kernels import MapTable, ModeTable
 from dirprim_filter.primitives._modes import Modes
-from dirprim_filter.primitives.mode_table import ModeTable
 from dirprim_filter.primitives.motion import Motion
 from tessellation import GridTessellation, Tessellation
 from tessellation.locate import locator_of
@@ -31,11 +29,6 @@ class Primitive(NamedTuple):
 
     direction: VonMisesMixture
     speed: Gamma
-
-    def log_density(self, direction: FloatArray, speed: FloatArray) -> FloatArray:
-        """Natural log of p(direction, speed), per radian and m/s. (...), (...) -> (...)."""
-        of_speed = self.speed.log_density(np.asarray(speed, dtype=np.float64)[..., None])
-        return np.asarray(logsumexp(self.direction.mode_log_density(direction) + of_speed, axis=-1))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -12,8 +12,7 @@ from scipy.special import gammaln, i0e, logsumexp
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.distributions.modes import dbscan
-from dirprim_filter.primitives._ascent import ascend
-from dirprim_filter.primitives._kernels import ON_CIRCLE, sort_around, start_evenly
+from dirprim_filter.primitives._kernels import ON_CIRCLE, ascend, sort_around, start_evenly
 from dirprim_filter.primitives._modes import N_CURVED, Modes
 from dirprim_filter.primitives.fitting import bounds_of, columns_of, fit_all
 from situations import one_cell
