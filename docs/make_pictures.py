@@ -24,12 +24,13 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.collections import EllipseCollection
 from PIL import Image
 from rerun.experimental import ViewerClient
 
 from dirprim_filter import PrimitiveMap, Tracks, load_map, read_tracks
 from dirprim_filter.cli.main import run
-from dirprim_filter.drawing.shapes import covariance_ellipse
+from dirprim_filter.drawing.shapes import covariance_axes
 from dirprim_filter.evaluation.scenes import Scene, followed
 from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
 from dirprim_filter.filtering import ParticleFilter
@@ -117,8 +118,13 @@ def draw_gaps(primitives: PrimitiveMap, tracks: Tracks, n_shown: int, path: Path
             of = said[(said.track_id == truth.track_id[rows][0]) & (said.time_ns >= from_ns) & (said.time_ns <= to_ns)]
             axes.plot(*of.position.T, color=color, linewidth=width, label=name)
             coasting = of[np.isin(of.time_ns, unseen_ns[4::5])]
-            for outline in covariance_ellipse(coasting.position, coasting.covariance, probability=0.9):
-                axes.plot(*outline.T, color=color, linewidth=0.5)
+            half, angle = covariance_axes(coasting.covariance, probability=0.9)
+            axes.add_collection(
+                EllipseCollection(
+                    2.0 * half[:, 0], 2.0 * half[:, 1], np.degrees(angle), units="xy", offsets=coasting.position,
+                    offset_transform=axes.transData, facecolors="none", edgecolors=color, linewidths=0.5,
+                )
+            )  # fmt: skip
         seen = scene.seen[(scene.seen.track_id == str(truth.track_id[rows][0])) & (scene.seen.time_ns >= from_ns)]
         axes.plot(*seen[seen.time_ns <= to_ns].position.T, "kx", markersize=4, label="detections")
         middle, half = truth.position[rows].mean(axis=0), 0.6 * np.ptp(truth.position[rows], axis=0).max() + 3.0

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -60,57 +59,48 @@ def learn(
 
     Example: dirprim learn recordings/roundabout_learn.mcap -o map.mcap
     """
+    options: dict[str, Any] = {
+        "tessellation": tessellation.value, "cell_size": cell_size, "n_cells": cells, "modes": modes.value,
+        "primitive": primitive.value,
+    }  # fmt: skip
     if any(map(_is_store, logs)):
         if len(logs) > 1 or sensor is not None or reading.given:
             raise ValueError(
                 f"{logs[0]}: a store is learned from alone, and fixes how its logs are read; leave out the rest"
             )
-        from dirprim_filter.cli.store_maps import from_store
+        from dirprim_filter.cli.store_maps import learn_store
 
-        learned_from = from_store(logs[0])
-    else:
-        learned_from = _from_logs(logs, sensor, reading)
-    return write_map(
-        learned_from, output, seed=seed, force=force, tessellation=tessellation.value, cell_size=cell_size,
-        n_cells=cells, modes=modes.value, primitive=primitive.value,
-    )  # fmt: skip
-
-
-@dataclass(frozen=True, kw_only=True)
-class Learned:
-    """A map, and what is said of it.
-
-    Attributes:
-        map: it.
-        files: inputs whose checksums it carries.
-        said: what its metadata says besides.
-        counts: of tracks and rows, for people.
-        exit_code: what the command ends with.
-    """
-
-    map: PrimitiveMap
-    files: Sequence[Path] = ()
-    said: dict[str, Any]
-    counts: str
-    exit_code: int
-
-
-def write_map(learn: Callable[..., Learned], output: Path, *, seed: int, force: bool, **options: Any) -> int:
-    """Learn, write the map and say so; -> the exit code."""
+        return learn_store(logs[0], output, seed=seed, force=force, options=options)
     import numpy as np
 
     from dirprim_filter.cli.progress import learning_progress
+    from dirprim_filter.primitives import learn_primitives
+    from dirprim_filter.recording.sensor_file import load_sensor
+    from dirprim_filter.sensor import without_bias
+
+    sensing = None if sensor is None else load_sensor(sensor)
+    log = reading.tracks(logs)
+    tracks = log.tracks if sensing is None else without_bias(log.tracks, sensing)
+    with learning_progress() as bars:
+        learned = learn_primitives(
+            tracks, progress=bars.progress, stage=bars.stage, rng=np.random.default_rng(seed), **options
+        )  # fmt: skip
+    said = {"seed": seed, **options, "sensor": None if sensing is None else repr(sensing), **reading.said()}
+    counts = f"{counted(tracks.n_tracks, 'track')}, {counted(len(tracks), 'row')}"
+    save(learned, output, inputs=logs, said=said, counts=counts, force=force)
+    return exit_codes.of_losses(log.losses)
+
+
+def save(
+    learned: PrimitiveMap, output: Path, *, said: dict[str, Any], counts: str, force: bool, inputs: Sequence[Path] = ()
+) -> None:
+    """Write a map with what its metadata says, and say what it is; `counts`: of what it was learned from."""
     from dirprim_filter.cli.results import provenance
     from dirprim_filter.config import LearningConfig
     from dirprim_filter.recording import save_map
 
-    config = LearningConfig()
-    with learning_progress() as bars:
-        learned = learn(bars, config=config, rng=np.random.default_rng(seed), **options)
-    said = provenance("learn", inputs=learned.files, config=config, seed=seed, **options, **learned.said)
-    save_map(learned.map, output, metadata=said, force=force)
-    typer.echo(f"{output}: {map_text(learned.map)}, from {learned.counts}")
-    return learned.exit_code
+    save_map(learned, output, metadata=provenance("learn", inputs=inputs, config=LearningConfig(), **said), force=force)
+    typer.echo(f"{output}: {map_text(learned)}, from {counts}")
 
 
 def map_text(learned: PrimitiveMap) -> str:
@@ -133,19 +123,3 @@ def _is_store(path: Path) -> bool:
         return path.suffix != ".mcap" and Store.is_at(path)
     except RecordingError:  # a server of logs may answer anything: who reads it as a log says what is wrong
         return False
-
-
-def _from_logs(logs: list[Path], sensor: Path | None, reading: Reading) -> Callable[..., Learned]:
-    from dirprim_filter.primitives import learn_primitives
-    from dirprim_filter.recording.sensor_file import load_sensor
-    from dirprim_filter.sensor import without_bias
-
-    sensing = None if sensor is None else load_sensor(sensor)
-    log = reading.tracks(logs)
-    tracks = log.tracks if sensing is None else without_bias(log.tracks, sensing)
-    return lambda bars, **options: Learned(
-        map=learn_primitives(tracks, progress=bars.progress, stage=bars.stage, **options), files=logs,
-        said={"sensor": None if sensing is None else repr(sensing), **reading.said()},
-        counts=f"{counted(log.tracks.n_tracks, 'track')}, {counted(len(log.tracks), 'row')}",
-        exit_code=exit_codes.of_losses(log.losses),
-    )  # fmt: skip

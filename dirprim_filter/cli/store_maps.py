@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from dirprim_filter.cli import exit_codes
-from dirprim_filter.cli.learn import CellCount, CellSize, HowModes, HowShaped, Learned, Modes, Shape, write_map
+from dirprim_filter.cli.learn import CellCount, CellSize, HowModes, HowShaped, Modes, Shape, save
 from dirprim_filter.cli.options import (
     WRITTEN,
     Cells,
@@ -25,9 +25,6 @@ from dirprim_filter.cli.options import (
     time_ns,
 )
 from dirprim_filter.cli.texts import counted
-
-if TYPE_CHECKING:
-    from dirprim_filter.cli.progress import LearningProgress
 
 
 def learn(
@@ -60,48 +57,50 @@ def learn(
     """
     if now is not None and half_life is None:
         raise ValueError("--now: expected --half-life with it")
-    learned_from = from_store(
-        folder, min_vehicles=min_vehicles, half_life_s=half_life, now=now, hours=hours, zone=zone, workers=workers,
-        scheduler=scheduler,
-    )  # fmt: skip
-    return write_map(
-        learned_from, output, seed=seed, force=force, tessellation=tessellation.value, cell_size=cell_size,
-        n_cells=cells, modes=modes.value, primitive=primitive.value,
+    return learn_store(
+        folder, output, min_vehicles=min_vehicles, half_life_s=half_life, now=now, hours=hours, zone=zone,
+        workers=workers, scheduler=scheduler, seed=seed, force=force,
+        options={
+            "tessellation": tessellation.value, "cell_size": cell_size, "n_cells": cells, "modes": modes.value,
+            "primitive": primitive.value,
+        },
     )  # fmt: skip
 
 
-def from_store(
-    folder: Path, *, min_vehicles: int = 1, half_life_s: float | None = None, now: str | None = None,
-    hours: str | None = None, zone: str = "UTC", workers: int | None = None, scheduler: str | None = None,
-) -> Callable[..., Learned]:  # fmt: skip
-    """Learns from a store; what of its logs was lost was said when they were added, what it has lost since is said."""
+def learn_store(
+    folder: Path, output: Path, *, options: dict[str, Any], seed: int, force: bool, min_vehicles: int = 1,
+    half_life_s: float | None = None, now: str | None = None, hours: str | None = None, zone: str = "UTC",
+    workers: int | None = None, scheduler: str | None = None,
+) -> int:  # fmt: skip
+    """Learn from a store; what of its logs was lost was said when they were added, what it has lost since is said."""
+    import numpy as np
+
+    from dirprim_filter.cli.progress import learning_progress
+    from dirprim_filter.config import LearningConfig
     from dirprim_filter.store.learning import learn_from_store
     from dirprim_filter.store.sampling import Hours
     from dirprim_filter.store.store import Store
     from dirprim_filter.store.workers import Workers
 
-    store, workers_ = Store.open(folder), Workers.of(0, workers, scheduler)
-    spans = None if hours is None else Hours.parse(hours, zone)
-
-    def learn_map(bars: LearningProgress, *, rng: Any, **options: Any) -> Learned:
+    with learning_progress() as bars:
         found = learn_from_store(
-            store, workers=workers_, done=bars.tiles, seed=int(rng.integers(2**63)), progress=bars.progress,
-            stage=bars.stage, min_vehicles=min_vehicles, half_life_s=half_life_s, now_ns=time_ns(now), hours=spans,
-            **options,
+            Store.open(folder), workers=Workers.of(0, workers, scheduler), done=bars.tiles, progress=bars.progress,
+            stage=bars.stage, seed=int(np.random.default_rng(seed).integers(2**63)), config=LearningConfig(),
+            min_vehicles=min_vehicles, half_life_s=half_life_s, now_ns=time_ns(now),
+            hours=None if hours is None else Hours.parse(hours, zone), **options,
         )  # fmt: skip
-        for line in found.damaged:
-            typer.echo(f"error: {line}", err=True)
-        return Learned(
-            map=found.primitive_map, exit_code=exit_codes.INPUT_LOST if found.damaged else exit_codes.DONE,
-            counts=f"{counted(found.n_logs, 'log')}, {counted(found.n_rows, 'row')}; {found.n_fitted} of "
-            f"{counted(found.n_blocks, 'block')} learned anew",
-            said={
-                "min_vehicles": min_vehicles, "half_life_s": half_life_s, "now": now, "hours": hours,
-                "zone": None if hours is None else zone, "sha256 store": found.digest,
-            },
-        )  # fmt: skip
-
-    return learn_map
+    for line in found.damaged:
+        typer.echo(f"error: {line}", err=True)
+    said = {
+        "seed": seed, **options, "min_vehicles": min_vehicles, "half_life_s": half_life_s, "now": now, "hours": hours,
+        "zone": None if hours is None else zone, "sha256 store": found.digest,
+    }  # fmt: skip
+    counts = (
+        f"{counted(found.n_logs, 'log')}, {counted(found.n_rows, 'row')}; {found.n_fitted} of "
+        f"{counted(found.n_blocks, 'block')} learned anew"
+    )
+    save(found.primitive_map, output, said=said, counts=counts, force=force)
+    return exit_codes.INPUT_LOST if found.damaged else exit_codes.DONE
 
 
 def update(
@@ -134,9 +133,9 @@ def update(
     def stated(**kinds: Callable[[str], Any]) -> dict[str, Any]:
         return {name: kind(said[name]) if name in said else None for name, kind in kinds.items()}
 
-    learned_from = from_store(
-        folder, workers=workers, scheduler=scheduler, zone=said.get("zone", "UTC"),
+    return learn_store(
+        folder, output or map_file, workers=workers, scheduler=scheduler, zone=said.get("zone", "UTC"),
         **stated(min_vehicles=int, half_life_s=float, now=str, hours=str),
+        options=stated(tessellation=str, cell_size=float, n_cells=int, modes=str, primitive=str),
+        seed=int(said["seed"]), force=force or output is None,
     )  # fmt: skip
-    how = stated(tessellation=str, cell_size=float, n_cells=int, modes=str, primitive=str)
-    return write_map(learned_from, output or map_file, seed=int(said["seed"]), force=force or output is None, **how)

@@ -226,15 +226,6 @@ def reach(covariance: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(half_trace + apart))
 
 
-def covariance_ellipse(
-    mean: FloatArray, covariance: FloatArray, *, probability: float, n_vertices: int = 48
-) -> FloatArray:
-    """The line around a Gaussian's `probability`. (..., 2), (..., 2, 2) -> (..., n_vertices + 1, 2)."""
-    half_axes, angle = covariance_axes(covariance, probability=probability)
-    circle = _heading(np.linspace(0.0, 2.0 * np.pi, n_vertices + 1)) * half_axes[..., None, :]
-    return np.asarray(mean)[..., None, :] + _turned(circle, angle[..., None])
-
-
 def motion_arrow(direction: FloatArray, speed: FloatArray, *, duration_s: float = 1.0) -> FloatArray:
     """How far a vehicle gets in `duration_s`. (...), (...) -> (..., 2) metres."""
     arrow: FloatArray = (duration_s * np.asarray(speed))[..., None] * _heading(direction)

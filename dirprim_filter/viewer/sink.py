@@ -27,11 +27,9 @@ from dirprim_filter.tracks import Tracks
 from dirprim_filter.viewer import marks
 from dirprim_filter.viewer.blueprint import blueprint
 from dirprim_filter.viewer.curves import curve_styles, frame_metrics
-from dirprim_filter.viewer.direction_panel import polar_columns, polar_styles
-from dirprim_filter.viewer.events import Events
-from dirprim_filter.viewer.focus import Focus, Look
+from dirprim_filter.viewer.focus import Focus, Look, polar_columns, polar_styles
 from dirprim_filter.viewer.stream import Stream, time_column
-from dirprim_filter.viewer.texts import legend, run_report
+from dirprim_filter.viewer.texts import Events, legend, run_report
 
 BATCH_FRAMES = 64
 """Frames that a file gets at a time;"""

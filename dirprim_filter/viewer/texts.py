@@ -1,12 +1,15 @@
-"""What is read beside the map: the legend, and the report about a run."""
+"""What is read beside the map: the legend, the report about a run, and what happened to tracks."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
 
+from dirprim_filter.estimates import TrackedFrame
+
 LONGEST = 64
 """Characters of a value in a report: longer ones are cut."""
+COASTS, ANEW, MEASURED = "coasts", "reinitialised: its belief did not explain its measurements", "measured again"
 
 LEGEND = """\
 **Roses**: how vehicles move in a cell. A petal points and bends in their direction; its area is their share of those
@@ -66,3 +69,23 @@ def _items(name: str, value: str) -> Iterator[tuple[str, str]]:
 def _cell(text: str) -> str:
     short = text if len(text) <= LONGEST else text[: LONGEST - 1] + "…"
     return " ".join(short.replace("|", "\\|").split())
+
+
+class Events:
+    """Compares each frame with the one before."""
+
+    def __init__(self) -> None:
+        self._coasting: dict[str, bool] = {}
+
+    def of(self, frame: TrackedFrame) -> list[tuple[str, str]]:
+        """Level and text of what has changed."""
+        now = dict(zip(frame.names, frame.estimates.is_coasting.tolist(), strict=True))
+        before, self._coasting = self._coasting, now
+        found = [("INFO", f"{name} ended") for name in before if name not in now]
+        found += [("INFO", f"{name} initialised") for name in now if name not in before]
+        found += [
+            ("INFO", f"{name} {COASTS if coasts else MEASURED}")
+            for name, coasts in now.items()
+            if coasts != before.get(name, False)
+        ]
+        return found + [("WARN", f"{name} {ANEW}") for name in frame.begun_anew if name in now]

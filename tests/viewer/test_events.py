@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from dirprim_filter.estimates import TrackedFrame
-from dirprim_filter.viewer.events import Events
+from dirprim_filter.viewer.texts import Events
 
 
 def test_a_life_is_reported_from_its_first_estimate_to_its_end(scene_frames: list[TrackedFrame]) -> None:

@@ -8,8 +8,7 @@ import pytest
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import TrackedFrame
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.viewer.direction_panel import polar_curves
-from dirprim_filter.viewer.focus import KEPT_S, Focus, Look
+from dirprim_filter.viewer.focus import KEPT_S, Focus, Look, polar_curves
 
 EVERYWHERE = np.array([[-1e3, -1e3], [1e3, 1e3]])
 
