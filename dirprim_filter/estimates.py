@@ -154,7 +154,7 @@ class TrackedFrame(ArrayValue):
         innovations: (n,) squared distance of each measurement from where it was expected, normalised by its
             covariance; NaN of vehicles that were not measured or are new. Its mean is 2, of chi-squared, where the
             filter is as sure as it should be. None where the tracker was not asked for them.
-        begun_anew: ids of the vehicles whose belief no longer explained them, and was reinitialised.
+        reinitialised: ids of the vehicles whose belief no longer explained them, and was reinitialised.
         group: (n,) of the log, each estimate's; left out: all of one.
     """
 
@@ -163,7 +163,7 @@ class TrackedFrame(ArrayValue):
     estimates: Estimates
     particles: Samples
     innovations: FloatArray | None = None
-    begun_anew: tuple[str, ...] = ()
+    reinitialised: tuple[str, ...] = ()
     group: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
 
     def __post_init__(self) -> None:

@@ -250,7 +250,7 @@ class Tracker:
             time_ns=time_ns, detections=seen, estimates=estimates,
             particles=Particles.none() if self._on_map is None else self._on_map.particles(slot),
             innovations=None if frame.innovation is None else frame.innovation[home],
-            begun_anew=tuple(compress(names, np.isin(home, frame.lost).tolist())),
+            reinitialised=tuple(compress(names, np.isin(home, frame.lost).tolist())),
         )  # fmt: skip
 
     def resample(self) -> None:

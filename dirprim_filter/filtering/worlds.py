@@ -104,7 +104,7 @@ def joined(frames: Mapping[int, TrackedFrame]) -> TrackedFrame:
         estimates=Estimates.concatenate([part.estimates for part in parts]),
         particles=BeliefSamples.concatenate(part.particles for part in parts),
         innovations=np.concatenate(innovations) if len(innovations) == len(parts) else None,
-        begun_anew=tuple(name for part in parts for name in part.begun_anew),
+        reinitialised=tuple(name for part in parts for name in part.reinitialised),
         group=np.concatenate([part.group for part in parts]),
     )  # fmt: skip
 
@@ -114,9 +114,9 @@ def _renamed(frame: TrackedFrame, group: int) -> TrackedFrame:
         return frame
     estimates = frame.estimates
     names, anew = (
-        world_names(of, np.full(of.size, group)) for of in (estimates.track_id, np.array(frame.begun_anew, np.str_))
+        world_names(of, np.full(of.size, group)) for of in (estimates.track_id, np.array(frame.reinitialised, np.str_))
     )
     return replace(
         frame, detections=frame.detections.in_one_world(), estimates=replace(estimates, track_id=names),
-        begun_anew=tuple(anew.tolist()), group=np.full(len(estimates), group),
+        reinitialised=tuple(anew.tolist()), group=np.full(len(estimates), group),
     )  # fmt: skip

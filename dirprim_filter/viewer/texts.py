@@ -88,4 +88,4 @@ class Events:
             for name, coasts in now.items()
             if coasts != before.get(name, False)
         ]
-        return found + [("WARN", f"{name} {ANEW}") for name in frame.begun_anew if name in now]
+        return found + [("WARN", f"{name} {ANEW}") for name in frame.reinitialised if name in now]

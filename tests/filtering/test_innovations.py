@@ -74,14 +74,14 @@ def test_a_tracker_goes_by_all_that_its_sensor_states():
     assert abs(np.mean(squared) - 2.0) < 4 * 2.0 / np.sqrt(np.size(squared)) + 0.2  # as above
 
 
-def test_who_is_begun_anew_is_named_and_none_but_on_request_are_reported():
+def test_who_is_reinitialised_is_named_and_none_but_on_request_are_reported():
     frames = tracked(noise_m=0.5, n_vehicles=3, n_frames=12, jump_at=6)
-    anew = {i: frame.begun_anew for i, frame in enumerate(frames) if frame.begun_anew}
+    anew = {i: frame.reinitialised for i, frame in enumerate(frames) if frame.reinitialised}
     assert anew
     assert set(anew[min(anew)]) <= {"0"}
     assert min(anew) >= 6
     quiet = tracked(noise_m=0.5, n_vehicles=3, n_frames=12, jump_at=6, with_innovations=False)
     assert all(frame.innovations is None for frame in quiet)
-    assert [frame.begun_anew for frame in quiet] == [frame.begun_anew for frame in frames]
+    assert [frame.reinitialised for frame in quiet] == [frame.reinitialised for frame in frames]
     for a, b in zip(quiet, frames, strict=True):  # asking changes nothing
         assert (a.estimates.position == b.estimates.position).all()

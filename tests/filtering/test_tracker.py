@@ -92,7 +92,7 @@ def test_a_vehicle_unseen_for_longer_than_the_gap_begins_anew(ring_map, late_s):
     assert of_vehicle(fresh, "a") == [column[-len(column) // 6 :] for column in of_vehicle(found, "a")]
 
 
-def test_a_jump_of_a_kilometre_is_begun_anew_and_counted(ring_map):
+def test_a_jump_of_a_kilometre_is_reinitialised_and_counted(ring_map):
     times = 0.1 * np.arange(20)
     path = {
         "a": np.array([on_the_ring(t) + np.array([1000.0 * (t > 0.95), 0.0]) for t in times]),
@@ -275,7 +275,7 @@ def test_a_lone_outlier_moves_no_belief_and_is_no_recovery(ring_map):
     assert hasty.recoveries == 2  # there and back
 
 
-def test_who_is_back_where_no_belief_reaches_is_begun_anew_at_once():
+def test_who_is_back_where_no_belief_reaches_is_reinitialised_at_once():
     """After three seconds out of sight 100 m farther than expected: a lone outlier in sight begins nothing anew."""
     frames = [*(one("a", 0.1 * i, i, 0.0) for i in range(20)), one("a", 5.0, 150.0, 0.0)]
     found, tracker = track(one_cell_map(concentration=1e3, shape=100.0), frames)
@@ -317,7 +317,7 @@ def test_out_of_sight_a_vehicle_is_the_same_whenever_others_are_seen(ring_map, f
     assert at_the_end([]) == at_the_end([0.93, 1.0, 1.777, 2.95]) == at_the_end([2.999999999])
 
 
-def test_beliefs_without_any_weight_are_begun_anew_at_once_and_counted(ring_map):
+def test_beliefs_without_any_weight_are_reinitialised_at_once_and_counted(ring_map):
     _, tracker = track(ring_map, round_the_ring("a", 0.1 * np.arange(5)))
     tracker._filter.belief.cloud.position[tracker._roster.slots_of(["a"])] = np.inf
     found = tracker.step(one("a", 0.5, *on_the_ring(0.5)))

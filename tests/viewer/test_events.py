@@ -12,7 +12,7 @@ def test_a_life_is_reported_from_its_first_estimate_to_its_end(scene_frames: lis
     def frame_of(unseen_s: list[float], *anew: str) -> TrackedFrame:
         estimates = scene_frames[0].estimates[: len(unseen_s)]
         return replace(
-            scene_frames[0], estimates=replace(estimates, unseen_s=np.array(unseen_s)), begun_anew=anew
+            scene_frames[0], estimates=replace(estimates, unseen_s=np.array(unseen_s)), reinitialised=anew
         )  # fmt: skip
 
     events = Events()
