@@ -33,7 +33,7 @@ class Detections(ArrayTable):
         size: (n, 3) measured length, width and height of the body, metres; NaN where unknown. Left out: nowhere known.
         cue: (n, 2) what the vehicle signals of its next turn (p_t of Eq. 4): the mean turn relative to its heading,
             radians counter-clockwise, and its von Mises concentration; NaN where it signals nothing. Left out: nowhere.
-        group: (n,) int64, the world that each row is of, as in `Tracks`. Left out: all 0.
+        group: (n,) int64, the recording that each row is of, as in `Tracks`. Left out: all 0.
 
     Raises:
         ValueError: shapes that do not fit, a position that is not finite, a direction beyond a turn, a speed below 0, a
@@ -102,7 +102,7 @@ class Detections(ArrayTable):
             raise ValueError("detections: expected one instant and each track id once; see Detections.frames")
         if (self.group != self.group[0]).any():
             raise ValueError(
-                "detections: expected rows of one group, which is a world of its own; see filtering.Worlds"
+                "detections: expected rows of one group, for each is tracked by itself; see filtering.Worlds"
             )
         check_after(time_ns, after_ns)
         return time_ns

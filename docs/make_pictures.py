@@ -107,15 +107,16 @@ def draw_gaps(primitives: PrimitiveMap, tracks: Tracks, n_shown: int, path: Path
         from_ns, to_ns = unseen_ns.min() - SECOND_NS, unseen_ns.max() + SECOND_NS
         rows &= (truth.time_ns >= from_ns) & (truth.time_ns <= to_ns)
         axes.plot(*truth.position[rows].T, color="0.75", linewidth=7, solid_capstyle="round", label="truth")
-        for world, color, width, name in zip(
+        for tracked, color, width, name in zip(
             (ways.filtered[0], ways.smoothed[0]),
             ("#d55e00", "#0072b2"),
             (1.0, 2.5),
             ("filter", "smoother"),
             strict=True,
         ):
-            said = world.estimates.all()
-            of = said[(said.track_id == truth.track_id[rows][0]) & (said.time_ns >= from_ns) & (said.time_ns <= to_ns)]
+            found = tracked.estimates.all()
+            own = (found.track_id == truth.track_id[rows][0]) & (found.time_ns >= from_ns) & (found.time_ns <= to_ns)
+            of = found[own]
             axes.plot(*of.position.T, color=color, linewidth=width, label=name)
             coasting = of[np.isin(of.time_ns, unseen_ns[4::5])]
             half, angle = covariance_axes(coasting.covariance, probability=0.9)

@@ -89,7 +89,7 @@ def log_evidence(model: BayesFilter, seen: Detections) -> float:
 
     Args:
         model: a filter without beliefs.
-        seen: labelled, one world; every row is of its vehicle.
+        seen: labelled, of one group; every row is of its vehicle.
     """
     vehicle = np.unique(seen.track_id, return_inverse=True)[1]
     order = np.lexsort((seen.time_ns, vehicle))

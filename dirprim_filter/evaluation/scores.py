@@ -104,7 +104,7 @@ class ScoreTable:
     """Trackers side by side.
 
     Attributes:
-        n_groups: of the truth, each a world of its own.
+        n_groups: of the truth, each a scene of its own.
         n_vehicles: of the truth.
         n_rows: of the truth at the instants that were judged, interpolated ones included.
         n_interpolated: of these rows.

@@ -108,7 +108,7 @@ class TrackingReport:
         scales: Scales,
         interpolated: float = 0.0,
     ) -> TrackingReport:
-        """Compare what a tracker says with the truth, of which each group is a world, row by row.
+        """Compare what a tracker says with the truth, of which each group is a scene, row by row.
 
         Args:
             rows: at instants of the truth.

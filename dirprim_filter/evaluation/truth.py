@@ -60,7 +60,7 @@ def judged_truth(truth: Tracks, results: Sequence[TrackedRows] = ()) -> JudgedTr
     every vehicle has a row at every instant, and results at these instants: that is judged as it is, row by row.
 
     Args:
-        truth: where vehicles were; each group is a world.
+        truth: where vehicles were; each group is a scene of its own.
         results: what is to be judged, all together; none: whatever has rows at the truth's own instants.
     """
     numbers = instant_numbers(truth, *results)

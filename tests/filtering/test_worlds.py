@@ -79,7 +79,7 @@ def test_joined_samples_are_those_of_the_estimates_that_they_are_given_to(ring, 
 
 def test_a_tracker_takes_one_group_at_a_time(ring, ring_map):
     both = Detections.concatenate([reported(ring, group, ids=False) for group in (1, 3)])
-    with pytest.raises(ValueError, match="rows of one group, which is a world of its own"):
+    with pytest.raises(ValueError, match="rows of one group, for each is tracked by itself"):
         tracker(ring_map).predict(next(both.frames()))
     with pytest.raises(ValueError, match="expected that of at least one group"):
         Worlds(lambda _: tracker(ring_map)).frame()

@@ -63,12 +63,12 @@ class Companions(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
-    """Vehicles and tracks of one world or of several; nothing of one world is near anything of another.
+    """Vehicles and tracks of one scene or of several; nothing of one scene is near anything of another.
 
     Attributes:
         vehicle: (n,) int64, the number of each true row's vehicle, from 0.
         track: (m,) int64, the number of each estimate's track, from 0.
-        row_instant: (n,) int64, the number of each true row's instant; instants of a world are in order of time.
+        row_instant: (n,) int64, the number of each true row's instant; instants of a scene are in order of time.
         column_instant: (m,) int64, the same of each estimate.
         near: the pairs that are at most `reach_m` apart, by instant.
         reach_m: metres.
@@ -83,7 +83,7 @@ class Comparison:
 
     @classmethod
     def of(cls, truth: Tracks, rows: TrackedRows, *, reach_m: float = 5.0) -> Comparison:
-        """Compare estimates with a truth, in which each group is a world.
+        """Compare estimates with a truth, in which each group is a scene of its own.
 
         Args:
             truth: where vehicles were.
