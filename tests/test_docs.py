@@ -21,8 +21,6 @@ FENCE = re.compile(r"^```(\w+)(?: ([\w.]+))?\n(.*?)^```$", flags=re.MULTILINE | 
 SHORTER = {
     "n_seeds = 2 ": "n_seeds = 1 ",
     "n_particles = 1000": "n_particles = 50",
-    "--seeds 1 --method": "--seeds 1 --set n_particles=50 --method",
-    "--every 2": "--every 10",
     "learn fleet -o map.mcap": "learn fleet -o map.mcap --tessellation grid --cell-size 20",
     "--tessellation grid --cell-size 8": "--tessellation grid --cell-size 20",
 }
