@@ -1,5 +1,7 @@
 """How large objects are: read as independent writers wrote it, and kept through our own logs."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from google.protobuf import json_format
@@ -133,6 +135,8 @@ def test_a_box_that_stands_for_an_estimate_is_no_measured_size(tmp_path):
         for k in range(3):
             log.write(a_frame(k * 10**8))
     assert np.isnan(read_tracks(tmp_path / "out.mcap", topics="/dirprim/tracks/scene").size).all()
+    former = Path(__file__).parents[2] / "recordings/roundabout_track.mcap"  # of when inputs were drawn too
+    assert np.isnan(read_tracks(former, topics="/objects/scene", end_ns=10**9).size).all()
 
 
 def test_sizes_of_a_table(tmp_path):

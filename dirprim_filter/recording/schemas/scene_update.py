@@ -22,8 +22,8 @@ _NOTES = ".entities[].metadata[]"
 _ROUND = ("round.x", "round.y", "round.z")
 _OTHERS = {"cylinder": (("r.x", "r.y", "r.z"), _ROUND), "model": (("m.x", "m.y", "m.z"), SIZE)}
 """Bodies in place of a cube: where each is, and its size, which a model has not, nor a cube."""
-DRAWN_NOTE = "drawn"
-"""In the metadata: the body is for the eye, its size was not measured."""
+DRAWN_NOTE, ONCE_DRAWN = "drawn", "speed_mps"
+"""In the metadata: the body is for the eye, its size was not measured; and what says so in our logs of before 2027."""
 
 
 def _by_bodies_and_notes(columns: FieldColumns, message: IntArray, known: dict[str, Any]) -> BoolArray:
@@ -36,7 +36,7 @@ def _by_bodies_and_notes(columns: FieldColumns, message: IntArray, known: dict[s
         if here.any():  # rarely: most logs draw cubes alone
             known["place"][here], known["size"][here] = (columns.vectors(of)[here] for of in (place, size))
         is_body = is_body | here
-    known["size"][entity[key == DRAWN_NOTE]] = np.nan
+    known["size"][entity[np.isin(key, (DRAWN_NOTE, ONCE_DRAWN))]] = np.nan
     is_label, known["label"] = key == "category", np.full(message.size, "", value.dtype)
     known["label"][entity[is_label]] = value[is_label]
     return is_body
