@@ -1,6 +1,9 @@
 """What Foxglove draws of estimates, particles, forecasts and maps: the same as the numbers say, none hides another."""
 
+import json
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +18,8 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.drawing import shapes
 from dirprim_filter.drawing.colors import track_color
 from dirprim_filter.forecasting import Forecasts
+from dirprim_filter.recording import topic_names
+from dirprim_filter.recording.foxglove.elements import SCENE_FRAME
 from dirprim_filter.recording.foxglove.scenes import (
     TRAIL_POINTS,
     VEHICLE_SIZE,
@@ -23,6 +28,7 @@ from dirprim_filter.recording.foxglove.scenes import (
     map_scene,
     particle_cloud,
 )
+from dirprim_filter.recording.schemas import dirprim_pb2
 from dirprim_filter.recording.writer import EstimateWriter
 
 STEP = 100_000_000
@@ -257,3 +263,25 @@ def test_of_vehicles_that_are_out_of_sight_no_forecast_is_drawn(tmp_path):
         log.write_forecast(Forecasts.of(STEP, ["a", "b", "c", "d"], np.zeros((4, 2)), paths))
     (message,) = messages(tmp_path / "a.mcap", "/dirprim/forecast")
     assert [entity.id for entity in SceneUpdate.FromString(message.data).entities] == ["a", "d"]
+
+
+PANELS = json.loads((Path(__file__).parents[2] / "docs/guides/foxglove_layout.json").read_text())["configById"]
+WRITTEN = {value for name, value in vars(topic_names).items() if name.isupper()}
+
+
+def test_the_3d_panel_stands_over_the_scene_and_shows_topics_that_are_written():
+    panel = PANELS["3D!map"]
+    assert (panel["followTf"], panel["followMode"]) == (SCENE_FRAME, "follow-pose")
+    assert panel["cameraState"]["perspective"] is False
+    assert set(panel["topics"]) <= WRITTEN
+    drawn = {topic_names.MAP_SCENE, topic_names.ESTIMATES_SCENE, topic_names.PARTICLES, topic_names.FORECAST}
+    assert drawn <= {name for name, topic in panel["topics"].items() if topic["visible"]}
+
+
+def test_plots_are_of_fields_that_messages_have():
+    fields = dirprim_pb2.TrackEstimates.DESCRIPTOR.fields_by_name
+    for panel in (panel for name, panel in PANELS.items() if name.startswith("Plot!")):
+        for path in panel["paths"]:
+            topic, field = re.fullmatch(r"([^.]+)\.(\w+)\[:\]", path["value"]).groups()
+            assert topic == topic_names.ESTIMATES
+            assert field in fields

@@ -1,5 +1,8 @@
 """Maps through a file: the same to the last bit, or one clear line."""
 
+import os
+import subprocess
+import sys
 import tempfile
 from collections import Counter
 from dataclasses import fields
@@ -224,3 +227,21 @@ def test_a_harmed_map_is_reported_in_one_line(tmp_path, kind, harm, message):
         load_map(path)
     assert "map.mcap" in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.slow
+def test_harmed_maps_are_refused_or_read_and_used(tmp_path):
+    folder = Path(__file__).parent
+    environment = os.environ | {
+        "NUMBA_BOUNDSCHECK": "1", "NUMBA_CACHE_DIR": str(tmp_path),  # kernels without checks are cached elsewhere
+        "PYTHONPATH": os.pathsep.join(map(str, (folder, folder.parent, folder.parents[1]))),
+    }  # fmt: skip
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", folder / "map_mutations.py", "150"], env=environment, capture_output=True,
+        text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr[-2000:]
+    refused, read = map(int, done.stdout.split())
+    assert refused + read == 300
+    assert refused > 50
+    assert read > 20
