@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cli.commands import DONE, FAILED, USAGE, dirprim
+from cli.commands import DONE, dirprim
 from dirprim_filter import learn_primitives, read_estimates, save_map, write_tracks
 from dirprim_filter.evaluation.calibration import self_calibration
 from dirprim_filter.recording.sensor_file import load_sensor, save_sensor
@@ -108,14 +108,3 @@ def test_a_log_is_tracked_by_a_sensor_file(here, capsys):
         away = np.array([found.position[i] - truth[key] for i, key in enumerate(keys) if key in truth])
         rmse.append(np.sqrt((away**2).sum(axis=1).mean()))
     assert rmse[1] < 0.8 * rmse[0]
-    capsys.readouterr()
-    Path("bad.toml").write_text(f"latency_s = -1\n[along]\nspread_m = 1\n{OTHER}\n")
-    for options, code, said in (
-        ("--sensor sensor.toml --noise 1", USAGE, "a sensor's model contains the noise"),
-        ("--sensor absent.toml", USAGE, "'absent.toml' does not exist"),
-        ("--sensor auto --no-ids", USAGE, "auto learns from a log with ids"),
-        ("--sensor auto --end 0.6", FAILED, "--sensor auto: expected at least 8 pieces of track"),
-        ("--sensor bad.toml", FAILED, "error: bad.toml: latency_s: expected 0 to 5 seconds"),
-    ):
-        assert dirprim(f"{TRACK} --force {options}") == code
-        assert said in " ".join(capsys.readouterr().err.split())

@@ -5,7 +5,7 @@ import json
 import math
 from pathlib import Path
 
-from cli.commands import DONE, FAILED, INPUT_LOST, USAGE, dirprim
+from cli.commands import DONE, INPUT_LOST, dirprim
 from dirprim_filter import read_estimates, read_tracks
 from dirprim_filter.detections import NO_ID
 from dirprim_filter.recording.reader import stream_detections
@@ -24,8 +24,6 @@ def test_a_survey_becomes_a_log_with_labels(here, capsys):
     assert set(read_tracks("s.mcap", labels="car").track_id) == {"a"}
     assert dirprim("info s.mcap") == DONE
     assert "labels in /objects: bus 2, car 2" in capsys.readouterr().out
-    assert dirprim("convert survey.csv.gz -o log.mcap --force --format sumo-fcd --columns x_m=x") == USAGE
-    assert "it is for csv" in " ".join(capsys.readouterr().err.split())
 
 
 def test_a_row_alone_in_time_is_reported_and_is_a_loss(here, capsys):
@@ -51,12 +49,6 @@ def test_detections_of_several_sensors_become_topics_that_tracking_reads(here, c
     assert set(frames[0].track_id.tolist()) == {NO_ID}
     assert sum(map(len, stream_detections("t.mcap", topics="/detections/radar", group=2))) == 10
     assert stream.losses.dropped == {}
-
-
-def test_a_time_before_the_epoch_names_the_file_and_the_way_out(here, capsys):
-    Path("t.csv").write_text("time_s,track_id,x_m,y_m\n-5,a,0,0\n-4,a,1,0\n")
-    assert dirprim("convert t.csv -o out") == FAILED
-    assert "out: expected times from 0 ns on" in capsys.readouterr().err
 
 
 def test_a_table_goes_where_a_log_does(here, capsys):

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cli.commands import DONE, FAILED, dirprim
+from cli.commands import DONE, dirprim
 from dirprim_filter import read_estimates, write_tracks
 from situations import ring_traffic
 from test_refining import other_tracker
@@ -22,10 +22,3 @@ def test_a_table_of_tracks_is_refined_and_scored_before_and_after(here, capsys):
     before, after = (float(figure) for figure in next(row for row in said.splitlines() if "RMSE, m" in row).split()[2:])
     assert after < before
     assert len(read_estimates("out.mcap")) == len(rows)
-
-
-def test_detections_without_ids_are_no_tracks(here, capsys):
-    Path("seen.csv").write_text("time_s,x_m,y_m\n0,1,2\n1,2,3\n")
-    assert dirprim("smooth seen.csv --map map.mcap -o out.mcap") == FAILED
-    assert "expected tracks with ids, got detections" in capsys.readouterr().err
-    assert not Path("out.mcap").exists()

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cli.commands import DONE, FAILED, dirprim
+from cli.commands import DONE, dirprim
 from dirprim_filter import learn_primitives, read_estimates, save_map
 from dirprim_filter.recording.reader import stream_detections
 from situations import junction_traffic
@@ -52,6 +52,3 @@ def test_signals_are_read_as_they_stand_and_nothing_else_is_one(tmp_path, monkey
     signals = {name: {tuple(row) for frame in seen for row in frame.cue[frame.track_id == name] if row[1] > 0}
                for name in ("ahead", "behind")}  # fmt: skip
     assert signals == {"ahead": {(np.pi / 2, 2.5)}, "behind": set()}
-    write_table("b.csv", "lft")
-    assert dirprim("convert b.csv -o b.mcap") == FAILED
-    assert "b.csv, line 24: expected left, right, none as turn_signal, got 'lft'" in capsys.readouterr().err

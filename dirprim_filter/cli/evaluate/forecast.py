@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -78,19 +78,9 @@ def forecast(
             progress=step, rng=np.random.default_rng(made["seed"]),
         )  # fmt: skip
     return report(
-        "evaluate forecast", logs, reading, log.losses, table=forecast_object(table), settings=made,
+        "evaluate forecast", logs, reading, log.losses, table=asdict(table), settings=made,
         text=lambda: forecast_text(table), as_json=as_json,
     )  # fmt: skip
-
-
-def forecast_object(table: ForecastTable) -> dict[str, Any]:
-    """The table for machines."""
-    methods = [
-        {"name": row.name, "settings": row.settings,
-         "horizons": [asdict(score) | {"gain": score.gain._asdict()} for score in row.horizons]}
-        for row in table.methods
-    ]  # fmt: skip
-    return {field.name: getattr(table, field.name) for field in fields(table)} | {"methods": methods}
 
 
 def forecast_text(table: ForecastTable) -> str:

@@ -1,0 +1,86 @@
+"""What cannot be done is said in one line, by its exit code, and nothing is written."""
+
+from pathlib import Path
+
+import pytest
+
+from cli.commands import FAILED, USAGE, dirprim
+
+TRACK = "track log.mcap --map map.mcap -o x"
+HEAD = "time_s,track_id,x_m,y_m"
+SENSOR = "[along]\nspread_m = 0.4\n[across]\nspread_m = 0.2\n"
+FILES = {
+    "no_y.csv": "time_s,track_id,x_m\n0,1,2\n", "kmh.csv": f"{HEAD},speed_kmh\n0,1,2,3,50\n",
+    "two.csv": f"{HEAD}\n0,1,two,3\n", "early.csv": f"{HEAD}\n-5,a,0,0\n-4,a,1,0\n",
+    "degrees.csv": f"{HEAD},course_rad\n0,a,0,0,270\n1,a,1,0,270\n",
+    "thousand.csv": f"{HEAD},speed_mps\n0,a,0,0,1_000\n",
+    "signal.csv": f"{HEAD},turn_signal\n0,a,0,0,lft\n", "no_ids.csv": "time_s,x_m,y_m\n0,1,2\n1,2,3\n",
+    "twice.csv": f"{HEAD}\n0,1,0,0\n0,1,1,1\n", "empty.mcap": "", "text.mcap": "hello, this is no log\n" * 9,
+    "late.toml": f"latency_s = -1\n{SENSOR}", "sensor.toml": SENSOR, "noise.toml": "noise = 1",
+    "cut.toml": "noise_m = ", "flat.toml": "noise_m = 1.0", "filter.toml": "[filter]\nnoise = 1.0",
+    "fold.toml": "n_fold = 2", "notes.txt": "noise: a lot",
+}  # fmt: skip
+CASES = [
+    ("frobnicate", USAGE, "No such command"),
+    ("learn", USAGE, "Missing argument"),
+    ("learn absent.mcap -o x", USAGE, "absent.mcap"),
+    ("learn log.mcap -o x --tessellation hexagons", USAGE, "hexagons"),
+    ("learn log.mcap -o -", USAGE, "expected the name of a file, got -"),
+    ("learn map.mcap -o x", FAILED, "error: map.mcap: "),
+    ("recover log.mcap -o -", USAGE, "expected the name of a file, got -"),
+    ("forecast --map map.mcap --at 1 2", USAGE, "Missing option"),
+    ("track log.mcap --map log.mcap -o x", FAILED, "dirprim learn"),
+    (f"{TRACK} --noise 0", USAGE, "Invalid value for '--noise'"),
+    (f"{TRACK} --forecast -3", USAGE, "Invalid value for '--forecast'"),
+    (f"{TRACK} --smooth --lag 1", USAGE, "--smooth waits for the whole log"),
+    (f"{TRACK} --noise 1 --sensor auto", USAGE, "a sensor's model contains the noise"),
+    (f"{TRACK} --sensor absent.toml", USAGE, "'absent.toml' does not exist"),
+    (f"{TRACK} --sensor auto --no-ids", USAGE, "auto learns from a log with ids"),
+    (f"{TRACK} --end 0.5 --sensor auto", FAILED, "log.mcap: --sensor auto: expected at least 8 pieces of track"),
+    (f"{TRACK} --sensor late.toml", FAILED, "error: late.toml: latency_s: expected 0 to 5 seconds, got -1"),
+    (f"{TRACK} --set particles_out=many", USAGE, "particles_out: expected a value of type int"),
+    (f"{TRACK} --config filter.toml", FAILED, "filter: noise: expected one of"),
+    (f"{TRACK} --config flat.toml", FAILED, "flat.toml: noise_m: expected the tables"),
+    ("track degrees.csv --map map.mcap -o x", FAILED, "degrees.csv, line 2: expected radians"),
+    ("smooth no_ids.csv --map map.mcap -o x", FAILED, "expected tracks with ids, got detections"),
+    ("evaluate tracking log.mcap --set miss_rate", USAGE, "expected NAME=VALUE"),
+    ("evaluate tracking log.mcap --set mis_rate=1", USAGE, "mis_rate: expected one of"),
+    ("evaluate tracking log.mcap --set group=x", USAGE, "group: expected"),
+    ("evaluate tracking log.mcap --config noise.toml", FAILED, "noise: expected one of noise_m"),
+    ("evaluate tracking log.mcap --config cut.toml", FAILED, "cut.toml: expected an experiment in TOML"),
+    ("evaluate tracking log.mcap --config notes.txt", FAILED, "notes.txt: expected an experiment in TOML, or the JSON"),
+    ("evaluate forecast log.mcap --config fold.toml", FAILED, "experiment: n_fold: expected one of split_by"),
+    ("evaluate density log.mcap --split group", FAILED, "at least two to split by group, got 1"),
+    ("plot map.mcap -o x.png --extent 10 0 -10 5", USAGE, "expected west south east north"),
+    ("plot map.mcap -o x.png --width 1", USAGE, "--width"),
+    ("convert no_y.csv -o x", FAILED, "missing: y_m"),
+    ("convert kmh.csv -o x", FAILED, "speed_kmh"),
+    ("convert two.csv -o x", FAILED, "two.csv, line 2: expected a number as x_m, got 'two'"),
+    ("convert thousand.csv -o x", FAILED, "expected a number as speed_mps, got '1_000'"),
+    ("convert signal.csv -o x", FAILED, "line 2: expected left, right, none as turn_signal, got 'lft'"),
+    ("convert early.csv -o x", FAILED, "x: expected times from 0 ns on"),
+    ("convert two.csv -o x --format sumo-fcd --columns x_m=x", USAGE, "it is for csv"),
+    ("score twice.csv --truth log.mcap", FAILED, "has two rows at 0 ns"),
+    ("score log.mcap log.mcap --truth log.mcap", USAGE, "expected each file once"),
+    ("export log.mcap -o x.xls", FAILED, "expected a name that ends in .csv, .parquet, got .xls"),
+    ("info empty.mcap", FAILED, "error: empty.mcap"),
+    ("info text.mcap", FAILED, "error: text.mcap"),
+    ("store learn log.mcap -o x", FAILED, "expected a store"),
+    ("store learn fleet -o x --now 3", FAILED, "expected --half-life with it"),
+    *((f"store learn fleet -o x --half-life={wrong}", USAGE, "expected a positive duration such as 12h, 30d or 2w")
+      for wrong in ("30", "-1d", "d", "nand")),
+    ("store info absent", FAILED, "expected a store, found none"),
+    ("store update map.mcap fleet", FAILED, "expected a map of a store"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("command", "code", "said"), CASES)
+def test_it_is_one_line_with_its_code(command, code, said, here, capsys):
+    for name, text in FILES.items():
+        Path(name).write_text(text)
+    before = set(here.iterdir())
+    assert dirprim(command) == code
+    error = capsys.readouterr().err
+    assert said in " ".join(error.split())
+    assert code == USAGE or (error.startswith("error: ") and error.count("\n") == 1)
+    assert set(here.iterdir()) == before
