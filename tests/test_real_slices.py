@@ -8,7 +8,7 @@ import pytest
 from dirprim_filter import learn_primitives, read_estimates, read_tracks
 from dirprim_filter.cli.main import run as dirprim
 from dirprim_filter.evaluation.forecast_cases import SCORES, Cases, score_cases
-from dirprim_filter.evaluation.forecasting import by_constant_velocity, futures_of
+from dirprim_filter.evaluation.forecasting import by_constant_velocity, rollouts_of
 
 DATA = Path(__file__).parent / "data"
 HORIZONS_S = (1.0, 3.0)
@@ -46,7 +46,7 @@ def test_forecasts_are_nearer_than_constant_velocity(junction, junction_map):
     straight = by_constant_velocity(train, HORIZONS_S, rng)["constant velocity"].sample
     of_map, of_velocity = (
         score_cases(sample(cases, 50, rng), cases.later)[..., SCORES.index("energy")]
-        for sample in (futures_of(junction_map, HORIZONS_S), straight)
+        for sample in (rollouts_of(junction_map, HORIZONS_S), straight)
     )
     assert (np.nanmean(of_map, axis=0) < np.nanmean(of_velocity, axis=0)).all()
 

@@ -14,7 +14,7 @@ from dirprim_filter import learn_primitives, read_tracks
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.evaluation.cues import evaluate_cues
 from dirprim_filter.evaluation.forecast_cases import SCORES, Cases, score_cases
-from dirprim_filter.evaluation.forecasting import by_constant_velocity, futures_of
+from dirprim_filter.evaluation.forecasting import by_constant_velocity, rollouts_of
 from dirprim_filter.evaluation.tracking import compared, evaluate_tracking
 from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
 
@@ -92,7 +92,7 @@ def forecast(log, learned, seed):
     straight = by_constant_velocity(train, horizons, rng)["constant velocity"].sample
     of_map, of_velocity = (
         np.nanmean(score_cases(sample(cases, 50, rng), cases.later)[..., SCORES.index("energy")], axis=0)
-        for sample in (futures_of(learned, horizons), straight)
+        for sample in (rollouts_of(learned, horizons), straight)
     )
     return 1.0 - of_map / of_velocity
 

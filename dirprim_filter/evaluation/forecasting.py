@@ -25,7 +25,7 @@ from dirprim_filter.filtering.rollouts import forecast_states
 from dirprim_filter.primitives import PrimitiveMap, learn_primitives
 from dirprim_filter.tracks import Tracks
 
-SampleFutures = Callable[[Cases, int, np.random.Generator], FloatArray]
+SampleRollouts = Callable[[Cases, int, np.random.Generator], FloatArray]
 """Cases, number of samples -> (n, n_samples, n_horizons, 2) metres."""
 
 
@@ -37,7 +37,7 @@ class Forecaster(NamedTuple):
         settings: what was searched for, by name; empty where nothing was.
     """
 
-    sample: SampleFutures
+    sample: SampleRollouts
     settings: tuple[Choice, ...] = ()
 
 
@@ -50,19 +50,19 @@ def by_map(
 ) -> dict[str, Forecaster]:
     """The map as it is learned by default, the same without its cells, and where vehicles respond to those ahead."""
     learned = learn_primitives(train, rng=rng)
-    rows = {"prior": futures_of(learned, horizons_s), "place-free": futures_of(learned.without_places(), horizons_s)}
+    rows = {"prior": rollouts_of(learned, horizons_s), "place-free": rollouts_of(learned.without_places(), horizons_s)}
     if leaders:
-        rows["prior, leaders"] = futures_in_worlds(learned, horizons_s)
+        rows["prior, leaders"] = rollouts_with_leaders(learned, horizons_s)
     return {name: Forecaster(sample) for name, sample in rows.items()}
 
 
 def by_one_cell(train: Tracks, horizons_s: tuple[float, ...], rng: np.random.Generator) -> dict[str, Forecaster]:
     """The same learning with a single cell for all places: the negative control. What is left owes nothing to cells."""
     learned = learn_primitives(train, tessellation="grid", n_cells=1, rng=rng)
-    return {"one cell": Forecaster(futures_of(learned, horizons_s))}
+    return {"one cell": Forecaster(rollouts_of(learned, horizons_s))}
 
 
-def futures_of(primitive_map: PrimitiveMap, horizons_s: tuple[float, ...]) -> SampleFutures:
+def rollouts_of(primitive_map: PrimitiveMap, horizons_s: tuple[float, ...]) -> SampleRollouts:
     """Forecasts on a map."""
 
     def sample(cases: Cases, n_samples: int, rng: np.random.Generator) -> FloatArray:
@@ -74,7 +74,7 @@ def futures_of(primitive_map: PrimitiveMap, horizons_s: tuple[float, ...]) -> Sa
     return sample
 
 
-def futures_in_worlds(primitive_map: PrimitiveMap, horizons_s: tuple[float, ...]) -> SampleFutures:
+def rollouts_with_leaders(primitive_map: PrimitiveMap, horizons_s: tuple[float, ...]) -> SampleRollouts:
     """Forecasts on a map of all vehicles that were there at an instant together."""
 
     def sample(cases: Cases, n_samples: int, rng: np.random.Generator) -> FloatArray:
@@ -113,7 +113,7 @@ def by_constant_velocity(
     return {"constant velocity": Forecaster(straight_on_as(Cases.of(train, horizons_s=horizons_s), horizons_s))}
 
 
-def straight_on_as(known: Cases, horizons_s: tuple[float, ...]) -> SampleFutures:
+def straight_on_as(known: Cases, horizons_s: tuple[float, ...]) -> SampleRollouts:
     """On as now, with Gaussian errors along the course and across it as large as those of known cases at each horizon.
 
     Fitted to each horizon by itself, not to the changes from one row to the next: those are smooth, and white

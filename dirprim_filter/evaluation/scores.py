@@ -67,9 +67,8 @@ def scored(worlds: Sequence[TrackedWorld], *, with_ids: bool, scales: Scales) ->
     judged = [judged_truth(world.truth.tracks) for world in worlds]
     order = np.argsort(np.concatenate([of.tracks.time_ns for of in judged]), kind="stable")
     truth = Tracks.concatenate([of.tracks for of in judged])  # in order of time
-    is_hidden = np.concatenate([of.both(world.truth.is_hidden) for of, world in zip(judged, worlds, strict=True)])[
-        order
-    ]
+    hidden = [of.both(world.truth.is_hidden) for of, world in zip(judged, worlds, strict=True)]
+    is_hidden = np.concatenate(hidden)[order]
     report, (squared, normalised) = TrackingReport.with_errors(
         rows, truth, is_hidden=is_hidden, with_ids=with_ids, scales=scales,
         interpolated=sum(of.n_interpolated for of in judged) / len(truth),

@@ -19,7 +19,7 @@ from dirprim_filter import PrimitiveMap, Tracks, learn_primitives
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.evaluation.baselines.trajectory_memory import States, TrajectoryMemory
 from dirprim_filter.evaluation.forecast_cases import Cases, score_cases
-from dirprim_filter.evaluation.forecasting import SampleFutures, futures_of, straight_on_as
+from dirprim_filter.evaluation.forecasting import SampleRollouts, rollouts_of, straight_on_as
 from dirprim_filter.instants import Instants
 
 DATA = Path(__file__).parents[2] / "../shared/data/chicago_bus/chicago_bus.csv"
@@ -188,7 +188,7 @@ def memory_settings() -> tuple[float, float]:
     return found.nearness, found.strength
 
 
-def samplers(fold: Fold) -> dict[str, tuple[SampleFutures, np.random.Generator]]:
+def samplers(fold: Fold) -> dict[str, tuple[SampleRollouts, np.random.Generator]]:
     """What forecasts, each with random numbers of its own."""
     nearness, strength = memory_settings()
     memory = replace(TrajectoryMemory.of(fold.train.filled().tracks()), nearness=nearness, strength=strength)
@@ -202,6 +202,6 @@ def samplers(fold: Fold) -> dict[str, tuple[SampleFutures, np.random.Generator]]
         "constant velocity": (straight_on, np.random.default_rng(fold.seed)),
         "trajectory memory": (remembered, np.random.default_rng([fold.seed, 1])),
     } | {
-        name: (futures_of(learned, HORIZONS_S), np.random.default_rng([fold.seed, 2]))
+        name: (rollouts_of(learned, HORIZONS_S), np.random.default_rng([fold.seed, 2]))
         for name, learned in maps(fold.seed).items()
     }
