@@ -1,7 +1,6 @@
-"""The field's metrics against its reference implementations, and against all there is to choose from."""
+"""The field's metrics against its reference implementations."""
 
 from datetime import datetime
-from itertools import permutations
 
 import numpy as np
 import pytest
@@ -138,15 +137,6 @@ def test_groups_are_scenes_however_much_they_lie_on_each_other():
     assert overlaid["HOTA"] != pytest.approx(combined["HOTA"], abs=1e-3)
 
 
-def test_a_match_that_is_still_valid_is_kept_though_another_track_is_nearer():
-    truth = [("a", k, 0.0, 0.0) for k in range(3)]
-    tracks = [("1", 0, 0.0, 0.0), ("1", 1, 2.0, 0.0), ("2", 1, 0.1, 0.0), ("1", 2, 2.4, 0.0), ("2", 2, 0.1, 0.0)]
-    assert clear_mot(comparison_of(truth, tracks)).switches == 0
-    lost = [row if row[:2] != ("1", 2) else ("1", 2, 2.6, 0.0) for row in tracks]  # 2.5 m is half similar
-    assert clear_mot(comparison_of(truth, lost)).switches == 1
-    assert clear_mot(comparison_of(truth, tracks), similarity_m=3.0).switches == 1
-
-
 def test_scores_do_not_depend_on_the_order_of_rows():
     truth, estimated = traffic(3)
     rng = np.random.default_rng(0)
@@ -161,30 +151,11 @@ def points(places, prefix="p", k=0):
     return [(f"{prefix}{i}", k, *place) for i, place in enumerate(places)]
 
 
-def by_enumeration(truth, estimated):
-    """Square of the metric: the cheapest way to give the fewer to the more, each pair at most at the cut-off."""
-    few, many = sorted((truth, estimated), key=len)
-    alone = 0.5 * CUTOFF_M**2 * (len(many) - len(few))
-    return alone + min(
-        sum(min(((few[i] - many[j]) ** 2).sum(), CUTOFF_M**2) for i, j in enumerate(chosen))
-        for chosen in permutations(range(len(many)), len(few))
-    )
-
-
 def sets():
     rng = np.random.default_rng(0)
     for n, m in [(0, 0), (0, 3), (2, 0), (1, 1), (3, 3), (2, 5), (5, 3), (4, 4)]:
         for _ in range(5):
             yield rng.uniform(0, 8, (n, 2)), rng.uniform(0, 8, (m, 2))
-
-
-def test_gospa_is_the_cheapest_of_all_assignments_and_its_parts_add_up():
-    for truth, estimated in sets():
-        got = gospa(comparison_of(points(truth), points(estimated)), cutoff_m=CUTOFF_M)
-        assert got.distance**2 == pytest.approx(by_enumeration(truth, estimated), abs=1e-9)
-        off = np.linalg.norm(truth[got.pairs.row] - estimated[got.pairs.column], axis=1)
-        assert (off < CUTOFF_M).all()
-        assert got.localisation == pytest.approx((off**2).sum())
 
 
 def test_gospa_and_its_parts_are_stone_soups_and_instants_add_up():
@@ -199,6 +170,9 @@ def test_gospa_and_its_parts_are_stone_soups_and_instants_add_up():
         got = gospa(comparison_of(points(truth), points(estimated)), cutoff_m=CUTOFF_M)
         for name in ("distance", "localisation", "missed", "false"):
             assert getattr(got, name) == pytest.approx(expected[name], abs=1e-9), name
+        off = np.linalg.norm(truth[got.pairs.row] - estimated[got.pairs.column], axis=1)
+        assert (off < CUTOFF_M).all()
+        assert got.localisation == pytest.approx((off**2).sum())
         compared += 1
         total += expected["distance"] ** 2
         truths, found = truths + points(truth, k=k), found + points(estimated, k=k)
