@@ -48,7 +48,6 @@ CALLS = {
     "weigh, first": (lambda m: tracker(m).weigh(), "weigh: expected once for each frame, after predict"),
     "tracks, degrees": (lambda _: tracks(direction=[0.0, 90.0]), DEGREES),
     "tracks, heading": (lambda _: tracks(heading=[0.0, -90.0]), DEGREES.replace("direction", "heading")),
-    "detections, degrees": (lambda _: seen(direction=np.array([90.0]), speed=np.ones(1)), DEGREES),
     "forecast, path": (lambda _: forecast("m.mcap", **STATE), "expected a PrimitiveMap, as load_map reads it"),
     "forecast, rng": (lambda m: forecast(m, **STATE | {"rng": 0}), GENERATOR),
     "forecast, config": (lambda m: forecast(m, config={}, **STATE), "config: expected a FilterConfig, got {}"),
