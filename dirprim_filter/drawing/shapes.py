@@ -20,7 +20,6 @@ from dirprim_filter.distributions import von_mises
 from dirprim_filter.drawing.colors import ByteArray, speed_color
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from tessellation import Tessellation
-from tessellation.anchors import anchors
 
 SHARPEST_PETAL = 10.0
 """Concentrations are drawn up to this one, a standard deviation of 18 degrees: narrower could not be seen."""
@@ -58,7 +57,7 @@ class Petals(NamedTuple):
     """The petals of a map's roses, discs first and the heaviest first, so that a lighter one is drawn over it.
 
     Attributes:
-        polygon: (n, k, 2) metres; the first vertex is the cell's anchor.
+        polygon: (n, k, 2) metres; the first vertex is the cell's centre.
         mean_speed: (n,) m/s, of the petal's mode.
         weight: (n,) of the petal's mode among those of its cell that move; of a disc, the share of rows that stand.
         cell: (n,) the petal's cell.
@@ -90,9 +89,8 @@ def rose_petals(primitives: PrimitiveMap) -> Petals:
     cell, mode = np.nonzero((weight >= SMALLEST_PETAL) & _has_rose(primitives)[:, None])
     order = np.lexsort((-weight[cell, mode], ~stands[cell, mode]))
     cell, mode = cell[order], mode[order]
-    root, bend = anchors(primitives.tessellation)[cell], primitives.bend[cell, mode]
+    root, bend = primitives.tessellation.centers[cell], primitives.bend[cell, mode]
     weight, mean = weight[cell, mode], direction.mean_direction[cell, mode]
-    mean = mean + (bend * (root - primitives.tessellation.centers[cell])).sum(axis=-1)
     concentration = np.minimum(direction.concentration[cell, mode], SHARPEST_PETAL)
     with np.errstate(divide="ignore"):
         half_width = np.arccos(np.clip(1.0 + 2.0 * np.log(PETAL_RIM) / concentration, -1.0, 1.0))

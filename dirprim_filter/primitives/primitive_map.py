@@ -6,7 +6,7 @@ Eq. 1-3.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -182,13 +182,6 @@ class PrimitiveMap:
     def without_places(self) -> PrimitiveMap:
         """The same map with no cell: the ablation that shows what knowing the place is worth."""
         last = np.array([-1])
-        return PrimitiveMap(
-            tessellation=GridTessellation.empty(),
-            direction=self.direction[last],
-            speed=self.speed[last],
-            n_rows=self.n_rows[last],
-            n_background_modes=self.n_background_modes,
-            bend=self.bend[last],
-            gain=self.gain[last],
-            motion=self.motion.without_places(),
-        )
+        columns = {name: getattr(self, name)[last] for name in ("direction", "speed", "n_rows", "bend", "gain")}
+        motion = self.motion.without_places()
+        return replace(self, tessellation=GridTessellation.empty(), motion=motion, **columns)

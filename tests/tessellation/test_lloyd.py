@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tessellation import VoronoiTessellation
-from tessellation.lloyd import seeds
+from tessellation.voronoi import seeds
 
 
 def cells_around(position, *, n_cells, seed=0):
