@@ -62,9 +62,7 @@ class LearningConfig:
 
     def __post_init__(self) -> None:
         several = ("cell_sizes", "rows_per_cell")
-        require_positive(self, skip=several, or_zero=("broad_share",))
-        if self.broad_share >= 1:
-            raise ValueError(f"broad_share: expected a share below 1, got {self.broad_share}")
+        require_positive(self, skip=several, or_zero=("broad_share",), below_one=("broad_share",))
         for name in several:
             numbers = getattr(self, name)
             if not numbers or not all(number > 0 for number in numbers):
@@ -117,20 +115,15 @@ class FilterConfig:
     interaction: Literal["none", "leader"] = "leader"
 
     def __post_init__(self) -> None:
-        may_be_off = (
-            "outlier_probability", "motion_outlier_probability", "resample_below", "innovation_outlier_rate",
-            "own_way_rate",
-        )  # fmt: skip
-        require_positive(self, skip=("interaction",), or_zero=may_be_off)
+        shares = ("outlier_probability", "motion_outlier_probability")
+        may_be_off = (*shares, "resample_below", "innovation_outlier_rate", "own_way_rate")
+        require_positive(self, skip=("interaction",), or_zero=may_be_off, below_one=shares)
         if self.step_s < LEAST_STEP_S:
             raise ValueError(
                 f"step_s: expected at least {LEAST_STEP_S:g} s, got {self.step_s}: a frame has so many steps"
             )
         if self.interaction not in ("none", "leader"):
             raise ValueError(f"interaction: expected 'none' or 'leader', got {self.interaction!r}")
-        for name in ("outlier_probability", "motion_outlier_probability"):
-            if getattr(self, name) >= 1:
-                raise ValueError(f"{name}: expected a probability below 1, got {getattr(self, name)}")
         if self.resample_below > 1:
             raise ValueError(f"resample_below: expected a share of the particles, got {self.resample_below}")
 
@@ -174,10 +167,8 @@ class TrackingConfig:
     lost_after: int = 2
 
     def __post_init__(self) -> None:
-        require_positive(self, or_zero=("occlusion_rate", "departure_rate"))
-        for name in ("detection_probability", "confirm_above", "report_above", "forget_below"):
-            if getattr(self, name) >= 1:
-                raise ValueError(f"{name}: expected a probability below 1, got {getattr(self, name)}")
+        shares = ("detection_probability", "confirm_above", "report_above", "forget_below")
+        require_positive(self, or_zero=("occlusion_rate", "departure_rate"), below_one=shares)
         if not self.report_above <= self.confirm_above:
             raise ValueError(
                 f"report_above: expected at most confirm_above, {self.confirm_above}, got {self.report_above}"
@@ -185,9 +176,10 @@ class TrackingConfig:
 
 
 def require_positive(
-    config: LearningConfig | FilterConfig | TrackingConfig, *, skip: tuple[str, ...] = (), or_zero: tuple[str, ...] = ()
-) -> None:
-    """Every number of a configuration is positive, but for some that may be zero.
+    config: LearningConfig | FilterConfig | TrackingConfig, *, skip: tuple[str, ...] = (),
+    or_zero: tuple[str, ...] = (), below_one: tuple[str, ...] = (),
+) -> None:  # fmt: skip
+    """Every number of a configuration is positive, but for some that may be zero; some are below 1.
 
     Raises:
         ValueError: names the first that is not.
@@ -198,3 +190,5 @@ def require_positive(
             raise ValueError(f"{name}: expected at least 0, got {value}")
         if name not in (*skip, *or_zero) and not value > 0:
             raise ValueError(f"{name}: expected a positive number, got {value}")
+        if name in below_one and value >= 1:
+            raise ValueError(f"{name}: expected a share below 1, got {value}")

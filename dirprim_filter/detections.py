@@ -9,7 +9,7 @@ import numpy as np
 
 from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from dirprim_filter.columns import ArrayTable, check_angles, check_sizes, chosen, groups, is_held, optional, required
-from dirprim_filter.track_ids import as_texts, world_names
+from dirprim_filter.track_ids import as_texts, qualified_names
 from dirprim_filter.tracks import Tracks
 
 NO_TIME = -(1 << 63)
@@ -77,11 +77,11 @@ class Detections(ArrayTable):
         """The positions of tracks, without their direction and speed."""
         return cls(track_id=tracks.track_id, time_ns=tracks.time_ns, position=tracks.position, group=tracks.group)
 
-    def in_one_world(self) -> Detections:
-        """The same rows as of no group, under the names that `world_names` gives them."""
+    def in_one_group(self) -> Detections:
+        """The same rows as of no group, under the names that `qualified_names` gives them."""
         if not self.group.any():
             return self
-        names = np.where(self.track_id == NO_ID, NO_ID, world_names(self.track_id, self.group))
+        names = np.where(self.track_id == NO_ID, NO_ID, qualified_names(self.track_id, self.group))
         return replace(self, track_id=names, group=np.zeros(len(self), np.int64))
 
     def without_ids(self) -> Detections:
@@ -102,7 +102,7 @@ class Detections(ArrayTable):
             raise ValueError("detections: expected one instant and each track id once; see Detections.frames")
         if (self.group != self.group[0]).any():
             raise ValueError(
-                "detections: expected rows of one group, for each is tracked by itself; see filtering.Worlds"
+                "detections: expected rows of one group, for each is tracked by itself; see filtering.GroupTracker"
             )
         check_after(time_ns, after_ns)
         return time_ns

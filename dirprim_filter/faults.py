@@ -12,7 +12,7 @@ import numpy as np
 
 from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from dirprim_filter.distributions.angles import wrap
-from dirprim_filter.track_ids import world_names
+from dirprim_filter.track_ids import qualified_names
 
 if TYPE_CHECKING:
     from dirprim_filter.tracks import Tracks
@@ -52,7 +52,7 @@ SHOWN = 6
 
 
 def find_faults(tracks: Tracks) -> list[str]:
-    """A line for each kind of fault that tracks have, with the vehicles' names as by `world_names`.
+    """A line for each kind of fault that tracks have, with the vehicles' names as by `qualified_names`.
 
     By sorting, in time that grows little faster than the rows.
     """
@@ -65,7 +65,7 @@ def find_faults(tracks: Tracks) -> list[str]:
     if not path.vehicle.size:
         return []
     first = np.searchsorted(path.vehicle, np.arange(path.vehicle[-1] + 1))
-    names = world_names(tracks.track_id[order][first], path.group[first])
+    names = qualified_names(tracks.track_id[order][first], path.group[first])
     found = {
         "move against their own heading": _missteps(path, _lost_distance(path), BACKWARDS_M, names),
         "jump": _missteps(path, *_jumps(path), names),

@@ -17,11 +17,11 @@ from dirprim_filter.arrays import BoolArray
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import TrackedFrame
-from dirprim_filter.filtering import Tracker, Worlds
-from dirprim_filter.filtering.smoothing import Smoother
+from dirprim_filter.filtering import GroupTracker, Tracker
+from dirprim_filter.filtering.smoothing.smoother import Smoother
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.sensor import AxisError, Sensor
-from dirprim_filter.track_ids import world_names
+from dirprim_filter.track_ids import qualified_names
 
 EVEN = 0.01
 """Change of velocity between rows, as a share of the usual one of all rows, below which a track runs on by itself."""
@@ -102,19 +102,19 @@ def _smoothed(
     def tracker_of(group: int) -> Tracker:
         return smoother.tracker(group, model, config=config, tracking=tracking, sensor=sensor, rng=rng())
 
-    worlds = Worlds(tracker_of)
+    tracker = GroupTracker(tracker_of)
     seen = {int(frame.time_ns[0]): frame for frame in rows.frames()}
     with smoother:
         for time_ns, groups in instants:
-            worlds.predict(seen.get(time_ns, Detections.none()), time_ns=time_ns, groups=groups)
-            worlds.weigh()
-            smoother.write(worlds.frame())
-            worlds.resample()
+            tracker.predict(seen.get(time_ns, Detections.none()), time_ns=time_ns, groups=groups)
+            tracker.weigh()
+            smoother.write(tracker.frame())
+            tracker.resample()
 
 
 def _renamed(rows: Detections, joined: Iterable[tuple[str, str]]) -> Detections:
     """The rows under the ids of the pieces that theirs continue; ids that overlap in time stay apart."""
-    names = world_names(rows.track_id, rows.group).astype(np.str_)
+    names = qualified_names(rows.track_id, rows.group).astype(np.str_)
     ids = rows.track_id.copy()
     for former, later in joined:
         one, other = names == former, names == later

@@ -7,11 +7,11 @@ from typing import Any
 
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import EstimateSink, TrackedFrame
-from dirprim_filter.filtering import Tracker, Worlds
+from dirprim_filter.filtering import GroupTracker, Tracker
 
 
 def replay(
-    stream: Iterable[Detections], tracker: Tracker | Worlds, sinks: Sequence[EstimateSink], *,
+    stream: Iterable[Detections], tracker: Tracker | GroupTracker, sinks: Sequence[EstimateSink], *,
     rate_hz: float | None = None,
 ) -> int:  # fmt: skip
     """Track the vehicles of a stream; nothing of it is kept.
@@ -19,7 +19,7 @@ def replay(
     Args:
         stream: frames of one instant each, ascending in time.
         tracker: holds the beliefs; they are those of the last frame when the loop ends. A stream of several groups
-            needs one for each: `Worlds`.
+            needs one for each: `GroupTracker`.
         sinks: take every tracked frame, in the order given.
         rate_hz: between two frames farther apart there are estimates so often, as long as there is a vehicle.
 

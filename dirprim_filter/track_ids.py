@@ -79,7 +79,7 @@ def vehicle_numbers(track_id: AnyArray, group: IntArray) -> IntArray:
     return number
 
 
-def world_names(track_id: AnyArray, group: IntArray) -> AnyArray:
+def qualified_names(track_id: AnyArray, group: IntArray) -> AnyArray:
     """(n,) str, ids that no two groups share: `group/id`, and in group 0, of logs without groups, the id alone."""
     names = as_texts(track_id)
     if not group.any():

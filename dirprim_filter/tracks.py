@@ -41,7 +41,7 @@ class Tracks(ArrayTable):
         position: (n, 2) metres, x east, y north.
         direction: (n,) course over ground, radians counter-clockwise from east in (-pi, pi].
         speed: (n,) metres per second, not negative.
-        group: (n,) int64; each group is a world of its own, recorded apart from the others, whose times may overlap:
+        group: (n,) int64; each group is a scene of its own, recorded apart from the others, whose times may overlap:
             nothing compares rows across groups, and they are what to split by. Left out: all 0.
         size: (n, 3) length, width and height of the body, metres; NaN where unknown. Left out: nowhere known, which
             takes no memory.
@@ -104,7 +104,7 @@ class Tracks(ArrayTable):
         row[vehicle[::-1]] = np.arange(vehicle.size)[::-1]
         return row
 
-    def worlds(self) -> Iterator[Tracks]:
+    def by_group(self) -> Iterator[Tracks]:
         """The rows of each group, in order of the groups."""
         groups = np.unique(self.group)
         for group in groups.tolist():

@@ -10,8 +10,7 @@ from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.filtering import Tracker
-from dirprim_filter.filtering.rollouts import projected, sampled_belief
-from dirprim_filter.forecasting import Forecaster
+from dirprim_filter.forecasting import Forecaster, projected, sampled_belief
 from dirprim_filter.primitives.motion_table import motion_table
 from dirprim_filter.replay import replay
 from situations import TRUSTING, one_cell_map

@@ -8,7 +8,7 @@ import pytest
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import EstimateList, Estimates
-from dirprim_filter.filtering import Tracker, Worlds
+from dirprim_filter.filtering import GroupTracker, Tracker
 from dirprim_filter.replay import replay
 from situations import TRUSTING
 
@@ -90,8 +90,10 @@ def test_at_a_rate_the_log_has_estimates_also_where_it_has_no_frame_and_those_of
 
     def tracked(rate_hz):
         config, kept = FilterConfig(n_particles=50), EstimateList()
-        worlds = Worlds(lambda _: Tracker(ring_map, config=config, tracking=TRUSTING, rng=np.random.default_rng(0)))
-        assert replay(seen.frames(), worlds, [kept], rate_hz=rate_hz) == np.unique(seen.time_ns).size
+        tracker = GroupTracker(
+            lambda _: Tracker(ring_map, config=config, tracking=TRUSTING, rng=np.random.default_rng(0))
+        )
+        assert replay(seen.frames(), tracker, [kept], rate_hz=rate_hz) == np.unique(seen.time_ns).size
         return kept.all()
 
     plain, rated = tracked(None), tracked(5.0)

@@ -12,7 +12,7 @@ from dirprim_filter.columns import is_held
 from dirprim_filter.detections import Detections
 from dirprim_filter.recording.losses import Losses
 from dirprim_filter.recording.rows import TrackResult
-from dirprim_filter.track_ids import as_texts, as_track_ids, vehicle_numbers, world_names
+from dirprim_filter.track_ids import as_texts, as_track_ids, qualified_names, vehicle_numbers
 from dirprim_filter.tracks import Tracks
 
 GOOD = {
@@ -273,19 +273,19 @@ def test_a_vehicle_is_an_id_in_a_group(ring):
 
 def test_scenes_are_the_groups_one_after_the_other(ring):
     both = two_groups(ring)
-    worlds = list(both.worlds())
+    worlds = list(both.by_group())
     assert [set(world.group.tolist()) for world in worlds] == [{-2}, {5}]
     np.testing.assert_array_equal(worlds[0].position, ring.position)
-    assert [len(world) for world in ring.worlds()] == [len(ring)]
+    assert [len(world) for world in ring.by_group()] == [len(ring)]
 
 
 def test_names_of_scenes_are_each_of_one_vehicle_and_those_of_group_0_are_the_ids(ring):
     both = two_groups(ring)
-    names = world_names(both.track_id, both.group)
+    names = qualified_names(both.track_id, both.group)
     assert np.unique(names).size == both.n_tracks
     assert set(names.tolist()) == {f"{g}/{i}" for g in (5, -2) for i in np.unique(ring.track_id)}
-    assert world_names(ring.track_id, ring.group).tolist() == ring.track_id.astype(str).tolist()
-    assert world_names(names, both.group).tolist() == names.tolist()
+    assert qualified_names(ring.track_id, ring.group).tolist() == ring.track_id.astype(str).tolist()
+    assert qualified_names(names, both.group).tolist() == names.tolist()
 
 
 def test_velocity_is_not_differenced_across_groups():

@@ -37,7 +37,7 @@ from dirprim_filter.cli.texts import counted, say
 if TYPE_CHECKING:
     from dirprim_filter.config import FilterConfig, TrackingConfig
     from dirprim_filter.estimates import EstimateSink, TrackedFrame
-    from dirprim_filter.filtering import Worlds
+    from dirprim_filter.filtering import GroupTracker
     from dirprim_filter.primitives import PrimitiveMap
     from dirprim_filter.recording.writer import EstimateWriter
     from dirprim_filter.sensor import Sensor
@@ -115,8 +115,8 @@ def track(
     from dirprim_filter.cli.progress import with_progress
     from dirprim_filter.cli.results import provenance
     from dirprim_filter.cli.view import exit_code, open_viewer
-    from dirprim_filter.filtering import Tracker, Worlds
-    from dirprim_filter.filtering.smoothing import Smoother
+    from dirprim_filter.filtering import GroupTracker, Tracker
+    from dirprim_filter.filtering.smoothing.smoother import Smoother
     from dirprim_filter.forecasting import Forecaster
     from dirprim_filter.recording import load_map
     from dirprim_filter.recording.writer import EstimateWriter
@@ -153,7 +153,7 @@ def track(
             rng=np.random.default_rng(seed),
         )  # fmt: skip
 
-    worlds, viewer = Worlds(tracker_of), None
+    worlds, viewer = GroupTracker(tracker_of), None
     with ExitStack() as files:
         estimates = files.enter_context(EstimateWriter(
             output, metadata=said, force=force, also_as=also_as,
@@ -234,7 +234,7 @@ def _configured(
     return sensor, *sensor.informs(filtering, association)
 
 
-def _say(worlds: Worlds, what: str, coverage: Coverage) -> None:
+def _say(worlds: GroupTracker, what: str, coverage: Coverage) -> None:
     if worlds.recoveries:
         say(f"{worlds.recoveries} beliefs reinitialised, as they did not explain their measurements", err=True)
     groups = f", {counted(worlds.n_groups, 'group')}, each by itself" if worlds.n_groups > 1 else ""

@@ -85,14 +85,14 @@ def open_viewer(place: str, *, truth: Path | None = None, group: int | None = No
     What is shown of one `place` shares the layout of a viewer that stays open.
     """
     from dirprim_filter.recording import read_tracks
-    from dirprim_filter.track_ids import world_names
+    from dirprim_filter.track_ids import qualified_names
     from dirprim_filter.viewer.sink import open_stream
 
     true_tracks = None if truth is None else read_tracks(truth, group=group)
     viewer = open_stream(f"dirprim {place}", **options)
     if true_tracks is not None:
         if group is None:  # as the vehicles of several groups are called
-            true_tracks = replace(true_tracks, track_id=world_names(true_tracks.track_id, true_tracks.group))
+            true_tracks = replace(true_tracks, track_id=qualified_names(true_tracks.track_id, true_tracks.group))
         viewer.log_truth(true_tracks)
     return viewer
 

@@ -16,7 +16,7 @@ from dirprim_filter.course import HALF_WINDOWS_S, MAX_GAP_S, STANDING_M
 from dirprim_filter.distributions.angles import difference
 from dirprim_filter.evaluation import _kernels
 from dirprim_filter.instants import Instants
-from dirprim_filter.track_ids import world_names
+from dirprim_filter.track_ids import qualified_names
 from dirprim_filter.tracks import Tracks
 
 SCORES = ("energy", "ade", "fde", "coverage_50", "coverage_90")
@@ -67,8 +67,8 @@ class Cases(NamedTuple):
         """
         log, is_known = seen_so_far(tracks if among is None else among)
         vehicle, first = log.vehicle, log.first_rows
-        names = world_names(log.track_id[first], log.group[first])
-        own = world_names(tracks.track_id[tracks.first_rows], tracks.group[tracks.first_rows])
+        names = qualified_names(log.track_id[first], log.group[first])
+        own = qualified_names(tracks.track_id[tracks.first_rows], tracks.group[tracks.first_rows])
         order = np.lexsort((log.time_ns, vehicle))
         begin = np.searchsorted(vehicle[order], np.arange(names.size + 1))
         starts, later = [np.empty(0, np.int64)], [np.empty((0, len(horizons_s), 2))]

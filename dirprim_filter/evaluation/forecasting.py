@@ -21,7 +21,7 @@ from dirprim_filter.evaluation.forecast_cases import HORIZONS_S, SCORES, Cases, 
 from dirprim_filter.evaluation.intervals import Interval, paired, reduction_of_mean
 from dirprim_filter.evaluation.settings import Choice
 from dirprim_filter.evaluation.splits import SplitBy, split, steps
-from dirprim_filter.filtering.rollouts import forecast_states
+from dirprim_filter.forecasting import forecast_states
 from dirprim_filter.primitives import PrimitiveMap, learn_primitives
 from dirprim_filter.tracks import Tracks
 

@@ -16,7 +16,7 @@ from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.evaluation.settings import Axis, Choice, choose
 from dirprim_filter.filtering import BayesFilter, ConstantTurnUKF, ConstantVelocityKalman, InteractingModels
-from dirprim_filter.filtering.manoeuvre import acceleration_density
+from dirprim_filter.filtering.kalman import acceleration_density
 from dirprim_filter.tracks import Tracks
 
 Rival = Literal["constant velocity", "constant turn", "interacting models"]

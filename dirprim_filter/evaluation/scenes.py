@@ -17,8 +17,8 @@ from dirprim_filter.estimates import EstimateList, Estimates, EstimateSink
 from dirprim_filter.evaluation.rivals import MakeFilter
 from dirprim_filter.evaluation.scores import TrackedWorld, Truth
 from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
-from dirprim_filter.filtering import Tracker, Worlds
-from dirprim_filter.filtering.smoothing import Smoother
+from dirprim_filter.filtering import GroupTracker, Tracker
+from dirprim_filter.filtering.smoothing.smoother import Smoother
 from dirprim_filter.simulation.sensor import detect
 from dirprim_filter.tracks import Tracks
 
@@ -134,7 +134,7 @@ def followed(
         rng = np.random.default_rng(_seed_of(seed, group))
         return of_a_group(make(), config=experiment.filter, tracking=of_group[group].tracking, rng=rng)
 
-    worlds = Worlds(tracker_of)
+    worlds = GroupTracker(tracker_of)
     frames = {int(frame.time_ns[0]): frame for frame in Detections.concatenate([s.seen for s in scenes]).frames()}
     times = np.concatenate([scene.truth.tracks.time_ns for scene in scenes])
     groups = np.concatenate([scene.truth.tracks.group for scene in scenes])

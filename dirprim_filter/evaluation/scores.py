@@ -14,7 +14,7 @@ from dirprim_filter.evaluation.splits import steps
 from dirprim_filter.evaluation.tracked_rows import TrackedRows, instant_numbers
 from dirprim_filter.evaluation.tracking_report import Scales, TrackingReport
 from dirprim_filter.evaluation.truth import judged_truth
-from dirprim_filter.track_ids import world_names
+from dirprim_filter.track_ids import qualified_names
 from dirprim_filter.tracks import Tracks
 
 
@@ -73,7 +73,7 @@ def scored(worlds: Sequence[TrackedWorld], *, with_ids: bool, scales: Scales) ->
         rows, truth, is_hidden=is_hidden, with_ids=with_ids, scales=scales,
         interpolated=sum(of.n_interpolated for of in judged) / len(truth),
     )  # fmt: skip
-    names = truth.group.astype(np.str_) if len(worlds) > 1 else world_names(truth.track_id, truth.group)
+    names = truth.group.astype(np.str_) if len(worlds) > 1 else qualified_names(truth.track_id, truth.group)
     return report, RowErrors(cluster=names, squared=squared, normalised=normalised, is_hidden=is_hidden)
 
 

@@ -186,7 +186,7 @@ def _on_map(
 
 
 def _scenes(tracks: Tracks, experiment: TrackingExperiment, *, seed: int) -> list[Scene]:
-    return [Scene.of(world, experiment, seed=seed) for world in tracks.worlds()]
+    return [Scene.of(world, experiment, seed=seed) for world in tracks.by_group()]
 
 
 def _seen_in_training(train: Tracks, experiment: TrackingExperiment, *, rng: np.random.Generator) -> Detections:
@@ -194,7 +194,7 @@ def _seen_in_training(train: Tracks, experiment: TrackingExperiment, *, rng: np.
     some = train[np.isin(train.vehicle, rng.permutation(train.n_tracks)[:MOST_FITTED])]
     scenes = _scenes(some, replace(experiment, with_ids=True), seed=int(rng.integers(2**63)))
     seen = Detections.concatenate([scene.seen for scene in scenes])
-    return seen[np.isin(seen.track_id, some.track_id.astype(np.str_))].in_one_world()
+    return seen[np.isin(seen.track_id, some.track_id.astype(np.str_))].in_one_group()
 
 
 class TrackingComparison(NamedTuple):

@@ -5,13 +5,13 @@ from typing import TYPE_CHECKING
 from tessellation._late import late as _late
 
 if TYPE_CHECKING:
+    from dirprim_filter.filtering.group_tracker import GroupTracker as GroupTracker
     from dirprim_filter.filtering.kalman import ConstantTurnUKF as ConstantTurnUKF
     from dirprim_filter.filtering.kalman import ConstantVelocityKalman as ConstantVelocityKalman
     from dirprim_filter.filtering.kalman import InteractingModels as InteractingModels
     from dirprim_filter.filtering.particle_filter import ParticleFilter as ParticleFilter
     from dirprim_filter.filtering.protocols import BayesFilter as BayesFilter
     from dirprim_filter.filtering.tracker import Tracker as Tracker
-    from dirprim_filter.filtering.worlds import Worlds as Worlds
 
 _HOME = {
     "BayesFilter": "protocols",
@@ -20,7 +20,7 @@ _HOME = {
     "InteractingModels": "kalman",
     "ParticleFilter": "particle_filter",
     "Tracker": "tracker",
-    "Worlds": "worlds",
+    "GroupTracker": "group_tracker",
 }
 """The module of each name, imported when it is first used."""
 

@@ -35,7 +35,7 @@ class Cloud(NamedTuple):
 
 LOOK_S = 0.2
 """Seconds: the longest time between two searches for the vehicle ahead."""
-NOBODY = np.empty((0, 0, 4))
+NO_SCENE = np.empty((0, 0, 4))
 """The scene of vehicles that move as if alone."""
 
 

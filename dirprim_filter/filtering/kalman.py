@@ -1,8 +1,8 @@
 """The Kalman filters that every result is printed beside: constant velocity, constant turn, and both.
 
 All share one state, x, y, their rates and the rate of turn, so that the interacting multiple model can mix them. The
-numbers of all vehicles stand in arrays, which filterpy's filters of one vehicle do not take: its process noise and
-sigma points serve here, and its filters are the oracle of the tests. Measurements are linear in the state, so that an
+numbers of all vehicles stand in arrays, which filterpy's filters of one vehicle do not take: these are the oracle of
+the tests. Measurements are linear in the state, so that an
 unscented filter differs from a linear one in its prediction alone.
 
 Source: Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, ch. 6 and 11;
@@ -11,12 +11,10 @@ Wan and van der Merwe, The Unscented Kalman Filter for Nonlinear Estimation, 200
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from functools import cache
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
@@ -26,15 +24,23 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.filtering.measurements import FASTEST, OUTLIER_EXTENT_M, measured_covariance, measured_motion
 from dirprim_filter.filtering.protocols import Evidence
 from dirprim_filter.filtering.smoothing._kernels import log_gaussian
+from dirprim_filter.tracks import Tracks
 
 N_STATES = 5
 PLACE, VELOCITY = np.eye(2, N_STATES), np.eye(2, N_STATES, 2)
-FIRST_SPEED_STD = 10.0
-"""m/s, prior standard deviation of the velocity at initiation."""
-FIRST_TURN_STD = 0.2
-"""rad/s, likewise."""
+FIRST_SPEED_STD, FIRST_TURN_STD = 10.0, 0.2
+"""m/s and rad/s, prior standard deviations of velocity and turn at initiation."""
+MAX_INTERVAL_S, LEAST_DENSITY = 2.0, 1e-6
+"""Seconds between rows of which the change of velocity counts; and m^2/s^3, of vehicles that never accelerate."""
 SMALLEST_TURN = 1e-6
 """rad/s; slower than this is straight on."""
+
+ALPHA, BETA = 0.3, 2.0
+"""How far sigma points are spread, and 2 for Gaussians."""
+LAMBDA = ALPHA**2 * N_STATES - N_STATES
+MEAN_WEIGHT = np.append(LAMBDA / (N_STATES + LAMBDA), np.full(2 * N_STATES, 0.5 / (N_STATES + LAMBDA)))
+COVARIANCE_WEIGHT = MEAN_WEIGHT + np.eye(1, 2 * N_STATES + 1)[0] * (1.0 - ALPHA**2 + BETA)
+"""Of the sigma points, the mean first."""
 
 GaussianMotion = Callable[[FloatArray, FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
 """A motion model: beliefs (v, 5), (v, 5, 5) moved on by (v,) seconds."""
@@ -68,13 +74,13 @@ class ConstantTurn:
 
     def __call__(self, mean: FloatArray, covariance: FloatArray, dt_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Beliefs (v, 5), (v, 5, 5) moved on by (v,) seconds."""
-        root = np.linalg.cholesky(_sigma_points().alpha ** 2 * N_STATES * covariance).swapaxes(1, 2)
+        root = np.linalg.cholesky(ALPHA**2 * N_STATES * covariance).swapaxes(1, 2)
         points = turned(np.concatenate([0.0 * root[:, :1], root, -root], axis=1) + mean[:, None], dt_s[:, None])
-        later = _sigma_points().Wm @ points
+        later = MEAN_WEIGHT @ points
         off = points - later[:, None]
         noise = _white_acceleration(self.acceleration_density, dt_s)
         noise[:, 4, 4] = self.turn_density * dt_s
-        return later, (off * _sigma_points().Wc[:, None]).swapaxes(1, 2) @ off + noise
+        return later, (off * COVARIANCE_WEIGHT[:, None]).swapaxes(1, 2) @ off + noise
 
 
 class KalmanBank:
@@ -93,9 +99,10 @@ class KalmanBank:
         self.mean: FloatArray = np.empty((0, m, N_STATES))
         self.covariance: FloatArray = np.empty((0, m, N_STATES, N_STATES))
         self.probability: FloatArray = np.empty((0, m))
-        self._log_outlier = _log(config.outlier_probability / OUTLIER_EXTENT_M**2)
+        with np.errstate(divide="ignore"):  # what is off has no probability
+            self._log_outlier = float(np.log(config.outlier_probability / OUTLIER_EXTENT_M**2))
+            self._log_astray = float(np.log(config.motion_outlier_probability))
         self._log_kept = float(np.log1p(-config.outlier_probability))
-        self._log_astray = _log(config.motion_outlier_probability)
         self._log_steady = float(np.log1p(-config.motion_outlier_probability))
 
     def reserve(self, n_slots: int) -> None:
@@ -215,20 +222,15 @@ class KalmanBank:
 
 
 class ConstantVelocityKalman(KalmanBank):
-    """Straight on at the same speed, but for white acceleration.
+    """Straight on at the same speed, but for white acceleration; its smoother is Rauch, Tung and Striebel's own.
 
     Args:
-        acceleration_density: m^2/s^3 per axis, see `manoeuvre.acceleration_density`.
+        acceleration_density: m^2/s^3 per axis, see `acceleration_density`.
         config: the noise of the measurements.
     """
 
     def __init__(self, *, acceleration_density: float, config: FilterConfig | None = None) -> None:
         super().__init__([ConstantVelocity(acceleration_density)], config or FilterConfig())
-
-    @property
-    def paths(self) -> KalmanPaths:
-        """What a smoother asks for: then its sweep is Rauch, Tung and Striebel's own."""
-        return KalmanPaths(self)
 
     def sibling(self) -> Self:
         """One of the same models, without beliefs."""
@@ -242,20 +244,9 @@ class ConstantVelocityKalman(KalmanBank):
         self.mean[slot, 0, :4], self.covariance[slot, 0, :4, :4] = mean, covariance
         self.probability[slot] = 1.0
 
-
-class KalmanPaths:
-    """`Paths` of constant velocity: the joint Gaussians of two times.
-
-    Args:
-        of: whose Gaussians are looked at.
-    """
-
-    def __init__(self, of: KalmanBank) -> None:
-        self._of = of
-
     def states(self, slot: IntArray) -> FloatArray:
         """(v, 5, 6) mean and covariance."""
-        return np.concatenate([self._of.mean[slot, 0, :, None], self._of.covariance[slot, 0]], axis=2)
+        return np.concatenate([self.mean[slot, 0, :, None], self.covariance[slot, 0]], axis=2)
 
     def weights(self, slot: IntArray) -> FloatArray:
         """(v, 1) ones: there are no samples."""
@@ -265,7 +256,7 @@ class KalmanPaths:
         self, weight: FloatArray, then: FloatArray, now: FloatArray, *, row: IntArray, vehicle: IntArray,
         dt_s: FloatArray,
     ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
-        """As `Paths.joint`: the covariance with what is dt_s later is P F(dt_s)^T."""
+        """As `Smoothable.joint`: the covariance with what is dt_s later is P F(dt_s)^T."""
         pair = then[row], now[vehicle]
         direction = [np.arctan2(state[:, 3, 0], state[:, 2, 0])[:, None] for state in pair]
         means = [[of[..., 0], np.cos(angle), np.sin(angle)] for of, angle in zip(pair, direction, strict=True)]
@@ -274,7 +265,7 @@ class KalmanPaths:
         return np.hstack([*means[0], *means[1]]), np.block([[p, c], [c.swapaxes(1, 2), later]])
 
     def arrivals(self, now: FloatArray, mean: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """As `Paths.arrivals`."""
+        """As `Smoothable.arrivals`."""
         d = mean.shape[1]
         return log_gaussian(mean - now[:, :d, 0], now[:, :d, 1 : d + 1] + covariance), np.ones((len(now), 1))
 
@@ -328,25 +319,33 @@ def corrected(
 
 def _white_acceleration(density: float, dt_s: FloatArray) -> FloatArray:
     """(v,) -> (v, 5, 5)."""
-    from filterpy.common import Q_continuous_white_noise  # noqa: PLC0415 - it takes a second, also who tracks by a map
-
-    lengths, row = np.unique(dt_s, return_inverse=True)
-    noise = np.zeros((lengths.size, N_STATES, N_STATES))
-    for own, dt in zip(noise, lengths, strict=True):
-        own[:4, :4] = Q_continuous_white_noise(2, dt, density, block_size=2, order_by_dim=False)
-    return noise[row]
-
-
-@cache
-def _sigma_points() -> Any:
-    from filterpy.kalman import MerweScaledSigmaPoints  # noqa: PLC0415 - likewise
-
-    return MerweScaledSigmaPoints(N_STATES, alpha=0.3, beta=2.0, kappa=0.0)
-
-
-def _log(probability: float) -> float:
-    return math.log(probability) if probability > 0.0 else -math.inf
+    noise, axes = np.zeros((dt_s.size, N_STATES, N_STATES)), np.arange(2)
+    noise[:, axes, axes] = density * (dt_s**3 / 3.0)[:, None]
+    noise[:, axes, axes + 2] = noise[:, axes + 2, axes] = density * (dt_s**2 / 2.0)[:, None]
+    noise[:, axes + 2, axes + 2] = density * dt_s[:, None]
+    return noise
 
 
 def _symmetric(matrix: FloatArray) -> FloatArray:
     return 0.5 * (matrix + matrix.swapaxes(-1, -2))
+
+
+def acceleration_density(tracks: Tracks, *, along: bool = False) -> float:
+    """The spectral density of white acceleration that explains the tracks' changes of velocity, m^2/s^3 per axis.
+
+    Args:
+        tracks: training vehicles; consecutive rows up to 2 s apart are used.
+        along: of changes of speed alone: what is left when the turn is known.
+
+    Raises:
+        ValueError: no vehicle has two rows near in time.
+    """
+    vehicle = tracks.vehicle
+    order = np.lexsort((tracks.time_ns, vehicle))
+    dt_s = np.diff(tracks.time_ns[order]) * 1e-9
+    pair = (np.diff(vehicle[order]) == 0) & (dt_s <= MAX_INTERVAL_S)
+    if not pair.any():
+        raise ValueError("tracks: expected a vehicle with two rows at most 2 s apart, got none")
+    axes = np.ones((len(tracks), 1)) if along else np.column_stack([np.cos(tracks.direction), np.sin(tracks.direction)])
+    gained = np.diff((tracks.speed[:, None] * axes)[order], axis=0)[pair]
+    return max(float((gained**2).sum() / axes.shape[1] / dt_s[pair].sum()), LEAST_DENSITY)

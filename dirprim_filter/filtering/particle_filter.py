@@ -22,7 +22,8 @@ from dirprim_filter.filtering import _kernels, _measuring, _resampling
 from dirprim_filter.filtering.belief import BeliefSamples, ParticleBelief, weigh_by_cue
 from dirprim_filter.filtering.measurements import FASTEST, OUTLIER_EXTENT_M, measured_motion
 from dirprim_filter.filtering.protocols import BayesFilter, Evidence, Places
-from dirprim_filter.filtering.smoothing.particle_paths import ParticlePaths
+from dirprim_filter.filtering.smoothing import _kernels as smoothing
+from dirprim_filter.filtering.smoothing._kernels import log_gaussian
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.primitives._leader import ALONE
 from dirprim_filter.primitives.cues import Cue
@@ -34,6 +35,8 @@ PARALLEL_FROM_NS = 400_000.0
 """Work below which handing a part of it to a second thread, some 0.1 ms, costs more than it saves."""
 PARTS_PER_THREAD = 4
 """Vehicles differ in work: a thread that is done early takes another part."""
+BANDWIDTH = 0.1
+"""Share of the particles' covariance, times n^(-1/4), by which their density is smoothed: it may have several modes."""
 
 
 class ParticleFilter:
@@ -68,11 +71,6 @@ class ParticleFilter:
         self._n_threads = os.cpu_count() or 1
         self._threads = ThreadPoolExecutor(self._n_threads - 1, "dirprim") if self._n_threads > 1 else None
 
-    @property
-    def manoeuvres(self) -> FloatArray:
-        """(z, n) what each manoeuvre has particles do, in the columns of `MotionTable`."""
-        return self._table.row
-
     def reserve(self, n_slots: int) -> None:
         """Make room for so many slots."""
         self.belief.reserve(n_slots)
@@ -87,16 +85,11 @@ class ParticleFilter:
         """
         self.belief.step += 1
         belief = self.belief
-        self.split(
+        self._split(
             _measuring.begin, (self._primitives, belief.cloud, belief.carried),
             (slot, np.asarray(key), self._columns(measured)), (self._errors, self._noise), each_ns=200.0,
         )  # fmt: skip
-        self.split(_kernels.initialise_motion, (self._table, belief.cloud), (slot,), (), each_ns=100.0)
-
-    @property
-    def paths(self) -> ParticlePaths:
-        """What a smoother asks for."""
-        return ParticlePaths(self)
+        self._split(_kernels.initialise_motion, (self._table, belief.cloud), (slot,), (), each_ns=100.0)
 
     def sibling(self) -> Self:
         """One that moves by the same map, without beliefs."""
@@ -115,7 +108,38 @@ class ParticleFilter:
             cloud.direction[s], cloud.speed[s] = np.arctan2(velocity[:, 1], velocity[:, 0]), np.hypot(*velocity.T)
             cloud.weight[s] = 1.0 / self.config.n_particles
             cloud.state[s] = rng.integers(2**64, size=4, dtype=np.uint64)
-        self.split(_kernels.initialise_motion, (self._table, cloud), (slot,), (), each_ns=100.0)
+        self._split(_kernels.initialise_motion, (self._table, cloud), (slot,), (), each_ns=100.0)
+
+    def states(self, slot: IntArray) -> FloatArray:
+        """(v, 7, P): x, y, their rates, acceleration, cosine and sine of the direction."""
+        out = np.empty((slot.size, smoothing.N_COLUMNS, self.config.n_particles))
+        self._split(smoothing.columns_of, (self.belief.cloud, self._table.row), (slot, out), (), each_ns=12.0)
+        return out
+
+    def weights(self, slot: IntArray) -> FloatArray:
+        """(v, P) of the particles."""
+        return self.belief.cloud.weight[slot]
+
+    def joint(
+        self, weight: FloatArray, then: FloatArray, now: FloatArray, *, row: IntArray, vehicle: IntArray,
+        dt_s: FloatArray,
+    ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+        """As `Smoothable.joint`: those of one belief at two times are the same ones, moved on, whatever the time."""
+        mean = np.empty((row.size, 2 * smoothing.N_COLUMNS))
+        covariance = np.empty((row.size, 2 * smoothing.N_STATES, 2 * smoothing.N_STATES))
+        self._split(smoothing.joint_moments, (weight, then, now), (row, vehicle, mean, covariance), (), each_ns=40.0)
+        return mean, covariance
+
+    def arrivals(self, now: FloatArray, mean: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """As `Smoothable.arrivals`, by a kernel density of the particles."""
+        d, n = mean.shape[1], now.shape[2]
+        before, weight, density = np.full(n, 1.0 / n), np.empty((len(now), n)), np.empty(len(now))
+        for i, state in enumerate(now[:, :d]):
+            fit = log_gaussian(state.T - mean[i], covariance[i] + BANDWIDTH * n**-0.25 * np.cov(state))
+            near = np.exp(fit - fit.max())
+            density[i] = fit.max() + np.log(near.mean())
+            smoothing.tempered(before, near / near.sum(), smoothing.LEAST_EFFECTIVE * n, weight[i])
+        return density, weight
 
     def copy(self, source: IntArray, target: IntArray) -> None:
         """Make the beliefs of `target` those of `source`. (v,), (v,)."""
@@ -124,8 +148,8 @@ class ParticleFilter:
     def predict(self, slot: IntArray, dt_s: FloatArray) -> None:
         """Move the particles by the map's motion model. (v,), (v,) seconds."""
         self.belief.step += 1
-        self.split(
-            _kernels.advance, (self._table, ALONE, self.belief.cloud, _kernels.NOBODY), (slot, dt_s), (),
+        self._split(
+            _kernels.advance, (self._table, ALONE, self.belief.cloud, _kernels.NO_SCENE), (slot, dt_s), (),
             each_ns=60.0,
         )  # fmt: skip
         self.belief.carried.since_s[slot] += dt_s
@@ -133,7 +157,7 @@ class ParticleFilter:
     def log_likelihood(self, slot: IntArray, measured: Detections) -> FloatArray:
         """Log density of measurements under the beliefs, outliers aside. (v,), v rows -> (v,)."""
         result, belief = np.empty(slot.size), self.belief
-        self.split(
+        self._split(
             _measuring.log_likelihood, (belief.cloud, belief.carried), (slot, self._columns(measured), result),
             (self._errors, self._noise), each_ns=20.0,
         )  # fmt: skip
@@ -143,7 +167,7 @@ class ParticleFilter:
         """Weigh the particles by measurements; a belief none of whose particles is near is left as it was."""
         self.belief.step += 1
         evidence, belief = np.empty((slot.size, 3)), self.belief
-        self.split(
+        self._split(
             _measuring.weigh, (belief.cloud, belief.carried), (slot, self._columns(measured), evidence),
             (self._errors, self._noise), each_ns=8.0,
         )  # fmt: skip
@@ -169,20 +193,20 @@ class ParticleFilter:
         self.belief.step += 1
         below = self.config.resample_below * self.config.n_particles
         belief = self.belief
-        self.split(
+        self._split(
             _resampling.resample, (belief.cloud, belief.carried), (slot,), (self._errors_at_birth, below), each_ns=25.0
         )
 
     def moments(self, slot: IntArray) -> FloatArray:
         """(v,) -> (v, 10): x, y, xx, xy, yy, direction, resultant, speed, deviation, effective sample size."""
         result = np.empty((slot.size, 10))
-        self.split(_kernels.moments, (self.belief.cloud,), (slot, result), (), each_ns=8.0)
+        self._split(_kernels.moments, (self.belief.cloud,), (slot, result), (), each_ns=8.0)
         return result
 
     def places(self, slot: IntArray) -> Places:
         """Where the particles are; a map without cells has no outside. (v,) -> columns (v,)."""
         result = np.empty((slot.size, 3))
-        self.split(_kernels.places, (self.belief.cloud, self._of_manoeuvre), (slot, result), (), each_ns=2.0)
+        self._split(_kernels.places, (self.belief.cloud, self._of_manoeuvre), (slot, result), (), each_ns=2.0)
         return Places(result[:, 0] * self._has_cells, result[:, 1], result[:, 2])
 
     def particles(self, slot: IntArray) -> BeliefSamples:
@@ -202,7 +226,7 @@ class ParticleFilter:
                 axis[own] = np.arctan2(axes[:, 1, 0], axes[:, 0, 0])
         return np.column_stack([measured.position, *measured_motion(measured), axis, white])
 
-    def split(
+    def _split(
         self,
         kernel: Callable[..., None],
         first: tuple[Any, ...],

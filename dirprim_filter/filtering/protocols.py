@@ -108,12 +108,21 @@ class OnMap(Protocol):
         ...
 
 
-class Paths(Protocol):
-    """How beliefs at one time follow from those at another: what a smoother asks of a filter.
+@runtime_checkable
+class Smoothable(BayesFilter, Protocol):
+    """A filter that knows how beliefs at one time follow from those at another, as a smoother asks.
 
     A state is x, y, their rates and one number more that lasts; its moments are followed by the mean cosine and sine of
     the direction. A filter without samples has one for each belief, of weight 1.
     """
+
+    def sibling(self) -> Self:
+        """One of the same models, without beliefs."""
+        ...
+
+    def place(self, slot: IntArray, key: AnyArray, mean: FloatArray, covariance: FloatArray) -> None:
+        """Initialise beliefs by Gaussians of x, y and their rates. (v,), (v,) uint64, (v, 4), (v, 4, 4)."""
+        ...
 
     def states(self, slot: IntArray) -> FloatArray:
         """(v, ...) beliefs as they are, to be given back when they have moved on."""
@@ -144,22 +153,4 @@ class Paths(Protocol):
 
         The weights of samples are by how near they come.
         """
-        ...
-
-
-@runtime_checkable
-class HasPaths(BayesFilter, Protocol):
-    """A filter that can be smoothed."""
-
-    @property
-    def paths(self) -> Paths:
-        """Of its beliefs."""
-        ...
-
-    def sibling(self) -> Self:
-        """One of the same models, without beliefs."""
-        ...
-
-    def place(self, slot: IntArray, key: AnyArray, mean: FloatArray, covariance: FloatArray) -> None:
-        """Start beliefs from Gaussians of x, y and their rates. (v,), (v,) uint64, (v, 4), (v, 4, 4)."""
         ...

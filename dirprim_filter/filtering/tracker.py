@@ -179,7 +179,7 @@ class Tracker:
         self._hold(labels)
 
     def weigh(self) -> None:
-        """Weigh the moved beliefs by the frame's measurements; begin anew those that have lost their vehicle.
+        """Weigh the moved beliefs by the frame's measurements; reinitialise those that have lost their vehicle.
 
         Then learn from hits and misses which tracks are of vehicles. A measurement that a belief does not explain is a
         miss: it came from somewhere else.

@@ -24,7 +24,7 @@ LEVEL_S = 900.0
 
 
 class Undetected:
-    """The intensity of vehicles not yet detected, in one world.
+    """The intensity of vehicles not yet detected, in one group.
 
     On a map they go on as its vehicles did. New ones begin where its trajectories began, as many as fit the traffic's
     *level*: the mean number of vehicles on the map. It has a gamma distribution, at first exponential about

@@ -20,7 +20,7 @@ from dirprim_filter.primitives._manoeuvres import STANDING_BELOW
 from dirprim_filter.primitives.leader import N_FEATURES, N_PACES, LeaderResponse
 from dirprim_filter.primitives.motion import PUSHED_SHARE
 from dirprim_filter.primitives.motion_sums import Regression
-from dirprim_filter.track_ids import world_names
+from dirprim_filter.track_ids import qualified_names
 from dirprim_filter.tracks import Tracks
 
 logger = logging.getLogger(__name__)
@@ -109,7 +109,7 @@ class LeaderSums(NamedTuple):
 def _folds(tracks: Tracks) -> IntArray:
     """(n_tracks,) the fold of each vehicle: by its name, so that it is the same whichever others there are."""
     row = tracks.first_rows
-    names = world_names(tracks.track_id[row], tracks.group[row])
+    names = qualified_names(tracks.track_id[row], tracks.group[row])
     return np.array([crc32(name.encode()) % N_FOLDS for name in names.tolist()], np.int64)
 
 

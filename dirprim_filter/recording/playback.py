@@ -107,7 +107,7 @@ class Playback:
     def _observed(self) -> Iterator[TrackedFrame]:
         last: dict[str, tuple[int, FloatArray]] = {}
         for reported in self._stream:
-            seen = reported.in_one_world()
+            seen = reported.in_one_group()
             time_ns = int(seen.time_ns[0])
             last = {name: past for name, past in last.items() if time_ns - past[0] <= REMEMBERED_NS}
             known = seen[seen.track_id != NO_ID]

@@ -88,7 +88,7 @@ class Simulated:
     @cached_property
     def scenes(self) -> list[Scene]:
         """The same for every variant."""
-        return [Scene.of(world, self.experiment, seed=self.seed) for world in self.test.worlds()]
+        return [Scene.of(world, self.experiment, seed=self.seed) for world in self.test.by_group()]
 
     def tracked(self, learned: PrimitiveMap, off: Any) -> Outcome:
         """Errors of tracking without a mechanism."""

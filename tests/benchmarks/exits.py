@@ -29,7 +29,7 @@ from dirprim_filter.evaluation.splits import split
 from dirprim_filter.filtering.particle_filter import ParticleFilter
 from dirprim_filter.primitives.cues import TURN_LEFT, TURN_RIGHT, Cue
 from dirprim_filter.primitives.motion_sums import AHEAD_S
-from dirprim_filter.track_ids import world_names
+from dirprim_filter.track_ids import qualified_names
 
 EXIT_M, FEWEST, NEAR_M = 8.0, 5, 12.0
 AHEAD_OF_EXIT_S, LOOK_S = 25.0, 0.5
@@ -146,7 +146,7 @@ def of_seed(tracks, seed):
     cases = Cases(*(column[np.abs(cases.turn) > LEAST_TURN] for column in cases))
     cues = {NO_CUE: (), "signal": signals(cases.turn), "wrong side": signals(-cases.turn), TURN: turned(cases)}
     found = cross_entropies(learned, cases, cues, exits=centers, rng=np.random.default_rng([seed, 1]))
-    names = world_names(fold.test.track_id, fold.test.group)[fold.test.first_rows]
+    names = qualified_names(fold.test.track_id, fold.test.group)[fold.test.first_rows]
     return names[cases.vehicle], found
 
 

@@ -65,7 +65,7 @@ def true(drive: int) -> Tracks:
     return replace(rows, group=np.full(len(rows), drive))
 
 
-def in_one_world(parts: Iterable[Tracks]) -> Tracks:
+def in_one_group(parts: Iterable[Tracks]) -> Tracks:
     """Drives together: names are of their drive."""
     return Tracks.concatenate(
         replace(part, track_id=np.array([f"{part.group[0]}/{name}" for name in part.track_id])) for part in parts
@@ -76,7 +76,7 @@ def in_one_world(parts: Iterable[Tracks]) -> Tracks:
 def calibrated(without: int) -> Sensor:
     """The sensor by the truth of all drives but one."""
     drives = [drive for drive in WITH_TRUTH if drive != without]
-    return calibrate(Detections.of(in_one_world(map(detected, drives))), in_one_world(map(true, drives))).sensor
+    return calibrate(Detections.of(in_one_group(map(detected, drives))), in_one_group(map(true, drives))).sensor
 
 
 def tracked(seen: Detections, tracker: Tracker) -> Estimates:
@@ -143,9 +143,9 @@ def fitted(without: int) -> tuple[float, ...]:
 def maps(drive: int, seed: int) -> tuple[PrimitiveMap, PrimitiveMap]:
     """Of all other drives: less the bias, and as a user who knows no bias learns it."""
     others = [detected(other) for other in DRIVES if other != drive]
-    fair = in_one_world(without_bias(of, calibrated(drive)) for of in others)
+    fair = in_one_group(without_bias(of, calibrated(drive)) for of in others)
     rng = np.random.default_rng(seed)
-    return learn_primitives(fair, rng=rng), learn_primitives(in_one_world(others), rng=rng)
+    return learn_primitives(fair, rng=rng), learn_primitives(in_one_group(others), rng=rng)
 
 
 def methods(drive: int) -> Iterator[tuple[str, Method]]:

@@ -15,7 +15,7 @@ from dirprim_filter.estimates import EstimateList
 from dirprim_filter.evaluation.calibration import self_calibrate, self_calibration
 from dirprim_filter.evaluation.calibration.self_calibration import SHARE, Pieces, pieces_of
 from dirprim_filter.filtering import ConstantVelocityKalman
-from dirprim_filter.filtering.smoothing import Smoother
+from dirprim_filter.filtering.smoothing.smoother import Smoother
 from dirprim_filter.replay import replay
 from dirprim_filter.sensor import WIDE, AxisError, Sensor
 from evaluation.test_calibration import circling

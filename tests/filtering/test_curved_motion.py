@@ -10,7 +10,7 @@ from dirprim_filter import forecast, learn_primitives
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.filtering.particle_filter import ParticleFilter
-from dirprim_filter.filtering.rollouts import forecast_states
+from dirprim_filter.forecasting import forecast_states
 from moving import only_places
 from situations import one_cell_map, ring_traffic
 

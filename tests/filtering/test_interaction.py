@@ -6,8 +6,9 @@ import numpy as np
 
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
-from dirprim_filter.filtering import Tracker, Worlds
-from dirprim_filter.filtering.rollouts import (
+from dirprim_filter.filtering import GroupTracker, Tracker
+from dirprim_filter.forecasting import (
+    Forecaster,
     checked,
     forecast_states,
     leader_table,
@@ -15,7 +16,6 @@ from dirprim_filter.filtering.rollouts import (
     sampled,
     side_by_side,
 )
-from dirprim_filter.forecasting import Forecaster
 from dirprim_filter.primitives.leader import N_FEATURES, LeaderResponse
 from dirprim_filter.primitives.motion_table import motion_table
 from moving import motion_by_hand, squares
@@ -99,15 +99,17 @@ def test_forecasts_of_a_frame_are_worlds_of_its_groups():
     """Who brakes behind its leader does not brake behind a vehicle of another group."""
     place, group = np.array([60.0, 90.0, 60.0]), np.array([0, 0, 1])
     learned = road(by=ALWAYS, gained=-2.0)
-    worlds = Worlds(lambda _: Tracker(learned, config=RESPONDING, tracking=TRUSTING, rng=np.random.default_rng(1)))
+    tracker = GroupTracker(
+        lambda _: Tracker(learned, config=RESPONDING, tracking=TRUSTING, rng=np.random.default_rng(1))
+    )
     where = np.column_stack([place, np.full(3, 10.0)])
-    worlds.predict(Detections(track_id=["a", "b", "a"], time_ns=np.zeros(3, np.int64), position=where, group=group))
-    worlds.weigh()
+    tracker.predict(Detections(track_id=["a", "b", "a"], time_ns=np.zeros(3, np.int64), position=where, group=group))
+    tracker.weigh()
     ways = {}
     for interaction in ("leader", "none"):
         config = replace(RESPONDING, interaction=interaction)
         forecaster = Forecaster(learned, [], horizon_s=3.0, config=config, rng=np.random.default_rng(0))
-        frame = worlds.frame()
+        frame = tracker.frame()
         assert frame.names == ["a", "b", "1/a"]
         ways[interaction] = forecaster.paths(frame)[:, :, -1, 0].mean(axis=1) - place
     assert ways["leader"][0] < ways["none"][0] - 4.0

@@ -14,9 +14,9 @@ from dirprim_filter.filtering.kalman import (
     FIRST_TURN_STD,
     ConstantTurnUKF,
     InteractingModels,
+    acceleration_density,
     turned,
 )
-from dirprim_filter.filtering.manoeuvre import acceleration_density
 from dirprim_filter.tracks import Tracks
 from situations import TRUSTING
 

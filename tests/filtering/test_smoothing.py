@@ -1,7 +1,6 @@
 """The smoother against filterpy's, against exact regression, and by laws that hold whatever the filter."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,12 +11,12 @@ from scipy import stats
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import EstimateList
-from dirprim_filter.filtering import ConstantTurnUKF, ConstantVelocityKalman, Worlds
+from dirprim_filter.filtering import ConstantTurnUKF, ConstantVelocityKalman, GroupTracker, ParticleFilter
 from dirprim_filter.filtering.kalman import FIRST_SPEED_STD
 from dirprim_filter.filtering.protocols import Evidence
-from dirprim_filter.filtering.smoothing import Smoother, _kernels
-from dirprim_filter.filtering.smoothing.particle_paths import ParticlePaths
+from dirprim_filter.filtering.smoothing import _kernels
 from dirprim_filter.filtering.smoothing.recorder import Recorder
+from dirprim_filter.filtering.smoothing.smoother import Smoother
 from dirprim_filter.primitives.motion import PUSH_RATE
 from moving import ring_road
 from oracles import ring_forward_backward
@@ -198,7 +197,7 @@ def test_frames_come_in_order_each_once_and_hold_the_detections_of_their_time():
     tracks = ring_traffic(np.random.default_rng(2), n_vehicles=2, n_rows=50)
     frames = []
     smoother = Smoother(max_gap_s=5.0, lag_s=1.0, sinks=[frames.append])
-    worlds = Worlds(
+    worlds = GroupTracker(
         lambda group: smoother.tracker(
             group, ConstantVelocityKalman(acceleration_density=DENSITY, config=CONFIG), config=CONFIG,
             tracking=TrackingConfig(), rng=np.random.default_rng(0),
@@ -282,12 +281,11 @@ def linear_pair(rng, n):
     return then, now, gain, p - gain @ later @ gain.T
 
 
-class Still(ParticlePaths):
+class Still(ParticleFilter):
     """Particles that are somewhere, with weights."""
 
     def __init__(self, weight, now):
-        super().__init__(SimpleNamespace(split=lambda kernel, first, each, last, **_: kernel(*first, *each, *last)))
-        self.weight, self.now = weight, now
+        self.weight, self.now, self._threads = weight, now, None
 
     def states(self, slot):
         return columns(self.now)[None]
@@ -303,7 +301,7 @@ def columns(state):
 def recorded(paths, then, *, time_ns=0):
     """A recorder of one vehicle that was in some states at time 0."""
     recorder = Recorder()
-    recorder._paths = paths
+    recorder._filter = paths
     recorder.begun(ONE, 0)
     recorder._past[0], recorder._time_ns[0] = [(0, columns(then)[None], 0)], time_ns
     return recorder
@@ -336,7 +334,7 @@ def test_across_a_gap_a_lone_particle_that_came_near_is_no_noise_between_states(
         return Evidence(np.zeros(1), np.ones(1, np.bool_), np.zeros(1, np.bool_))
 
     recorder = recorded(paths, then, time_ns=3_000_000_000)
-    recorder._filter = SimpleNamespace(weigh=weigh)
+    paths.weigh = weigh
     recorder.weigh(ONE, Detections.none())
     np.testing.assert_allclose(recorder.chains[0]._links["gain"][0], gain, atol=0.05)
 

@@ -7,7 +7,7 @@ import pytest
 
 from dirprim_filter import learn_primitives
 from dirprim_filter.config import LearningConfig
-from dirprim_filter.filtering.rollouts import forecast_states
+from dirprim_filter.forecasting import forecast_states
 from dirprim_filter.primitives import motion_learning
 from dirprim_filter.primitives.background import learn_background
 from dirprim_filter.primitives.motion_learning import label_visits, learn_motion

@@ -5,7 +5,6 @@ import gzip
 from dataclasses import replace
 from datetime import datetime
 from decimal import Decimal
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -411,5 +410,3 @@ def test_values_are_tables_that_read_back(tmp_path, ring):
     made = seen.to_arrow()
     assert [made[f"covariance_{name}_m2"][0].as_py() for name in ("xx", "xy", "yy")] == [2.0, 0.5, 3.0]
     assert {"time_ns", "track_id", "x_m", "course_rad"} <= set(estimates(["a"]).to_arrow().column_names)
-    if find_spec("pandas") is not None:
-        assert few.to_pandas().shape == (len(few), few.to_arrow().num_columns)

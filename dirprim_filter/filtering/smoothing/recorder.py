@@ -18,11 +18,11 @@ import numpy as np
 from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates
-from dirprim_filter.filtering.protocols import BayesFilter, Evidence, HasPaths
+from dirprim_filter.filtering.protocols import BayesFilter, Evidence, Smoothable
 from dirprim_filter.filtering.smoothing import _kernels
 from dirprim_filter.filtering.smoothing._kernels import LEAST_EFFECTIVE, N_COLUMNS, N_STATES
 from dirprim_filter.filtering.smoothing.chain import LINK, MOVES, Belief, Chain
-from dirprim_filter.track_ids import world_names
+from dirprim_filter.track_ids import qualified_names
 
 GAP_NS = 1_000_000_000
 """In less no belief forks, and all particles count: those that came near alone are too sure of who starts or stops."""
@@ -69,19 +69,19 @@ class Recorder:
         Raises:
             ValueError: it has no smoother.
         """
-        if not isinstance(bayes_filter, HasPaths):
+        if not isinstance(bayes_filter, Smoothable):
             name = type(bayes_filter).__name__
             raise ValueError(  # noqa: TRY004  (of a filter it is one that cannot do this)
                 f"filter: expected one on a map or of constant velocity, which can be smoothed, got {name}"
             )
-        self._filter, self._paths = bayes_filter, bayes_filter.paths
+        self._filter = bayes_filter
 
     def begun(self, slot: IntArray, time_ns: int) -> None:
         """Beliefs were initialised: a chain of each begins, and the one that the slot had ends.
 
         It goes on where its belief no longer explained its vehicle, lost from sight, but may well have become this one.
         """
-        beliefs = self._beliefs(slot, self._paths.states(slot), self._paths.weights(slot), [time_ns] * slot.size)
+        beliefs = self._beliefs(slot, self._filter.states(slot), self._filter.weights(slot), [time_ns] * slot.size)
         for s, belief in zip(slot.tolist(), beliefs, strict=True):
             former = self._chain.get(s)
             self._time_ns[s], self._past[s] = time_ns, []
@@ -105,7 +105,7 @@ class Recorder:
         slots = slot[known]
         is_waiting = np.array([bool(self._past[s]) for s in slots.tolist()], np.bool_)
         for of in (slots[~is_waiting], slots[is_waiting]):  # an array is kept while any vehicle of it is not measured
-            states = self._paths.states(of)
+            states = self._filter.states(of)
             for row, s in enumerate(of.tolist()):
                 self._past[s].append((self._time_ns[s], states, row))
         for s, dt in zip(slots.tolist(), dt_ns[known].tolist(), strict=True):
@@ -113,15 +113,15 @@ class Recorder:
 
     def weigh(self, slot: IntArray, measured: Detections) -> Evidence:
         """Have the filter weigh beliefs, and link them to what they were at their last measurement and since."""
-        before, now = self._paths.weights(slot), self._paths.states(slot)
+        before, now = self._filter.weights(slot), self._filter.states(slot)
         evidence = self._filter.weigh(slot, measured)
-        after, times = self._paths.weights(slot), [self._time_ns[s] for s in slot.tolist()]
+        after, times = self._filter.weights(slot), [self._time_ns[s] for s in slot.tolist()]
         weight = before.copy()
         for i, (s, time_ns) in enumerate(zip(slot.tolist(), times, strict=True)):
             if self._past[s] and time_ns - self._past[s][0][0] > GAP_NS:
                 _kernels.tempered(before[i], after[i], LEAST_EFFECTIVE * before.shape[1], weight[i])
         moved = now.copy()
-        moved[evidence.is_moved] = self._paths.states(slot[evidence.is_moved])
+        moved[evidence.is_moved] = self._filter.states(slot[evidence.is_moved])
         lasts, expected = self._beliefs(slot, moved, after, times), self._beliefs(slot, now, weight, times)
         added = _wider(lasts, expected) * evidence.is_moved[:, None, None]  # not for other weights across a gap
         links = self._linked(slot, weight, now, added=added)
@@ -133,7 +133,7 @@ class Recorder:
     def reported(self, time_ns: int, home: IntArray, estimates: Estimates, is_labelled: BoolArray) -> None:
         """A frame's estimates of the vehicles with these slots (v,), whose chains get their names."""
         self.frames_ns.append(time_ns)
-        names = world_names(estimates.track_id, np.full(len(estimates), self._group)).tolist()
+        names = qualified_names(estimates.track_id, np.full(len(estimates), self._group)).tolist()
         columns = zip(home.tolist(), names, estimates.existence.tolist(), is_labelled.tolist(), strict=True)
         for slot, name, exists, labelled in columns:
             chain = self._chain[slot]
@@ -171,13 +171,13 @@ class Recorder:
             dt_ns: IntArray = gap_ns[on] * (i + 1) // n_steps[on] - gap_ns[on] * i // n_steps[on]
             self.moves(on, dt_ns)
             self._filter.predict(on, np.asarray(dt_ns * 1e-9, np.float64))
-        now = self._paths.states(slot)
-        density, weight = self._paths.arrivals(now, *starts)
+        now = self._filter.states(slot)
+        density, weight = self._filter.arrivals(now, *starts)
         return [Bridge(*both) for both in zip(density.tolist(), self._linked(slot, weight, now), strict=True)]
 
     def _beliefs(self, slot: IntArray, states: FloatArray, weight: FloatArray, time_ns: list[int]) -> list[Belief]:
         each = np.arange(slot.size)
-        mean, covariance = self._paths.joint(weight, states, states, row=each, vehicle=each, dt_s=np.zeros(slot.size))
+        mean, covariance = self._filter.joint(weight, states, states, row=each, vehicle=each, dt_s=np.zeros(slot.size))
         return [
             Belief(t, m[:N_STATES], p[:N_STATES, :N_STATES], m[N_STATES:N_COLUMNS])
             for t, m, p in zip(time_ns, mean, covariance, strict=True)
@@ -201,7 +201,7 @@ class Recorder:
         row, kept = np.array([row for *_, row in steps], np.int64), np.array([id(states) for _, states, _ in steps])
         for i in np.unique(kept, return_index=True)[1].tolist():
             at = np.flatnonzero(kept == kept[i])
-            mean, both = self._paths.joint(weight, steps[i][1], now, row=row[at], vehicle=vehicle[at], dt_s=dt_s[at])
+            mean, both = self._filter.joint(weight, steps[i][1], now, row=row[at], vehicle=vehicle[at], dt_s=dt_s[at])
             p, c, later = both[:, :N_STATES, :N_STATES], both[:, :N_STATES, N_STATES:], both[:, N_STATES:, N_STATES:]
             later = later if added is None else later + added[vehicle[at]]
             gain = np.linalg.solve(later + LEAST_VARIANCE, c.swapaxes(1, 2)).swapaxes(1, 2)

@@ -8,7 +8,7 @@ import pytest
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import EstimateList, Estimates
-from dirprim_filter.filtering import ConstantVelocityKalman, Tracker, Worlds
+from dirprim_filter.filtering import ConstantVelocityKalman, GroupTracker, Tracker
 from dirprim_filter.replay import replay
 from situations import TRUSTING
 
@@ -32,7 +32,7 @@ def reported(ring, group, *, ids):
 def test_each_group_is_tracked_as_if_it_were_alone(ring, ring_map, ids, model):
     parts = {group: reported(ring, group, ids=ids) for group in (0, 2, 5)}
     together, kept = EstimateList(), {}
-    worlds = Worlds(lambda _: tracker(ring_map, model))
+    worlds = GroupTracker(lambda _: tracker(ring_map, model))
     n_frames = replay(Detections.concatenate(parts.values()).frames(), worlds, [together])
     assert (n_frames, worlds.n_groups) == (15, 3)
     for group, seen in parts.items():
@@ -56,7 +56,7 @@ def test_each_group_is_tracked_as_if_it_were_alone(ring, ring_map, ids, model):
 
 
 def test_joined_samples_are_those_of_the_estimates_that_they_are_given_to(ring, ring_map):
-    worlds = Worlds(lambda _: tracker(ring_map))
+    worlds = GroupTracker(lambda _: tracker(ring_map))
     for seen in Detections.concatenate([reported(ring, group, ids=True) for group in (1, 3)]).frames():
         worlds.predict(seen)
         worlds.weigh()
@@ -82,11 +82,11 @@ def test_a_tracker_takes_one_group_at_a_time(ring, ring_map):
     with pytest.raises(ValueError, match="rows of one group, for each is tracked by itself"):
         tracker(ring_map).predict(next(both.frames()))
     with pytest.raises(ValueError, match="expected that of at least one group"):
-        Worlds(lambda _: tracker(ring_map)).frame()
+        GroupTracker(lambda _: tracker(ring_map)).frame()
 
 
 def test_a_group_in_which_nothing_is_seen_has_a_frame_where_it_is_asked_for(ring, ring_map):
-    worlds = Worlds(lambda _: tracker(ring_map))
+    worlds = GroupTracker(lambda _: tracker(ring_map))
     first, *_ = reported(ring, 3, ids=True).frames()
     worlds.predict(first)
     worlds.weigh()

@@ -11,10 +11,10 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates, TrackedFrame
 from dirprim_filter.filtering.belief import BeliefSamples
 from dirprim_filter.filtering.tracker import Tracker
-from dirprim_filter.track_ids import world_names
+from dirprim_filter.track_ids import qualified_names
 
 
-class Worlds:
+class GroupTracker:
     """Trackers side by side, one for each group: the estimates of one depend on no other.
 
     Takes the place of a `Tracker` where a stream may hold several groups. A group has a frame at an instant where it
@@ -114,9 +114,10 @@ def _renamed(frame: TrackedFrame, group: int) -> TrackedFrame:
         return frame
     estimates = frame.estimates
     names, anew = (
-        world_names(of, np.full(of.size, group)) for of in (estimates.track_id, np.array(frame.reinitialised, np.str_))
+        qualified_names(of, np.full(of.size, group))
+        for of in (estimates.track_id, np.array(frame.reinitialised, np.str_))
     )
     return replace(
-        frame, detections=frame.detections.in_one_world(), estimates=replace(estimates, track_id=names),
+        frame, detections=frame.detections.in_one_group(), estimates=replace(estimates, track_id=names),
         reinitialised=tuple(anew.tolist()), group=np.full(len(estimates), group),
     )  # fmt: skip
