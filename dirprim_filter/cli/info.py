@@ -38,8 +38,8 @@ def info(
 ) -> int:
     """Say what is in logs: topics, tracks, times, damage.
 
-    Implausible vehicles are listed too. If a log of more than 32 MiB has an index, only the index is read, unless
-    --check or an option of reading other than --topics is given.
+    Columns in implausible units are named too. If a log of more than 32 MiB has an index, only the index is read,
+    unless --check or an option of reading other than --topics is given.
 
     Example: dirprim info recordings/roundabout_track.mcap
     """

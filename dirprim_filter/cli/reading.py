@@ -78,7 +78,7 @@ class Reading:
         return type(self)({name: value for name, value in self.given.items() if name in names})
 
     def tracks(self, logs: list[Path]) -> TrackResult:
-        """The tracks of logs, and what was lost; reports implausible vehicles. On a terminal, a bar for each log.
+        """The tracks of logs, and what was lost; reports implausible units. On a terminal, a bar for each log.
 
         Raises:
             RecordingError: as the reader; or nothing is left of what was asked for.

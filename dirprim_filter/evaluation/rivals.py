@@ -15,11 +15,11 @@ import numpy as np
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.evaluation.settings import Axis, Choice, choose
-from dirprim_filter.filtering import BayesFilter, ConstantTurnUKF, ConstantVelocityKalman, InteractingModels
+from dirprim_filter.filtering import BayesFilter, ConstantVelocityKalman, InteractingModels
 from dirprim_filter.filtering.kalman import acceleration_density
 from dirprim_filter.tracks import Tracks
 
-Rival = Literal["constant velocity", "constant turn", "interacting models"]
+Rival = Literal["constant velocity", "interacting models"]
 RIVALS: tuple[Rival, ...] = get_args(Rival)
 RAW: Literal["raw detections"] = "raw detections"
 """No filter: what is reported is the estimate."""
@@ -34,7 +34,6 @@ FIRST_TURN = 0.03
 """rad^2/s^3, where the search for the noise of the rate of turn begins."""
 MODELS: dict[Rival, Callable[..., BayesFilter]] = {
     "constant velocity": ConstantVelocityKalman,
-    "constant turn": ConstantTurnUKF,
     "interacting models": InteractingModels,
 }
 
@@ -73,7 +72,6 @@ def fitted(name: Rival, seen: Detections, train: Tracks, config: FilterConfig) -
     pace = acceleration_density(train, along=True)
     start = {
         "constant velocity": {"acceleration_density": acceleration_density(train)},
-        "constant turn": {"acceleration_density": pace, "turn_density": FIRST_TURN},
         "interacting models": {"straight": pace, "acceleration_density": pace, "turn_density": FIRST_TURN},
     }[name]
 

@@ -6,7 +6,6 @@ from tessellation._late import late as _late
 
 if TYPE_CHECKING:
     from dirprim_filter.filtering.group_tracker import GroupTracker as GroupTracker
-    from dirprim_filter.filtering.kalman import ConstantTurnUKF as ConstantTurnUKF
     from dirprim_filter.filtering.kalman import ConstantVelocityKalman as ConstantVelocityKalman
     from dirprim_filter.filtering.kalman import InteractingModels as InteractingModels
     from dirprim_filter.filtering.particle_filter import ParticleFilter as ParticleFilter
@@ -15,7 +14,6 @@ if TYPE_CHECKING:
 
 _HOME = {
     "BayesFilter": "protocols",
-    "ConstantTurnUKF": "kalman",
     "ConstantVelocityKalman": "kalman",
     "InteractingModels": "kalman",
     "ParticleFilter": "particle_filter",

@@ -1,4 +1,4 @@
-"""The Kalman filters that every result is printed beside: constant velocity, constant turn, and both.
+"""The Kalman filters that every result is printed beside: constant velocity, and interacting models with constant turn.
 
 All share one state, x, y, their rates and the rate of turn, so that the interacting multiple model can mix them. The
 numbers of all vehicles stand in arrays, which filterpy's filters of one vehicle do not take: these are the oracle of
@@ -268,13 +268,6 @@ class ConstantVelocityKalman(KalmanBank):
         """As `Smoothable.arrivals`."""
         d = mean.shape[1]
         return log_gaussian(mean - now[:, :d, 0], now[:, :d, 1 : d + 1] + covariance), np.ones((len(now), 1))
-
-
-class ConstantTurnUKF(KalmanBank):
-    """Along a circle whose rate of turn drifts: an unscented Kalman filter; see `ConstantTurn`."""
-
-    def __init__(self, *, acceleration_density: float, turn_density: float, config: FilterConfig | None = None) -> None:
-        super().__init__([ConstantTurn(acceleration_density, turn_density)], config or FilterConfig())
 
 
 class InteractingModels(KalmanBank):

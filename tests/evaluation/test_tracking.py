@@ -210,11 +210,11 @@ def test_a_wrong_experiment_is_named(config, message):
 
 
 def test_smoothers_stand_beside_their_filters_and_know_more(traffic, ring_map):
-    reported = QUICK | {"n_seeds": 1, "methods": ("prior", "constant velocity", "constant turn"), "smooth": True}
+    reported = QUICK | {"n_seeds": 1, "methods": ("prior", "constant velocity", "interacting models"), "smooth": True}
     table = evaluate_tracking(traffic, TrackingExperiment(**reported), primitive_map=ring_map)
     of = {result.name: result for result in table.methods}
     assert list(of) == [
-        "prior", "prior smoothed", "constant velocity", "constant velocity smoothed", "constant turn",
+        "prior", "prior smoothed", "constant velocity", "constant velocity smoothed", "interacting models",
     ]  # fmt: skip
     for name in ("prior", "constant velocity"):
         for figure in ("seen_rmse", "hidden_rmse"):

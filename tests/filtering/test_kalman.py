@@ -12,8 +12,9 @@ from dirprim_filter.filtering import ConstantVelocityKalman, Tracker
 from dirprim_filter.filtering.kalman import (
     FIRST_SPEED_STD,
     FIRST_TURN_STD,
-    ConstantTurnUKF,
+    ConstantTurn,
     InteractingModels,
+    KalmanBank,
     acceleration_density,
     turned,
 )
@@ -61,7 +62,7 @@ def test_the_density_needs_two_rows_of_a_vehicle_near_in_time(ring):
 
 MODELS = {
     "constant velocity": lambda config: ConstantVelocityKalman(acceleration_density=2.0, config=config),
-    "constant turn": lambda config: ConstantTurnUKF(acceleration_density=1.0, turn_density=0.1, config=config),
+    "constant turn": lambda config: KalmanBank([ConstantTurn(1.0, 0.1)], config),
     "both": lambda config: InteractingModels(straight=0.5, acceleration_density=1.0, turn_density=0.1, config=config),
 }
 
