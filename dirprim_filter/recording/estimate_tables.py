@@ -26,7 +26,7 @@ from dirprim_filter.recording.reader import read_estimates
 from dirprim_filter.recording.schemas.family import matrices
 from dirprim_filter.recording.tables.columns import FORMULA, FORMULA_GUARD, Columns, is_number
 from dirprim_filter.recording.tables.files import columns_of
-from dirprim_filter.recording.tables.named_columns import check_header
+from dirprim_filter.recording.tables.named_columns import COVARIANCE, check_header
 from dirprim_filter.track_ids import as_texts
 from dirprim_filter.tracks import Tracks
 
@@ -87,7 +87,6 @@ def _guarded(name: str) -> str:
     return FORMULA_GUARD + name if name[:1] in FORMULA and not is_number(name) else name
 
 
-COVARIANCE = ("covariance_xx_m2", "covariance_xy_m2", "covariance_yy_m2")
 OPTIONAL = {"course_rad": "direction", "speed_mps": "speed", "unseen_s": "unseen_s"}
 """Columns of a table, and what `TrackedRows` calls them."""
 

@@ -409,4 +409,7 @@ def test_values_are_tables_that_read_back(tmp_path, ring):
                       covariance=np.tile([[2.0, 0.5], [0.5, 3.0]], (len(few), 1, 1)))  # fmt: skip
     made = seen.to_arrow()
     assert [made[f"covariance_{name}_m2"][0].as_py() for name in ("xx", "xy", "yy")] == [2.0, 0.5, 3.0]
+    pa.parquet.write_table(made.drop_columns(["track_id"]), tmp_path / "t.parquet")
+    back = Detections.concatenate(stream_detections(tmp_path / "t.parquet"))
+    np.testing.assert_array_equal(back.covariance, seen.covariance)
     assert {"time_ns", "track_id", "x_m", "course_rad"} <= set(estimates(["a"]).to_arrow().column_names)

@@ -2,10 +2,11 @@
 
 `time_s, x_m, y_m` and, if there, `track_id, heading_rad, course_rad, speed_mps, group, length_m, width_m, height_m`,
 `sensor`, `turn_signal` (left, right or none) and `label` (or `category` or `class`); other columns are not used. Rows
-without an id are detections, of that sensor. x is east and y north in metres, the heading (yaw of the body) and the
-course over ground are radians counter-clockwise from east, the size of the body is in metres; an empty cell of a size,
-an angle, a signal or a label is one that is unknown. In place of `time_s` stand `time_ns`, whole nanoseconds, or `time`
-or `timestamp`, ISO times; in place of `x_m` and `y_m`, `latitude_deg` and `longitude_deg`.
+without an id are detections, of that sensor, with the covariances `covariance_xx_m2`, `covariance_xy_m2` and
+`covariance_yy_m2`. x is east and y north in metres, the heading (yaw of the body) and the course over ground are
+radians counter-clockwise from east, the size of the body is in metres; an empty cell of a size, an angle, a signal or a
+label is one that is unknown. In place of `time_s` stand `time_ns`, whole nanoseconds, or `time` or `timestamp`, ISO
+times; in place of `x_m` and `y_m`, `latitude_deg` and `longitude_deg`.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from dirprim_filter.recording.errors import RecordingError, TableError
 from dirprim_filter.recording.name_patterns import matching
 from dirprim_filter.recording.objects.options import ReadOptions
 from dirprim_filter.recording.rows import LEFT_OUT, Rows
+from dirprim_filter.recording.schemas.family import matrices
 from dirprim_filter.recording.tables.columns import Columns
 from dirprim_filter.recording.tables.files import columns_of
 from dirprim_filter.recording.tables.table import Table, table_of
@@ -41,6 +43,7 @@ PLACE, GLOBE = ("x_m", "y_m"), ("latitude_deg", "longitude_deg")
 SIZE = ("length_m", "width_m", "height_m")
 SIGNALS = ("left", "right", "none", "")
 MEASURED = ("heading_rad", "course_rad", "speed_mps", *SIZE)
+COVARIANCE = ("covariance_xx_m2", "covariance_xy_m2", "covariance_yy_m2")
 ALSO = {
     "time": ("timestamp",), "label": ("category", "class"), "latitude_deg": ("latitude", "lat"),
     "longitude_deg": ("longitude", "lon", "lng"),
@@ -48,6 +51,7 @@ ALSO = {
 """What else a table may call a column; the first that it has counts."""
 COLUMNS = (
     "time_s", "track_id", *PLACE, *MEASURED, "group", "sensor", "turn_signal", "label", "time_ns", "time", *GLOBE,
+    *COVARIANCE,
 )  # fmt: skip
 """All that are known."""
 REMEDY: Mapping[str, str] = {
@@ -86,12 +90,14 @@ def read_named(path: str | Path, *, columns: Mapping[str, str] | None = None, or
     names, vehicle = maybe("track_id", table.ids) or (np.array([""]), np.zeros(len(table), np.int64))
     position, origin = _positions(table, name_of, origin)
     size = {name: table.floats(name_of[name]) for name in SIZE if name in name_of}
+    errs = all(name in name_of for name in COVARIANCE)
     time, unit = next((name_of[name], unit) for name, unit in TIMES.items() if name in name_of)
     rows = Rows(
         names=names, track_id=vehicle, time_ns=table.nanoseconds(time, unit=unit), position=position,
         heading=maybe("heading_rad", table.angles), direction=maybe("course_rad", table.angles),
         speed=maybe("speed_mps", table.floats), cue=maybe("turn_signal", lambda name: _cues(table, name)),
         group=maybe("group", lambda name: _groups(table, name)), label=maybe("label", table.texts),
+        covariance=matrices(table.numbers(name_of[name] for name in COVARIANCE)) if errs else LEFT_OUT,
         size=np.column_stack([size.get(name, np.full(len(table), np.nan)) for name in SIZE]) if size else LEFT_OUT,
     )  # fmt: skip
     return replace(table_of(rows, sensor=maybe("sensor", table.texts), unused=unused), origin=origin)

@@ -10,7 +10,7 @@ import numpy as np
 
 from dirprim_filter.arrays import AnyArray
 from dirprim_filter.columns import is_held, known_sizes
-from dirprim_filter.detections import Detections
+from dirprim_filter.detections import Detections, is_covariance
 from dirprim_filter.recording.decoding.field_columns import NO_TIME
 from dirprim_filter.recording.losses import Losses
 from dirprim_filter.recording.rows import Rows
@@ -99,6 +99,7 @@ def _detections(rows: Rows, sensor: AnyArray) -> dict[str, Detections]:
         detections[name] = Detections(
             track_id=np.strings.strip(own.names)[own.track_id], time_ns=own.time_ns, position=own.position,
             direction=own.direction, speed=own.speed, size=own.size, cue=own.cue, group=own.group,
+            covariance=np.where(is_covariance(own.covariance)[:, None, None], own.covariance, np.nan),
         )  # fmt: skip
     return detections
 
