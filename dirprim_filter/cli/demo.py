@@ -205,8 +205,8 @@ def track_all_ways(
 
     said = provenance("demo", inputs=[run.log], seed=run.seed)
     with (
-        EstimateWriter(outputs["tracks.mcap"], metadata=said, particle_stride=10, force=True) as written,
-        open_stream("dirprim demo", save=outputs["tracks.rrd"], force=True, n_particles=100) as shown,
+        EstimateWriter(outputs["tracks.mcap"], metadata=said, force=True) as written,
+        open_stream("dirprim demo", save=outputs["tracks.rrd"], force=True) as shown,
     ):
         written.write_map_scene(learned)
         shown.log_map(learned)
