@@ -88,6 +88,8 @@ def learn_background(rows: TrackRows, config: LearningConfig, *, rng: np.random.
         nowhere = residents(np.zeros(len(moving), np.int64), np.zeros((1, 2)))
         unplaced = CellRows.of(moving, nowhere, moving.position, standing_speed=0.0)
         found = Modes.of(fit_all(unplaced, bounds)[0])
+    creeping = rows.speed[~is_moving]
+    standing_mean = max(float(creeping.mean()) if creeping.size else 0.0, MIN_STANDING_MEAN)
     standing = (n_standing + 1) / (float(weight.sum()) + 2)
     anywhere = 1.0 / (moving.n_vehicles + 1)  # the next vehicle may do what none has done
     used = np.flatnonzero(found.weight)
@@ -98,16 +100,11 @@ def learn_background(rows: TrackRows, config: LearningConfig, *, rng: np.random.
         mean=np.concatenate([found.mean[used], [0.0, 0.0]]),
         concentration=np.concatenate([found.concentration[used], [0.0, 0.0]]),
         shape=np.concatenate([found.shape[used], [1.0, 1.0]]),
-        rate=np.concatenate([found.rate[used], [1.0 / mean_speed, 1.0 / _standing_mean(rows, config)]]),
+        rate=np.concatenate([found.rate[used], [1.0 / mean_speed, 1.0 / standing_mean]]),
         speed_spread=spread,
         manoeuvres=manoeuvres,
         following=following,
     )
-
-
-def _standing_mean(rows: TrackRows, config: LearningConfig) -> float:
-    standing = rows.speed[rows.speed < config.standing_speed]
-    return max(float(standing.mean()) if standing.size else 0.0, MIN_STANDING_MEAN)
 
 
 def learn_chain(visits: Visits, *, rng: np.random.Generator) -> tuple[dict[str, FloatArray], csr_array]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.config import LearningConfig
-from dirprim_filter.distributions import Gamma, VonMisesMixture, von_mises
+from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.primitives._map_kernels import ModeTable
 from dirprim_filter.primitives._modes import Bounds, Modes
 from dirprim_filter.primitives.background import Background
@@ -21,8 +21,6 @@ from tessellation.protocols import Members
 
 LEAST_SPEED = 1e-3
 """m/s; slower rows are taken for so fast, for at 0 a gamma's density is 0 or without bound."""
-MIN_MODE_VEHICLES = 3.0
-"""A mode that fewer drive says nothing of what is usual."""
 BROADER = 16.0
 """Tails have so many times a mode's variance of direction and of log speed; 8 and 32 give the same to .005 nat."""
 
@@ -74,7 +72,7 @@ class PrimitiveModel(NamedTuple):
 
     def fit(self, position: FloatArray, data: TrackRows, members: Members) -> PrimitiveCells:
         """Every cell's modes; see `tessellation.CellModel`. `position` may be from another origin than the rows'."""
-        return fitted(CellRows.of(data, members, position, standing_speed=self.bounds.standing_speed), self.bounds)
+        return fitted(data, members, position, self.bounds)
 
     def log_density(
         self, cells: PrimitiveCells, position: FloatArray, data: TrackRows, row: IntArray, cell: IntArray
@@ -87,8 +85,9 @@ class PrimitiveModel(NamedTuple):
             return np.logaddexp(np.log1p(-share)[cell] + own, np.log(share)[cell] + self.background_log_density[row])
 
 
-def fitted(cells: CellRows, bounds: Bounds) -> PrimitiveCells:
-    """Every cell's modes."""
+def fitted(rows: TrackRows, members: Members, position: FloatArray, bounds: Bounds) -> PrimitiveCells:
+    """Every cell's modes; see `CellRows.of`."""
+    cells = CellRows.of(rows, members, position, standing_speed=bounds.standing_speed)
     n_rows = cells.n_moving + cells.n_standing
     return PrimitiveCells(
         table=fit_all(cells, bounds),
@@ -105,45 +104,15 @@ class Layout(NamedTuple):
     cells: Tessellation
     softness: float
 
-    def members(self, position: FloatArray) -> Members:
-        """Which rows each cell learns from."""
-        if self.softness > 0:
-            return members_of(position, self.cells.centers, softness=self.softness)[0]
-        return residents(self.cells.cell_of(position), self.cells.centers)
-
 
 def fit_cells(rows: TrackRows, layout: Layout, bounds: Bounds) -> PrimitiveCells:
     """Fit each cell's modes to the rows that it learns from."""
-    members = layout.members(rows.position)
-    return fitted(CellRows.of(rows, members, rows.position, standing_speed=bounds.standing_speed), bounds)
-
-
-def with_usual(cells: PrimitiveCells, bounds: Bounds) -> Bounds:
-    """Bounds whose priors are the median spreads of the modes that several vehicles drive.
-
-    That is empirical Bayes (Efron and Morris 1973). What the fit is bounded by is left out; where too few modes are
-    left, nothing is usual but what `bounds` say.
-    """
-    modes = cells.modes
-    vehicles = cells.n_vehicles[:, None] * modes.weight
-    is_inner = (
-        (vehicles >= MIN_MODE_VEHICLES)
-        & (modes.concentration > 0)
-        & (modes.concentration < 0.99 * bounds.max_concentration)
-        & (modes.shape > 1.0 + 1e-4)
-        & (modes.shape < 0.99 * bounds.max_shape)
-    )
-    if is_inner.sum() < 5:
-        return bounds
-    variance = _weighted_median(von_mises.circular_variance(modes.concentration[is_inner]), vehicles[is_inner])
-    spread = _weighted_median(0.5 / modes.shape[is_inner], vehicles[is_inner])
-    return bounds._replace(usual_resultant=1.0 - variance, speed_spread=spread)
-
-
-def _weighted_median(value: FloatArray, weight: FloatArray) -> float:
-    order = np.argsort(value)
-    below = np.cumsum(weight[order])
-    return float(value[order][np.searchsorted(below, 0.5 * below[-1])])
+    cells, softness = layout
+    if softness > 0:
+        members, _ = members_of(rows.position, cells.centers, softness=softness)
+    else:
+        members = residents(cells.cell_of(rows.position), cells.centers)
+    return fitted(rows, members, rows.position, bounds)
 
 
 def assemble(cells: Tessellation, fits: PrimitiveCells, background: Background, config: LearningConfig) -> PrimitiveMap:

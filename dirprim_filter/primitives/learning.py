@@ -17,9 +17,10 @@ import numpy as np
 
 from dirprim_filter.arrays import FloatArray, require
 from dirprim_filter.config import LearningConfig
+from dirprim_filter.distributions import von_mises
 from dirprim_filter.primitives._modes import Bounds
 from dirprim_filter.primitives.background import Background, learn_background
-from dirprim_filter.primitives.cell_model import Layout, PrimitiveModel, assemble, fit_cells, with_usual
+from dirprim_filter.primitives.cell_model import Layout, PrimitiveModel, assemble, fit_cells
 from dirprim_filter.primitives.fitting import ROUGH, bounds_of
 from dirprim_filter.primitives.leader_learning import learn_leader
 from dirprim_filter.primitives.motion_learning import learn_motion
@@ -43,6 +44,8 @@ SOFTNESS = 0.25
 Where .1 and .5 could be chosen too, the densities of two towns were the same."""
 MANY_GROUPS = 200
 """From so many groups or vehicles on one third is held out once; of fewer, each third in turn."""
+MIN_MODE_VEHICLES = 3.0
+"""A mode that fewer drive says nothing of what is usual."""
 WEAK = 0.002
 """Pseudo-vehicles that lean on nothing, while it is found out what is usual."""
 
@@ -171,10 +174,34 @@ def lay_out(
 
 
 def leaning(rows: TrackRows, layout: Layout, bounds: Bounds, background: Background) -> Bounds:
-    """Bounds whose modes lean on what is usual in these cells."""
+    """Bounds whose priors are the median spreads of these cells' modes that several vehicles drive.
+
+    That is empirical Bayes (Efron and Morris 1973). What the fit is bounded by is left out; where too few modes are
+    left, nothing is usual but the background model's spread of speeds.
+    """
     alone = bounds._replace(prior_strength=WEAK, usual_resultant=0.0, speed_spread=background.speed_spread)
-    usual = with_usual(fit_cells(rows, layout, alone._replace(**ROUGH)), alone)
-    return usual._replace(prior_strength=bounds.prior_strength)
+    cells = fit_cells(rows, layout, alone._replace(**ROUGH))
+    modes = cells.modes
+    vehicles = cells.n_vehicles[:, None] * modes.weight
+    is_inner = (
+        (vehicles >= MIN_MODE_VEHICLES)
+        & (modes.concentration > 0)
+        & (modes.concentration < 0.99 * bounds.max_concentration)
+        & (modes.shape > 1.0 + 1e-4)
+        & (modes.shape < 0.99 * bounds.max_shape)
+    )
+    usual = alone._replace(prior_strength=bounds.prior_strength)
+    if is_inner.sum() < 5:
+        return usual
+    variance = _weighted_median(von_mises.circular_variance(modes.concentration[is_inner]), vehicles[is_inner])
+    spread = _weighted_median(0.5 / modes.shape[is_inner], vehicles[is_inner])
+    return usual._replace(usual_resultant=1.0 - variance, speed_spread=spread)
+
+
+def _weighted_median(value: FloatArray, weight: FloatArray) -> float:
+    order = np.argsort(value)
+    below = np.cumsum(weight[order])
+    return float(value[order][np.searchsorted(below, 0.5 * below[-1])])
 
 
 def _likeliest(
