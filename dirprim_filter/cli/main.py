@@ -32,7 +32,7 @@ from dirprim_filter.cli import (
     track,
     view,
 )
-from dirprim_filter.cli.help import register, titled
+from dirprim_filter.cli.commands import register, titled
 from dirprim_filter.cli.settings import with_commands_of_today
 
 COMMANDS: dict[str, list[Any]] = {

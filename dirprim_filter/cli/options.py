@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 
 WRITTEN, FIGURE = "written", "figure"
-"""Mark the options for output files, and of them those for pictures, which `outputs.checked` checks before the work."""
+"""Mark the options for output files, and of them those for pictures: `commands.checked` checks both before the work."""
 
 
 AUTO = "auto"

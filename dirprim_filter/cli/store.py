@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from dirprim_filter.cli import exit_codes, store_maps
-from dirprim_filter.cli.help import register
+from dirprim_filter.cli.commands import register
 from dirprim_filter.cli.options import Scheduler, StoreFolder, StoreWorkers, Topics
 from dirprim_filter.cli.reading import TimeSource
 from dirprim_filter.cli.texts import counted, say

@@ -208,10 +208,9 @@ class Coverage:
 
     def text(self) -> str:
         """Both shares."""
-        if not self._n_rows:
-            return ""
-        outside, missing = self._n_outside / self._n_rows, 1.0 - self._n_estimated / self._n_rows
-        return f"; {missing:.1%} of {counted(self._n_rows, 'row')} without an estimate, {outside:.1%} outside the map"
+        outside, missing = self._n_outside / max(self._n_rows, 1), 1.0 - self._n_estimated / max(self._n_rows, 1)
+        shares = f"; {missing:.1%} of {counted(self._n_rows, 'row')} without an estimate, {outside:.1%} outside the map"
+        return shares if self._n_rows else ""
 
     @property
     def is_poor(self) -> bool:

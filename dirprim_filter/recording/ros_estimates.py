@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from dirprim_filter.arrays import FloatArray
-from dirprim_filter.drawing.sight import SURE_FROM
+from dirprim_filter.drawing.vehicles import SURE_FROM
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.recording.container.records import Schema
 from dirprim_filter.recording.schemas.dirprim import MAP_FRAME, NANOSECONDS

@@ -13,7 +13,7 @@ import numpy as np
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.background import Background
 from dirprim_filter.detections import Detections
-from dirprim_filter.drawing.sight import has_no_forecast
+from dirprim_filter.drawing.vehicles import has_no_forecast
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.primitives.primitive_map import PrimitiveMap

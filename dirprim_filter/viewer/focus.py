@@ -16,7 +16,7 @@ from dirprim_filter.columns import is_held
 from dirprim_filter.distributions import VonMisesMixture
 from dirprim_filter.distributions.angles import TWO_PI
 from dirprim_filter.distributions.product import multiply_mixtures
-from dirprim_filter.drawing.names import short_name
+from dirprim_filter.drawing.vehicles import short_name
 from dirprim_filter.estimates import TrackedFrame
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.track_ids import as_texts

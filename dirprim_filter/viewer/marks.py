@@ -16,8 +16,7 @@ from dirprim_filter.arrays import FloatArray
 from dirprim_filter.distributions.highest_density import Region
 from dirprim_filter.drawing import shapes
 from dirprim_filter.drawing.colors import ByteArray, direction_color, fan_opacity, track_color
-from dirprim_filter.drawing.names import short_name
-from dirprim_filter.drawing.sight import may_be_anywhere
+from dirprim_filter.drawing.vehicles import may_be_anywhere, short_name
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.forecasting import REGION_SHARES
 from dirprim_filter.tracks import Tracks

@@ -19,7 +19,7 @@ import rerun as rr
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.detections import Detections
 from dirprim_filter.drawing import shapes
-from dirprim_filter.drawing.sight import has_no_forecast
+from dirprim_filter.drawing.vehicles import has_no_forecast
 from dirprim_filter.estimates import Particles, TrackedFrame
 from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.primitives.primitive_map import PrimitiveMap

@@ -9,9 +9,9 @@ import pytest
 from matplotlib.figure import Figure
 
 from cli.commands import FAILED, dirprim
+from dirprim_filter.cli.commands import check_outputs
 from dirprim_filter.cli.main import app
 from dirprim_filter.cli.options import WRITTEN
-from dirprim_filter.cli.outputs import check_outputs
 from dirprim_filter.cli.results import provenance
 from dirprim_filter.partial_file import PartialFile
 from dirprim_filter.viewer.figures import save_figure

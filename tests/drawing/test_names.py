@@ -1,6 +1,6 @@
 """Labels of long ids."""
 
-from dirprim_filter.drawing.names import LONGEST, short_name
+from dirprim_filter.drawing.vehicles import LONGEST, short_name
 
 
 def test_long_ids_are_shortened_and_keep_their_group_and_both_ends():

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import typer
 
+from dirprim_filter.cli.commands import register
 from dirprim_filter.cli.evaluate import cues, density, forecast, tracking
-from dirprim_filter.cli.help import register
 
 evaluate = typer.Typer(
     name="evaluate",

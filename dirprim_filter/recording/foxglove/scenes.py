@@ -17,8 +17,7 @@ from dirprim_filter.columns import is_held
 from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.drawing import shapes
 from dirprim_filter.drawing.colors import direction_color, fan_opacity, track_color
-from dirprim_filter.drawing.names import short_name
-from dirprim_filter.drawing.sight import SURE_FROM, may_be_anywhere
+from dirprim_filter.drawing.vehicles import SURE_FROM, may_be_anywhere, short_name
 from dirprim_filter.estimates import Estimates, Particles
 from dirprim_filter.forecasting import REGION_SHARES, Forecasts
 from dirprim_filter.primitives.primitive_map import PrimitiveMap

@@ -1,6 +1,7 @@
-"""What a command writes: never in the place of what it reads, and nowhere that it cannot write.
+"""How a function becomes a command: its outputs are checked before the work, its `--help` is in groups.
 
-Both are asked before the work, for every command: `checked` knows from the options which of its files are which.
+No output takes the place of an input, and none is where it cannot be written: `checked` knows from the options which
+of its files are which.
 """
 
 from __future__ import annotations
@@ -8,18 +9,61 @@ from __future__ import annotations
 import errno
 import inspect
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import wraps
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
+import typer
+from typer.core import TyperCommand, TyperGroup
+
 from dirprim_filter.cli.compiling import compiling_notice, mend_cache
 from dirprim_filter.cli.options import FIGURE, WRITTEN
+from dirprim_filter.cli.reading import OPTIONS
+from dirprim_filter.cli.settings import with_settings_of_today
 from dirprim_filter.partial_file import OutputExistsError
 
 Result = TypeVar("Result")
 FORMATS = (".png", ".pdf", ".svg")
 """Of pictures."""
+
+
+def register(app: typer.Typer, command: Callable[..., Any]) -> None:
+    """Add a command, whose outputs are checked before its work."""
+    app.command(cls=_Grouped)(checked(command))
+
+
+class _Grouped(TyperCommand):
+    """Lists what all commands that read logs share after a command's own options; takes former ones too."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        known = {name for of in self.get_params(ctx) for name in of.opts}
+        return super().parse_args(ctx, list(with_settings_of_today(args, known)))
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        titled: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": [], "Reading a log": []}
+        reads = any(of.name == "given" for of in self.get_params(ctx))
+        for of in self.get_params(ctx):
+            is_reading = reads and of.name in (*OPTIONS, "given")
+            title = "Arguments" if of.param_type_name == "argument" else "Options"
+            if (record := of.get_help_record(ctx)) is not None:
+                titled["Reading a log" if is_reading else title].append(record)
+        for title, records in titled.items():
+            if records:
+                with formatter.section(title):
+                    formatter.write_dl(records)
+
+
+def titled(commands: Mapping[str, Sequence[str]]) -> type[TyperGroup]:
+    """A group that lists its commands, by name, under their titles."""
+
+    class Titled(TyperGroup):
+        def format_commands(self, ctx: Any, formatter: Any) -> None:
+            for title, names in commands.items():
+                with formatter.section(title):
+                    formatter.write_dl([(name, self.commands[name].get_short_help_str(66)) for name in names])
+
+    return Titled
 
 
 def checked(command: Callable[..., Result]) -> Callable[..., Result]:

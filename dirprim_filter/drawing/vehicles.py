@@ -1,4 +1,4 @@
-"""Which beliefs a picture shows in full: those of vehicles that do not coast and have a known direction."""
+"""What a picture shows of a vehicle: a short name; and in full no belief that coasts or has no known direction."""
 
 from __future__ import annotations
 
@@ -8,6 +8,10 @@ from dirprim_filter.arrays import BoolArray
 from dirprim_filter.drawing.shapes import reach
 from dirprim_filter.estimates import Estimates
 
+LONGEST = 12
+"""Characters of a name that is shown in full."""
+KEPT = 4
+"""Characters of a longer one's start and of its end: some ids differ in the one, some in the other."""
 SURE_FROM = 0.5
 """Resultant of a belief's direction; below it a forecast spreads in all directions and is not drawn."""
 WIDEST_COASTING = 6.0
@@ -22,3 +26,12 @@ def may_be_anywhere(estimates: Estimates) -> BoolArray:
 def has_no_forecast(estimates: Estimates) -> BoolArray:
     """(n,) of which vehicles no forecast is drawn."""
     return np.asarray(estimates.is_coasting | (estimates.direction_resultant < SURE_FROM))
+
+
+def short_name(name: str) -> str:
+    """A name of at most `LONGEST` characters as it is, of a longer one its start and end, after its group.
+
+    The same id has the same short name in every frame and picture. It is for the eye: two ids may share one.
+    """
+    group, slash, own = name.rpartition("/")
+    return name if len(own) <= LONGEST else f"{group}{slash}{own[:KEPT]}…{own[-KEPT:]}"
