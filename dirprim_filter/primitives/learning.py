@@ -159,11 +159,11 @@ def lay_out(
     if cell_size is not None:
         n_cells = GridTessellation.covering(position, cell_size=cell_size).n_cells
     if tessellation == "voronoi":
-        numbers = [_even_cells(rows, each) for each in config.rows_per_cell] if n_cells is None else [n_cells]
+        numbers = [1 + int(len(rows) / each) for each in config.rows_per_cell] if n_cells is None else [n_cells]
         even = [VoronoiTessellation.lloyd(position, n_cells=n, rng=rng, reach=reach) for n in numbers]
         return _likeliest(rows, [Layout(cells, SOFTNESS) for cells in even], bounds, background, config, rng=rng)
     few = rows.some(TRIAL_ROWS, rng=rng)
-    n_even = _even_cells(few, config.rows_per_cell[0])
+    n_even = 1 + int(len(few) / config.rows_per_cell[0])
     even_cells = VoronoiTessellation.lloyd(few.position, n_cells=n_even, rng=rng, reach=reach)
     rough = leaning(few, Layout(even_cells, SOFTNESS), bounds, background)._replace(**ROUGH)
     found = fit_jointly(
@@ -227,11 +227,6 @@ def _likeliest(
         return float(np.mean(scores))
 
     return max(candidates, key=score)
-
-
-def _even_cells(rows: TrackRows, rows_per_cell: float) -> int:
-    """How many cells of so many rows each there are: a number that does not change when the data are moved."""
-    return 1 + int(len(rows) / rows_per_cell)
 
 
 def _grid_of_about(position: FloatArray, n_cells: int) -> GridTessellation:

@@ -164,20 +164,19 @@ class PrimitiveMap:
         place = np.ascontiguousarray(np.broadcast_to(position, (*shape, 2))).reshape(-1, 2)
         flat = {name: np.ascontiguousarray(np.broadcast_to(c, shape)).reshape(-1) for name, c in columns.items()}
         cell = self.tessellation.cell_of(place)
-        found = self._modes().log_density(cell, place, flat.get("direction"), flat.get("speed"))
+        modes = ModeTable(*self.compiled()[1:])
+        found = modes.log_density(cell, place, flat.get("direction"), flat.get("speed"))
         return found.reshape(shape)
 
     def compiled(self) -> MapTable:
         """The parameters as the kernels take them, made at the first use."""
         if self._table is None:
-            object.__setattr__(self, "_table", MapTable(locator_of(self.tessellation), *self._modes()))
+            direction, speed = self.direction, self.speed
+            parameters = direction.weight, direction.mean_direction, direction.concentration, speed.shape, speed.rate
+            slopes = (slope[..., axis] for slope in (self.bend, self.gain) for axis in (0, 1))
+            modes = ModeTable.of(Modes(*parameters, *slopes), self.centers)
+            object.__setattr__(self, "_table", MapTable(locator_of(self.tessellation), *modes))
         return cast(MapTable, self._table)
-
-    def _modes(self) -> ModeTable:
-        direction, speed = self.direction, self.speed
-        parameters = direction.weight, direction.mean_direction, direction.concentration, speed.shape, speed.rate
-        slopes = (slope[..., axis] for slope in (self.bend, self.gain) for axis in (0, 1))
-        return ModeTable.of(Modes(*parameters, *slopes), self.centers)
 
     def without_places(self) -> PrimitiveMap:
         """The same map with no cell: the ablation that shows what knowing the place is worth."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -65,7 +65,7 @@ class TrackRows:
         direction: (n,) radians.
         speed: (n,) m/s.
         group: (n,) int64, what to split by: the log's groups or, where they are few or one rules, the vehicles.
-        weight: (n,) positive, how many vehicles a row's vehicle stands for; left out: one each.
+        weight: (n,) positive, how many vehicles a row's vehicle stands for.
         scale: of all the rows that these are of.
     """
 
@@ -75,12 +75,8 @@ class TrackRows:
     direction: FloatArray
     speed: FloatArray
     group: IntArray
-    weight: FloatArray = field(default_factory=lambda: np.empty(0))
-    scale: Scale = field(default_factory=Scale)
-
-    def __post_init__(self) -> None:
-        if not self.weight.size:
-            object.__setattr__(self, "weight", np.ones(self.vehicle.size))
+    weight: FloatArray
+    scale: Scale
 
     @classmethod
     def thinned(cls, tracks: Tracks, *, interval_s: float, weight: FloatArray | None = None) -> TrackRows:

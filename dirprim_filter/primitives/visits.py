@@ -7,7 +7,7 @@ arrives, stands, and leaves.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -43,7 +43,7 @@ class Visits:
         end: (v,) the instant after its last.
         cell: (v,) `OUTSIDE` for none.
         stands: (v,) whether the vehicle stands.
-        weight: (v,) how many vehicles its vehicle stands for, as many in all as say as much; left out: one each.
+        weight: (v,) how many vehicles its vehicle stands for, as many in all as say as much.
         scale: of the data.
     """
 
@@ -56,12 +56,8 @@ class Visits:
     end: IntArray
     cell: IntArray
     stands: BoolArray
-    weight: FloatArray = field(default_factory=lambda: np.empty(0))
-    scale: Scale = field(default_factory=Scale)
-
-    def __post_init__(self) -> None:
-        if not self.weight.size:
-            object.__setattr__(self, "weight", np.ones(self.begin.size))
+    weight: FloatArray
+    scale: Scale
 
     @classmethod
     def of(cls, rows: TrackRows, cells: Tessellation) -> Visits:

@@ -8,6 +8,7 @@ from scipy import stats
 
 from dirprim_filter.primitives.background import learn_chain
 from dirprim_filter.primitives.motion import background_manoeuvres, joined
+from dirprim_filter.primitives.rows import Scale
 from dirprim_filter.primitives.visits import Visits
 from moving import motion_by_hand, moved, squares
 
@@ -25,7 +26,8 @@ def visits_of(speed, course, *, vehicle=None):
     velocity = speed[:, None] * np.column_stack([np.cos(course), np.sin(course)])
     return Visits(
         vehicle=vehicle, segment=vehicle, position=np.cumsum(STEP_S * velocity, axis=0), course=course, speed=speed,
-        begin=begin, end=end, cell=np.full(begin.size, -1), stands=speed[begin] < 0.3,
+        begin=begin, end=end, cell=np.full(begin.size, -1), stands=speed[begin] < 0.3, weight=np.ones(begin.size),
+        scale=Scale(),
     )  # fmt: skip
 
 
