@@ -135,7 +135,7 @@ class TrackingConfig:
     Attributes:
         detection_probability: of a vehicle in sight, in each frame.
         clutter_density: false detections per square metre in each frame: one in a square of 100 m. Labelled or not, the
-            odds that a first detection is a vehicle are those expected there to this, see `filtering.undetected`.
+            odds that a first detection is a vehicle are those expected there to this, see `filtering.existence`.
         birth_density: new vehicles per square metre in each frame, anywhere: one in a hundred frames. On a map more are
             expected where trajectories begin.
         vehicle_density: vehicles per square metre to expect before the first frame: as many as false detections. On a

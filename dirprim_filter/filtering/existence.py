@@ -1,20 +1,31 @@
-"""Probability that a track is a vehicle, visible or occluded: one Markov chain of three states for every track.
+"""Probability that a track is a vehicle, and how many vehicles are expected that no track is of.
 
-The same for labelled and unlabelled tracks: a track is initialised by one detection, and each frame, a hit or a miss,
-updates the probability by Bayes' rule.
+One Markov chain of three states, visible, occluded or gone, for labelled and unlabelled tracks: a track is initialised
+by one detection, and each frame, a hit or a miss, updates the probability by Bayes' rule. Vehicles that are there and
+were never detected are a Poisson process, thinned by each frame that did not show them. In the first frame they are all
+vehicles, where traffic is dense; later mostly those that have just appeared, where trajectories begin.
 
-Source: Musicki, Evans and Stankovic, Integrated Probabilistic Data Association, 1994: their "Markov chain two".
+Source: Musicki, Evans and Stankovic, Integrated Probabilistic Data Association, 1994: their "Markov chain two";
+Williams, Marginal Multi-Bernoulli Filters: RFS Derivation of MHT, JIPDA, and Association-Based MeMBer, 2015.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from dirprim_filter.arrays import FloatArray
-from dirprim_filter.config import TrackingConfig
+from dirprim_filter.arrays import BoolArray, FloatArray
+from dirprim_filter.config import FilterConfig, TrackingConfig
+from dirprim_filter.primitives.traffic import Traffic
 
 VISIBLE, OCCLUDED, GONE = range(3)
 """The states: visible, occluded, or gone: the vehicle left, or the track always was a false detection."""
+N_FIXED_POINT = 30
+"""Steps of expectation maximisation towards the traffic's level, which rises to it; a few do where few are doubtful."""
+
+MOST_FALSE = 100.0
+"""False detections with an id on all of a map in a frame, at most: beyond a square kilometre its densities shrink."""
+LEVEL_S = 900.0
+"""Seconds in which all but 1/e of what is known of the traffic's level is forgotten: within a rush hour it follows."""
 
 
 def at_birth(first: FloatArray, config: TrackingConfig) -> FloatArray:
@@ -85,3 +96,90 @@ def after_miss(existence: FloatArray, config: TrackingConfig) -> FloatArray:
 
 def _normalised(weight: FloatArray) -> FloatArray:
     return np.asarray(weight / weight.sum(axis=1, keepdims=True))
+
+
+class Undetected:
+    """The intensity of vehicles not yet detected, in one group.
+
+    On a map they go on as its vehicles did. New ones begin where its trajectories began, as many as fit the traffic's
+    *level*: the mean number of vehicles on the map. It has a gamma distribution, at first exponential about
+    `vehicle_density` times the area, learns from first detections, and forgets them within `LEVEL_S`. Elsewhere, and
+    without a map, the intensity is `vehicle_density` until frames have thinned it, and `birth_density` new ones in each
+    frame.
+
+    Args:
+        traffic: of a map; None without one.
+        config: detection probability and densities.
+        noise: standard deviation of detections.
+
+    Attributes:
+        of_labels: share of the densities that holds for detections with an id: of all false ones on a map these are
+            `MOST_FALSE` in a frame, at most.
+    """
+
+    def __init__(self, traffic: Traffic | None, config: TrackingConfig, noise: FilterConfig) -> None:
+        area = 0.0 if traffic is None else float(traffic.tessellation.area.sum())
+        self.of_labels = min(1.0, MOST_FALSE / max(config.clutter_density * area, 1e-300))
+        self._traffic, self.config, self._noise = traffic, config, noise
+        self._learns_level = False
+        self._first = np.array([1.0, 1.0 / (config.vehicle_density * area) if area > 0 else 1.0])
+        self._counts = self._first.copy()  # vehicles found, and those expected at a level of 1
+        self._share: FloatArray
+        self._begin()
+
+    @property
+    def level(self) -> float:
+        """Mean number of vehicles on the map; NaN without one."""
+        return float(self._counts[0] / self._counts[1]) if self._traffic is not None else float("nan")
+
+    def advance(self, dt_s: float, longest_gap_s: float) -> None:
+        """Predict by so many seconds; after a pause in which all tracks ended no vehicle counts as detected."""
+        self._counts = self._first + np.exp(-dt_s / LEVEL_S) * (self._counts - self._first)
+        if dt_s > longest_gap_s:
+            self._begin()
+        elif self._traffic is not None:
+            self._share = self._traffic.later(self._share, dt_s)
+
+    def first_detections(self, position: FloatArray) -> FloatArray:
+        """(n, 2) -> (n,) expected density of first detections there in this frame, per square metre."""
+        return self._density(self._per_level(position))
+
+    def see(self, position: FloatArray, is_labelled: BoolArray) -> FloatArray:
+        """Take the frame's detections (n, 2) that are of no track; thin by what the frame would show.
+
+        From those without an id the level is learned: no vehicle that has one has a part in the estimates of others.
+
+        Returns:
+            (n,) the density of first detections that was expected at each, by what is known of the level now.
+        """
+        per_level = self._per_level(position)
+        self._learns_level |= self._traffic is not None and not is_labelled.all()
+        if self._learns_level:
+            found, per_unlabelled = self._counts[0], per_level[~is_labelled]
+            self._counts[1] += (self.config.detection_probability * self._share).sum()
+            for _ in range(N_FIXED_POINT):
+                any_cause = self._density(per_unlabelled) + self.config.clutter_density
+                self._counts[0] = found + (self.level * per_unlabelled / any_cause).sum()
+        expected = self._density(per_level)
+        self._share = (1.0 - self.config.detection_probability) * self._share
+        self._anywhere *= 1.0 - self.config.detection_probability
+        return expected
+
+    def _begin(self) -> None:
+        """As before the first frame: all of one vehicle on the map, and as many as anywhere."""
+        self._share = np.empty(0) if self._traffic is None else self._traffic.present
+        self._anywhere = self.config.vehicle_density
+
+    def _per_level(self, position: FloatArray) -> FloatArray:
+        """(n, 2) -> (n,) first detections per square metre where the level is 1."""
+        if self._traffic is None:
+            return np.zeros(len(position))
+        seen = self.config.detection_probability * self._share
+        return self._traffic.density(seen, position, spread_m=self._noise.noise_m)
+
+    def _density(self, per_level: FloatArray) -> FloatArray:
+        """(n,) -> (n,) with those that come into sight anywhere."""
+        if self._traffic is None:
+            found = self.config.detection_probability * self._anywhere
+            return np.full(per_level.size, self.config.birth_density + found)
+        return np.asarray(self.config.birth_density + self.level * per_level)

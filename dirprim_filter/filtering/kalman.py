@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
@@ -21,13 +21,13 @@ import numpy as np
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
-from dirprim_filter.filtering.measurements import FASTEST, OUTLIER_EXTENT_M, measured_covariance, measured_motion
+from dirprim_filter.filtering.measurements import OUTLIER_EXTENT_M, measured_covariance
 from dirprim_filter.filtering.protocols import Evidence
 from dirprim_filter.filtering.smoothing._kernels import log_gaussian
 from dirprim_filter.tracks import Tracks
 
 N_STATES = 5
-PLACE, VELOCITY = np.eye(2, N_STATES), np.eye(2, N_STATES, 2)
+PLACE = np.eye(2, N_STATES)
 FIRST_SPEED_STD, FIRST_TURN_STD = 10.0, 0.2
 """m/s and rad/s, prior standard deviations of velocity and turn at initiation."""
 MAX_INTERVAL_S, LEAST_DENSITY = 2.0, 1e-6
@@ -86,6 +86,8 @@ class ConstantTurn:
 class KalmanBank:
     """A `BayesFilter` of Gaussians, or of mixtures of one Gaussian for each motion model: interacting multiple models.
 
+    Positions alone are measured: reported courses and speeds are not used.
+
     Args:
         models: how vehicles move.
         config: the noise of the measurements, and how many of them are outliers.
@@ -101,9 +103,7 @@ class KalmanBank:
         self.probability: FloatArray = np.empty((0, m))
         with np.errstate(divide="ignore"):  # what is off has no probability
             self._log_outlier = float(np.log(config.outlier_probability / OUTLIER_EXTENT_M**2))
-            self._log_astray = float(np.log(config.motion_outlier_probability))
         self._log_kept = float(np.log1p(-config.outlier_probability))
-        self._log_steady = float(np.log1p(-config.motion_outlier_probability))
 
     def reserve(self, n_slots: int) -> None:
         """Make room for so many slots."""
@@ -118,8 +118,6 @@ class KalmanBank:
         unknown = np.diag([0.0, 0.0, FIRST_SPEED_STD**2, FIRST_SPEED_STD**2, FIRST_TURN_STD**2])
         mean, covariance = np.zeros((slot.size, N_STATES)), np.tile(unknown, (slot.size, 1, 1))
         mean[:, :2], covariance[:, :2, :2] = measured.position, measured_covariance(measured, self.config)
-        row, velocity, noise = self._velocities(measured)
-        mean[row, 2:4], covariance[row, 2:4, 2:4] = velocity, noise
         self.mean[slot], self.covariance[slot] = mean[:, None], covariance[:, None]
         self.probability[slot] = 1.0 / len(self._models)
 
@@ -147,33 +145,19 @@ class KalmanBank:
             self.covariance[slot, i] = _symmetric(moved)
 
     def log_likelihood(self, slot: IntArray, measured: Detections) -> FloatArray:
-        """Log density of measurements under the beliefs, outlying positions aside. (v,), v rows -> (v,)."""
+        """Log density of measurements under the beliefs, outliers aside. (v,), v rows -> (v,)."""
         mean, covariance, noise = self.mean[slot], self.covariance[slot], measured_covariance(measured, self.config)
         off, spread = measured.position[:, None] - mean[..., :2], covariance[..., :2, :2] + noise[:, None]
         log_p = log_gaussian(off, spread) + self._log_probability(slot)
-        row, velocity, velocity_noise = self._velocities(measured)
-        if row.size:
-            given = corrected(mean[row], covariance[row], measured.position[row], PLACE, noise[row])
-            fit = self._log_velocity(*given, velocity, velocity_noise)
-            log_p[row] += np.logaddexp(fit, self._log_astray)
         return np.asarray(np.logaddexp.reduce(log_p, axis=1))
 
     def weigh(self, slot: IntArray, measured: Detections) -> Evidence:
         """Correct beliefs by measurements; an outlier corrects nothing."""
-        unmoving = replace(measured, direction=np.empty(0), speed=np.empty(0))
-        fit = self._log_kept + self.log_likelihood(slot, unmoving)
+        fit = self._log_kept + self.log_likelihood(slot, measured)
         evidence = np.logaddexp(fit, self._log_outlier)
-        noise, near = measured_covariance(measured, self.config), fit > self._log_outlier
-        self._correct(slot[near], measured.position[near], PLACE, noise[near])
-        row, velocity, noise = self._velocities(measured)
-        if row.size:
-            moving = slot[row]
-            log_p = self._log_velocity(self.mean[moving], self.covariance[moving], velocity, noise)
-            fits = np.logaddexp.reduce(log_p + self._log_probability(moving), axis=1)
-            evidence[row] += np.logaddexp(fits, self._log_astray)
-            near = fits > self._log_astray
-            self._correct(moving[near], velocity[near], VELOCITY, noise[near])
-        unexplained = ~(np.logaddexp(fit, self._log_outlier) >= np.log(2.0) + self._log_outlier)
+        near = fit > self._log_outlier
+        self._correct(slot[near], measured[near])
+        unexplained = ~(evidence >= np.log(2.0) + self._log_outlier)
         return Evidence(evidence, unexplained, np.ones(slot.size, np.bool_))
 
     def moments(self, slot: IntArray) -> FloatArray:
@@ -191,34 +175,23 @@ class KalmanBank:
     def resample(self, slot: IntArray) -> None:
         """Nothing to resample."""
 
-    def _correct(self, slot: IntArray, z: FloatArray, of_state: FloatArray, noise: FloatArray) -> None:
-        """Correct beliefs (v,) by measurements (v, 2) of `of_state` (2, 5), and models by how well each expected it."""
+    def _correct(self, slot: IntArray, measured: Detections) -> None:
+        """Correct beliefs (v,) by v measurements, and models by how well each expected them."""
         mean, covariance = self.mean[slot], self.covariance[slot]
-        spread = of_state @ covariance @ of_state.T + noise[:, None]
-        fit = log_gaussian(z[:, None] - mean @ of_state.T, spread) + self._log_probability(slot)
+        noise = measured_covariance(measured, self.config)[:, None]
+        spread = PLACE @ covariance @ PLACE.T + noise
+        off = measured.position[:, None] - mean @ PLACE.T
+        fit = log_gaussian(off, spread) + self._log_probability(slot)
         self.probability[slot] = np.exp(fit - np.logaddexp.reduce(fit, axis=1)[:, None])
-        self.mean[slot], self.covariance[slot] = corrected(mean, covariance, z, of_state, noise)
+        gain = np.linalg.solve(spread, PLACE @ covariance).swapaxes(-1, -2)
+        kept = np.eye(N_STATES) - gain @ PLACE
+        self.mean[slot] = mean + (gain @ off[..., None])[..., 0]
+        left = kept @ covariance @ kept.swapaxes(-1, -2) + gain @ noise @ gain.swapaxes(-1, -2)
+        self.covariance[slot] = _symmetric(left)
 
     def _log_probability(self, slot: IntArray) -> FloatArray:
         """(v, m) of each model."""
         return np.log(np.maximum(self.probability[slot], 1e-300))
-
-    def _velocities(self, measured: Detections) -> tuple[IntArray, FloatArray, FloatArray]:
-        """(k,) rows with a measured course and speed, and these as velocities (k, 2) of covariance (k, 2, 2)."""
-        direction, speed = measured_motion(measured)
-        row = np.flatnonzero(np.isfinite(direction) & np.isfinite(speed))
-        direction, speed = direction[row], speed[row]
-        along = np.column_stack([np.cos(direction), np.sin(direction)])
-        across = np.column_stack([-along[:, 1], along[:, 0]])
-        sideways = np.maximum(speed * self.config.direction_noise, self.config.speed_noise)[:, None]
-        root = np.stack([self.config.speed_noise * along, sideways * across], axis=-1)
-        return row, speed[:, None] * along, root @ root.swapaxes(1, 2)
-
-    def _log_velocity(self, mean: FloatArray, covariance: FloatArray, z: FloatArray, noise: FloatArray) -> FloatArray:
-        """(k, m) log ratio of measured velocities (k, 2), no outliers, to a false detection's, under each Gaussian."""
-        per_course_and_speed = np.hypot(*z.T)[:, None] * 2.0 * np.pi * FASTEST
-        fit = log_gaussian(z[:, None] - mean[..., 2:4], covariance[..., 2:4, 2:4] + noise[:, None])
-        return np.asarray(fit + np.log(per_course_and_speed) + self._log_steady)
 
 
 class ConstantVelocityKalman(KalmanBank):
@@ -297,17 +270,6 @@ def turned(state: FloatArray, dt_s: FloatArray) -> FloatArray:
     ahead, aside = np.where(is_straight, dt_s, s / rates), np.where(is_straight, 0.0, (1.0 - c) / rates)
     moved = [x + ahead * east - aside * north, y + aside * east + ahead * north]
     return np.stack([*moved, c * east - s * north, s * east + c * north, rate], axis=-1)
-
-
-def corrected(
-    mean: FloatArray, covariance: FloatArray, z: FloatArray, of_state: FloatArray, noise: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Gaussians (v, m, 5), (v, m, 5, 5) given measurements (v, 2) of `of_state` (2, 5), of covariance (v, 2, 2)."""
-    noise = noise[:, None]
-    gain = np.linalg.solve(of_state @ covariance @ of_state.T + noise, of_state @ covariance).swapaxes(-1, -2)
-    off, kept = z[:, None] - mean @ of_state.T, np.eye(N_STATES) - gain @ of_state
-    spread = kept @ covariance @ kept.swapaxes(-1, -2) + gain @ noise @ gain.swapaxes(-1, -2)
-    return mean + (gain @ off[..., None])[..., 0], _symmetric(spread)
 
 
 def _white_acceleration(density: float, dt_s: FloatArray) -> FloatArray:

@@ -47,12 +47,6 @@ def innovation(
     return np.asarray(np.einsum("vi,vi->v", away, np.linalg.solve(covariance, away[..., None])[..., 0]))
 
 
-def measured_motion(measured: Detections) -> tuple[FloatArray, FloatArray]:
-    """(n,), (n,) course in radians and speed in m/s, NaN where not measured; what stands has no course."""
-    stands = measured.speed < MOVING_FROM  # where the speed is unknown, the course counts
-    return np.where(stands, np.nan, measured.direction), measured.speed
-
-
 def with_unseen_errors(estimates: Estimates, sensor: Sensor | None) -> Estimates:
     """Estimates whose covariances contain what no filter sees of a sensor's errors: see `Sensor.unseen_covariance`."""
     if sensor is None or not sensor.uncertainty:

@@ -20,7 +20,7 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.distributions import von_mises
 from dirprim_filter.filtering import _kernels, _measuring, _resampling
 from dirprim_filter.filtering.belief import BeliefSamples, ParticleBelief, weigh_by_cue
-from dirprim_filter.filtering.measurements import FASTEST, OUTLIER_EXTENT_M, measured_motion
+from dirprim_filter.filtering.measurements import FASTEST, MOVING_FROM, OUTLIER_EXTENT_M
 from dirprim_filter.filtering.protocols import BayesFilter, Evidence, Places
 from dirprim_filter.filtering.smoothing import _kernels as smoothing
 from dirprim_filter.filtering.smoothing._kernels import log_gaussian
@@ -224,7 +224,8 @@ class ParticleFilter:
             if own.size:
                 white[own], axes = np.linalg.eigh(measured.covariance[own])
                 axis[own] = np.arctan2(axes[:, 1, 0], axes[:, 0, 0])
-        return np.column_stack([measured.position, *measured_motion(measured), axis, white])
+        course = np.where(measured.speed < MOVING_FROM, np.nan, measured.direction)  # it counts where no speed is known
+        return np.column_stack([measured.position, course, measured.speed, axis, white])
 
     def _split(
         self,

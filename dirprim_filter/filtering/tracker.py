@@ -18,12 +18,12 @@ from dirprim_filter.filtering import existence
 from dirprim_filter.filtering.association import Associator, Hits
 from dirprim_filter.filtering.belief import birth_key
 from dirprim_filter.filtering.cued_motion import CuedMotion
+from dirprim_filter.filtering.existence import Undetected
 from dirprim_filter.filtering.measurements import innovation, with_unseen_errors
 from dirprim_filter.filtering.particle_filter import bayes_filter_of
 from dirprim_filter.filtering.protocols import BayesFilter, OnMap
 from dirprim_filter.filtering.roster import Roster
 from dirprim_filter.filtering.smoothing.recorder import Recorder
-from dirprim_filter.filtering.undetected import Undetected
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.sensor import Sensor
 

@@ -93,11 +93,9 @@ def alone(name, *, n=30, hide=lambda i: False, place=on_the_ring):
     return [(0.1 * i, {} if hide(i) else {name: place(0.1 * i)}) for i in range(n)]
 
 
-def log_odds(ring_map, filter_of, *, turned=None, off=0.0, n=3):
+def log_odds(ring_map, *, turned=None, off=0.0, n=3):
     """Of existence after some detections on the ring, of a course turned and a speed off by so much; None: none."""
-    config = FilterConfig(n_particles=2000)
-    model = ring_map if filter_of == "particles" else ConstantVelocityKalman(acceleration_density=3.0, config=config)
-    tracker = Tracker(model, config=config, rng=np.random.default_rng(0))
+    tracker = Tracker(ring_map, config=FilterConfig(n_particles=2000), rng=np.random.default_rng(0))
     for i in range(n):
         known = {} if turned is None else {"direction": [0.04 * i + np.pi / 2 + turned], "speed": [8.0 + off]}
         tracker.predict(
@@ -125,13 +123,10 @@ def test_one_detection_confirms_nothing_and_four_a_vehicle(ring_map, name, filte
     assert len(followed(ring_map, alone(name, n=1), filter_of=filter_of, tracking=at_once)[0]) == 1
 
 
-@BOTH_FILTERS
-def test_a_right_course_and_speed_are_evidence_for_a_vehicle_and_wrong_ones_against(ring_map, filter_of):
+def test_a_right_course_and_speed_are_evidence_for_a_vehicle_and_wrong_ones_against(ring_map):
     """In the same units as clutter's: what is measured beside a position is a ratio, whatever its unit."""
-    position, right = log_odds(ring_map, filter_of), log_odds(ring_map, filter_of, turned=0.0)
-    reversed_, fast = (
-        log_odds(ring_map, filter_of, **wrong) for wrong in ({"turned": np.pi}, {"turned": 0.0, "off": 40})
-    )
+    position, right = log_odds(ring_map), log_odds(ring_map, turned=0.0)
+    reversed_, fast = (log_odds(ring_map, **wrong) for wrong in ({"turned": np.pi}, {"turned": 0.0, "off": 40}))
     assert right > position + 1.0
     assert max(reversed_, fast) < right - 2.0
 

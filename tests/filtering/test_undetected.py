@@ -8,7 +8,7 @@ from scipy.sparse import csr_array
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.filtering import ParticleFilter, Tracker
-from dirprim_filter.filtering.undetected import LEVEL_S, Undetected
+from dirprim_filter.filtering.existence import LEVEL_S, Undetected
 from dirprim_filter.primitives.traffic import Traffic
 from situations import one_cell_map, with_ways
 from tessellation import GridTessellation
