@@ -41,55 +41,43 @@ class Hits(NamedTuple):
         return cls(*(np.concatenate(column).astype(np.int64) for column in zip(*parts, strict=True)))
 
 
-class Associator:
-    """Assigns unlabelled detections to the tracks that predicted them.
+def associated(
+    bayes_filter: BayesFilter, slot: IntArray, detections: Detections, rows: IntArray, *, existence: FloatArray,
+    is_confirmed: BoolArray, by_chance: FloatArray, noise: FilterConfig, config: TrackingConfig,
+) -> Hits:  # fmt: skip
+    """Unlabelled detections, assigned to the tracks that predicted them.
+
+    Confirmed tracks choose first, tentative ones among what they leave.
 
     Args:
         bayes_filter: holds the tracks' beliefs.
+        slot: (v,) tracks, moved to the frame's time.
+        detections: the frame.
+        rows: (d,) its unlabelled rows.
+        existence: (v, 3) of the tracks.
+        is_confirmed: (v,) of the tracks.
+        by_chance: (d,) density of clutter and first detections that was expected at each of these rows.
         noise: for measurements that report no covariance.
-        config: gate, detection probability and densities.
+        config: gate and detection probability.
     """
-
-    def __init__(self, bayes_filter: BayesFilter, noise: FilterConfig, config: TrackingConfig) -> None:
-        self._filter = bayes_filter
-        self._noise, self._config = noise, config
-
-    def hits(
-        self, slot: IntArray, existence: FloatArray, is_confirmed: BoolArray, detections: Detections, rows: IntArray, *,
-        by_chance: FloatArray,
-    ) -> Hits:  # fmt: skip
-        """Confirmed tracks choose first, tentative ones among what they leave.
-
-        Args:
-            slot: (v,) tracks, moved to the frame's time.
-            existence: (v, 3) of them.
-            is_confirmed: (v,) of them.
-            detections: the frame.
-            rows: (d,) its unlabelled rows.
-            by_chance: (d,) density of clutter and first detections that was expected at each of these rows.
-        """
-        found, left, by_chance = [], np.ones(rows.size, np.bool_), np.log(by_chance)
-        for chosen in (is_confirmed, ~is_confirmed):
-            some = np.flatnonzero(left)
-            best = self._best(slot[chosen], existence[chosen], detections[rows[some]], by_chance[some])
-            found.append(Hits(slot[chosen][best.one], rows[some[best.other]]))
-            left[some[best.other]] = False
-        return Hits.concatenate(found)
-
-    def _best(self, slot: IntArray, existence: FloatArray, seen: Detections, by_chance: FloatArray) -> Pairs:
-        """Of tracks and detections the pairs that belong together, by the log density of the latter without a track."""
-        if slot.size == 0 or len(seen) == 0:
-            return Pairs(slot[:0], slot[:0])
-        config = self._config
-        m = self._filter.moments(slot)
-        noise = measured_covariance(seen, self._noise)
-        pairs = gated(m[:, :2], m[:, [2, 3, 3, 4]].reshape(-1, 2, 2), seen.position, noise, gate=config.gate)
-        fit = self._filter.log_likelihood(slot[pairs.one], seen[pairs.other])
-        visible, occluded = existence[pairs.one, VISIBLE], existence[pairs.one, OCCLUDED]
-        in_sight = visible / (visible + occluded)  # if it exists: that is judged later
-        expected = config.detection_probability * in_sight
-        gain = np.log(expected) - np.log1p(-expected) + fit - by_chance[pairs.other]
-        return best_assignment(pairs, gain)
+    found, left, by_chance = [], np.ones(rows.size, np.bool_), np.log(by_chance)
+    for chosen in (is_confirmed, ~is_confirmed):
+        some, tracks = np.flatnonzero(left), slot[chosen]
+        if tracks.size == 0 or some.size == 0:
+            continue
+        m, seen = bayes_filter.moments(tracks), detections[rows[some]]
+        pairs = gated(
+            m[:, :2], m[:, [2, 3, 3, 4]].reshape(-1, 2, 2), seen.position, measured_covariance(seen, noise),
+            gate=config.gate,
+        )  # fmt: skip
+        fit = bayes_filter.log_likelihood(tracks[pairs.one], seen[pairs.other])
+        visible, occluded = existence[chosen][pairs.one][:, [VISIBLE, OCCLUDED]].T
+        expected = config.detection_probability * (visible / (visible + occluded))  # if it exists: that is judged later
+        gain = np.log(expected) - np.log1p(-expected) + fit - by_chance[some[pairs.other]]
+        best = best_assignment(pairs, gain)
+        found.append(Hits(tracks[best.one], rows[some[best.other]]))
+        left[some[best.other]] = False
+    return Hits.concatenate([Hits(slot[:0], rows[:0]), *found])
 
 
 def gated(mean: FloatArray, covariance: FloatArray, position: FloatArray, noise: FloatArray, *, gate: float) -> Pairs:

@@ -15,7 +15,7 @@ from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import NO_ID, NO_TIME, Detections, check_after
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.filtering import existence
-from dirprim_filter.filtering.association import Associator, Hits
+from dirprim_filter.filtering.association import Hits, associated
 from dirprim_filter.filtering.belief import birth_key
 from dirprim_filter.filtering.cued_motion import CuedMotion
 from dirprim_filter.filtering.existence import Undetected
@@ -117,7 +117,6 @@ class Tracker:
         self._latency_ns = 0 if sensor is None else round(sensor.latency_s * 1e9)
         self._roster = Roster(self._filter, self.tracking, max_gap_s=self.config.max_gap_s)
         self._motion = CuedMotion(self._filter, self._roster, recorder, step_s=self.config.step_s)
-        self._associator = Associator(self._filter, self.config, self.tracking)
         self._on_map = self._filter if isinstance(self._filter, OnMap) else None
         traffic = None if self._on_map is None else self._on_map.traffic
         self._undetected = Undetected(traffic, self.tracking, self.config)
@@ -279,9 +278,9 @@ class Tracker:
         roster, slot = self._roster, self._roster.unlabelled
         self._motion.advance_to(slot, now_ns=self._time_ns)
         roster.age(slot, slot, self._time_ns)
-        return self._associator.hits(
-            slot, roster.existence[slot], roster.is_confirmed[slot], self._frame.detections, row,
-            by_chance=self._frame.by_chance[row],
+        return associated(
+            self._filter, slot, self._frame.detections, row, existence=roster.existence[slot],
+            is_confirmed=roster.is_confirmed[slot], by_chance=self._frame.by_chance[row], noise=self.config, config=self.tracking,
         )  # fmt: skip
 
     def _begin_tracks(self, row: IntArray, is_labelled: BoolArray) -> None:
