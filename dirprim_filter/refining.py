@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -17,7 +16,7 @@ from dirprim_filter.arrays import BoolArray
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import TrackedFrame
-from dirprim_filter.filtering import GroupTracker, Tracker
+from dirprim_filter.filtering import GroupTracker
 from dirprim_filter.filtering.smoothing.smoother import Smoother
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.sensor import AxisError, Sensor
@@ -72,44 +71,31 @@ def refine(
     measured = is_measured(rows)
     bare = replace(rows[measured], covariance=np.empty(0), direction=np.empty(0), speed=np.empty(0))
     axis = AxisError(spread_m=noise_m, correlated_share=CORRELATED_SHARE, correlation_s=CORRELATION_S)
-    made = partial(
-        _smoothed, instants=_instants(rows), model=primitive_map, config=config, tracking=tracking,
-        sensor=Sensor(along=axis, across=axis), rng=rng,
-    )  # fmt: skip
+    sensor = Sensor(along=axis, across=axis)
+    instants = [(int(frame.time_ns[0]), np.unique(frame.group).tolist()) for frame in rows.frames()]
     frames: list[TrackedFrame] = []
-    first = Smoother(max_gap_s=config.max_gap_s, sinks=[frames.append], joins_labelled=True)
-    made(bare, first)
-    if first.joined:  # under one id a vehicle keeps its belief across the break
+
+    def smooth(seen: Detections, *, joins_labelled: bool) -> list[tuple[str, str]]:
+        smoother = Smoother(max_gap_s=config.max_gap_s, sinks=[frames.append], joins_labelled=joins_labelled)
+        tracker = GroupTracker(lambda group: smoother.tracker(
+            group, primitive_map, config=config, tracking=tracking, sensor=sensor, rng=rng()
+        ))  # fmt: skip
+        frame_at = {int(frame.time_ns[0]): frame for frame in seen.frames()}
+        with smoother:
+            for time_ns, groups in instants:
+                tracker.predict(frame_at.get(time_ns, Detections.none()), time_ns=time_ns, groups=groups)
+                tracker.weigh()
+                smoother.write(tracker.frame())
+                tracker.resample()
+        return smoother.joined
+
+    if joined := smooth(bare, joins_labelled=True):  # under one id a vehicle keeps its belief across the break
         frames.clear()
-        made(_renamed(bare, first.joined), Smoother(max_gap_s=config.max_gap_s, sinks=[frames.append]))
+        smooth(_renamed(bare, joined), joins_labelled=False)
     for frame in frames:
         for sink in sinks:
             sink(frame)
     return int(measured.sum())
-
-
-def _instants(rows: Detections) -> list[tuple[int, list[int]]]:
-    """All times, and the groups that have rows then."""
-    return [(int(frame.time_ns[0]), np.unique(frame.group).tolist()) for frame in rows.frames()]
-
-
-def _smoothed(
-    rows: Detections, smoother: Smoother, *, instants: list[tuple[int, list[int]]], model: PrimitiveMap,
-    config: FilterConfig, tracking: TrackingConfig, sensor: Sensor, rng: Callable[[], np.random.Generator],
-) -> None:  # fmt: skip
-    """Track the rows, and let the smoother pass on all frames."""
-
-    def tracker_of(group: int) -> Tracker:
-        return smoother.tracker(group, model, config=config, tracking=tracking, sensor=sensor, rng=rng())
-
-    tracker = GroupTracker(tracker_of)
-    seen = {int(frame.time_ns[0]): frame for frame in rows.frames()}
-    with smoother:
-        for time_ns, groups in instants:
-            tracker.predict(seen.get(time_ns, Detections.none()), time_ns=time_ns, groups=groups)
-            tracker.weigh()
-            smoother.write(tracker.frame())
-            tracker.resample()
 
 
 def _renamed(rows: Detections, joined: Iterable[tuple[str, str]]) -> Detections:

@@ -280,7 +280,8 @@ class Tracker:
         roster.age(slot, slot, self._time_ns)
         return associated(
             self._filter, slot, self._frame.detections, row, existence=roster.existence[slot],
-            is_confirmed=roster.is_confirmed[slot], by_chance=self._frame.by_chance[row], noise=self.config, config=self.tracking,
+            is_confirmed=roster.is_confirmed[slot], by_chance=self._frame.by_chance[row], noise=self.config,
+            config=self.tracking,
         )  # fmt: skip
 
     def _begin_tracks(self, row: IntArray, is_labelled: BoolArray) -> None:
