@@ -83,7 +83,8 @@ class FilterConfig:
         n_particles: samples for each vehicle.
         noise_m: metres, standard deviation of a measured position in each axis.
         outlier_probability: share of measurements that are not of the vehicle; keeps every weight positive. Without it
-            gaps at Lankershim are 5.5 % worse, and .5 % more rows of vehicles that misbehave are lost.
+            no mean error changes beyond its interval (five seeds), but single beliefs collapse: the mean NEES in sight
+            is 4e4 at Lankershim and 8e8 at the intersection instead of 2.
         direction_noise: radians, standard deviation of a measured direction: some degrees, for usual detectors.
         speed_noise: m/s, standard deviation of a measured speed.
         motion_outlier_probability: share of measured directions and speeds that are outliers: detectors confuse
@@ -143,14 +144,15 @@ class TrackingConfig:
         occlusion_rate: 1/s, how often a vehicle is occluded, as by a lorry or a tree.
         reappearance_rate: 1/s, how fast it comes back: after three seconds.
         departure_rate: 1/s, how often a vehicle leaves for good, anywhere. On a map more do where trajectories end.
+            Without it autoferry's HOTA falls by .8 ± .5 hundredths (five seeds).
         gate: squared Mahalanobis distance beyond which a detection is not assigned to a track; one in 3,000 of its own
             is excluded.
         confirm_above: probability of existence from which on a track is reported.
         report_above: probability of existence below which a confirmed track is not reported, until it rises again.
         forget_below: a track ends below this share of the existence that a first detection gives.
         lost_after: consecutive measurements that a belief does not explain, after which it is reinitialised at the
-            last: a single one may be an outlier. Of a labelled track, one after more
-            than a second without any.
+            last: a single one may be an outlier. Of a labelled track, one after more than a second without any. Without
+            it .15 ± .10 % more rows of vehicles that misbehave are lost (five seeds).
     """
 
     detection_probability: float = 0.9

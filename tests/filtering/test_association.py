@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dirprim_filter.detections import Detections
-from dirprim_filter.filtering import ConstantVelocityKalman, Tracker
+from dirprim_filter.filtering import Tracker
 from dirprim_filter.filtering.association import Pairs, best_assignment, gated
-from situations import TRUSTING
+from situations import TRUSTING, one_cell_map
 
 
 def best_by_enumeration(table):
@@ -74,9 +74,8 @@ def test_of_two_that_pass_each_other_the_course_says_which_is_which():
     """Each is seen nearer to where the other was expected; the control, without courses, takes them for the other."""
 
     def courses_of_hits(*, is_measured):
-        tracker = Tracker(
-            ConstantVelocityKalman(acceleration_density=1.0), tracking=TRUSTING, rng=np.random.default_rng(0)
-        )
+        anywhere = one_cell_map(concentration=0.0, shape=20.0).without_places()
+        tracker = Tracker(anywhere, tracking=TRUSTING, rng=np.random.default_rng(0))
         for i in range(11):
             place = np.array([[-10.0 + i, 0.4], [10.0 - i, -0.4]]) * [1.0, -1.0 if i == 10 else 1.0]
             known = {"direction": [0.0, np.pi], "speed": [10.0, 10.0]} if is_measured else {}
