@@ -1,13 +1,20 @@
-"""What importing costs; that layers hold `lint-imports` checks."""
+"""Layers, and what importing costs."""
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 
 def python(code):
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+
+
+def test_layers_hold():
+    linter = Path(sys.executable).with_name("lint-imports")
+    result = subprocess.run([linter, "--no-cache"], cwd=Path(__file__).parents[1], capture_output=True, text=True)
+    assert result.returncode == 0, result.stdout
 
 
 @pytest.mark.parametrize(

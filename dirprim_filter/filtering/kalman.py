@@ -1,8 +1,8 @@
 """The Kalman filters that every result is printed beside: constant velocity, and interacting models with constant turn.
 
 All share one state, x, y, their rates and the rate of turn, so that the interacting multiple model can mix them. The
-numbers of all vehicles stand in arrays, which filterpy's filters of one vehicle do not take: these are the oracle of
-the tests. Measurements are linear in the state, so that an
+numbers of all vehicles stand in arrays, which filterpy's filters of one vehicle do not take: its process noise and
+sigma points serve here, and its filters are the oracle of the tests. Measurements are linear in the state, so that an
 unscented filter differs from a linear one in its prediction alone.
 
 Source: Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, ch. 6 and 11;
@@ -14,7 +14,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass
-from typing import Self
+from functools import cache
+from typing import Any, Self
 
 import numpy as np
 
@@ -34,13 +35,6 @@ MAX_INTERVAL_S, LEAST_DENSITY = 2.0, 1e-6
 """Seconds between rows of which the change of velocity counts; and m^2/s^3, of vehicles that never accelerate."""
 SMALLEST_TURN = 1e-6
 """rad/s; slower than this is straight on."""
-
-ALPHA, BETA = 0.3, 2.0
-"""How far sigma points are spread, and 2 for Gaussians."""
-LAMBDA = ALPHA**2 * N_STATES - N_STATES
-MEAN_WEIGHT = np.append(LAMBDA / (N_STATES + LAMBDA), np.full(2 * N_STATES, 0.5 / (N_STATES + LAMBDA)))
-COVARIANCE_WEIGHT = MEAN_WEIGHT + np.eye(1, 2 * N_STATES + 1)[0] * (1.0 - ALPHA**2 + BETA)
-"""Of the sigma points, the mean first."""
 
 GaussianMotion = Callable[[FloatArray, FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
 """A motion model: beliefs (v, 5), (v, 5, 5) moved on by (v,) seconds."""
@@ -74,13 +68,13 @@ class ConstantTurn:
 
     def __call__(self, mean: FloatArray, covariance: FloatArray, dt_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Beliefs (v, 5), (v, 5, 5) moved on by (v,) seconds."""
-        root = np.linalg.cholesky(ALPHA**2 * N_STATES * covariance).swapaxes(1, 2)
+        root = np.linalg.cholesky(_sigma_points().alpha ** 2 * N_STATES * covariance).swapaxes(1, 2)
         points = turned(np.concatenate([0.0 * root[:, :1], root, -root], axis=1) + mean[:, None], dt_s[:, None])
-        later = MEAN_WEIGHT @ points
+        later = _sigma_points().Wm @ points
         off = points - later[:, None]
         noise = _white_acceleration(self.acceleration_density, dt_s)
         noise[:, 4, 4] = self.turn_density * dt_s
-        return later, (off * COVARIANCE_WEIGHT[:, None]).swapaxes(1, 2) @ off + noise
+        return later, (off * _sigma_points().Wc[:, None]).swapaxes(1, 2) @ off + noise
 
 
 class KalmanBank:
@@ -274,11 +268,20 @@ def turned(state: FloatArray, dt_s: FloatArray) -> FloatArray:
 
 def _white_acceleration(density: float, dt_s: FloatArray) -> FloatArray:
     """(v,) -> (v, 5, 5)."""
-    noise, axes = np.zeros((dt_s.size, N_STATES, N_STATES)), np.arange(2)
-    noise[:, axes, axes] = density * (dt_s**3 / 3.0)[:, None]
-    noise[:, axes, axes + 2] = noise[:, axes + 2, axes] = density * (dt_s**2 / 2.0)[:, None]
-    noise[:, axes + 2, axes + 2] = density * dt_s[:, None]
-    return noise
+    from filterpy.common import Q_continuous_white_noise  # noqa: PLC0415 - it takes a second, also who tracks by a map
+
+    lengths, row = np.unique(dt_s, return_inverse=True)
+    noise = np.zeros((lengths.size, N_STATES, N_STATES))
+    for own, dt in zip(noise, lengths, strict=True):
+        own[:4, :4] = Q_continuous_white_noise(2, dt, density, block_size=2, order_by_dim=False)
+    return noise[row]
+
+
+@cache
+def _sigma_points() -> Any:
+    from filterpy.kalman import MerweScaledSigmaPoints  # noqa: PLC0415 - likewise
+
+    return MerweScaledSigmaPoints(N_STATES, alpha=0.3, beta=2.0, kappa=0.0)
 
 
 def _symmetric(matrix: FloatArray) -> FloatArray:
