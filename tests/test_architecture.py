@@ -13,7 +13,8 @@ def python(code):
 
 def test_layers_hold():
     linter = Path(sys.executable).with_name("lint-imports")
-    result = subprocess.run([linter, "--no-cache"], cwd=Path(__file__).parents[1], capture_output=True, text=True)
+    root = Path(__file__).parents[1]
+    result = subprocess.run([linter, "--no-cache"], cwd=root, capture_output=True, text=True, check=False)
     assert result.returncode == 0, result.stdout
 
 
