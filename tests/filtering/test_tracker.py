@@ -327,14 +327,6 @@ def test_beliefs_without_any_weight_are_reinitialised_at_once_and_counted(ring_m
     assert np.abs(found.position - on_the_ring(0.5)).max() < 1.0
 
 
-def test_an_id_reused_elsewhere_is_a_new_belief_after_two_measurements(ring_map):
-    times, away_s = 0.1 * np.arange(10), np.pi / 0.4
-    frames = [*round_the_ring("7", times), *round_the_ring("7", 1.0 + times, 1.0 - away_s)]
-    found, tracker = track(ring_map, frames)
-    assert tracker.recoveries == 1
-    assert np.linalg.norm(found.position[-1] - on_the_ring(away_s + 0.9)) < 1.5
-
-
 @on_either_filter
 def test_what_a_sensor_knows_of_motion_and_of_its_errors_sharpens_the_belief(ring_map, filter_of):
     times = 0.1 * np.arange(3)

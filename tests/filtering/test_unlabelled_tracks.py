@@ -59,34 +59,6 @@ def test_two_vehicles_in_clutter_are_two_tracks_that_keep_their_names(ring_map, 
         assert len(names) == 1
 
 
-def test_clutter_alone_is_no_vehicle(ring_map):
-    rng = np.random.default_rng(1)
-    frames = [(0.1 * i, rng.uniform(-40, 40, (rng.poisson(3.0), 2))) for i in range(100)]
-
-    def n_tracks(tracking=SETTINGS):
-        found = Estimates.concatenate(followed(made(ring_map, "particles", tracking=tracking), frames))
-        return np.unique(found.track_id).size
-
-    assert n_tracks() <= 2  # of 300 false detections
-    gullible = TrackingConfig(clutter_density=1e-7, birth_density=1e-6)
-    assert n_tracks(gullible) > 20
-
-
-def test_a_vehicle_out_of_sight_on_a_bend_is_reported_and_found_again_by_the_map(ring_map):
-    frames = two_vehicles(70, rng=np.random.default_rng(2), hide=lambda i: 30 <= i < 40)
-    found = followed(made(ring_map, "particles"), frames)
-    names = [
-        {str(e.track_id[np.linalg.norm(e.position - on_the_ring(0.04 * i), axis=1).argmin()])}
-        for i, e in enumerate(found)
-        if i in (29, 45, 69)
-    ]
-    assert names[0] == names[1] == names[2]
-    hidden = found[35]
-    assert len(hidden) == 2
-    assert sorted(hidden.unseen_s.round(3)) == [0.0, 0.6]
-    assert hidden.existence.min() > 0.5
-
-
 def test_a_vehicle_that_leaves_is_forgotten(ring_map):
     frames = two_vehicles(150, rng=np.random.default_rng(3), hide=lambda i: i >= 40)
     tracker = made(ring_map, "particles")
