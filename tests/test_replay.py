@@ -14,7 +14,7 @@ from situations import TRUSTING
 
 
 class Witness:
-    """A sink that notes what it was given, together with everybody else."""
+    """A sink that notes what it was given, together with all others."""
 
     def __init__(self, name, seen):
         self.name, self.seen = name, seen

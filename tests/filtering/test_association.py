@@ -60,7 +60,7 @@ def test_gates_hold_what_a_loop_over_all_pairs_finds(seed):
     assert 20 < len(expected) < 500
 
 
-def test_nobody_and_nothing_give_no_pair():
+def test_no_track_or_no_detection_gives_no_pair():
     none, some = np.empty((0, 2)), np.zeros((3, 2))
     eye = np.tile(np.eye(2), (3, 1, 1))
     for found in (

@@ -32,9 +32,9 @@ def reported(ring, group, *, ids):
 def test_each_group_is_tracked_as_if_it_were_alone(ring, ring_map, ids, model):
     parts = {group: reported(ring, group, ids=ids) for group in (0, 2, 5)}
     together, kept = EstimateList(), {}
-    worlds = GroupTracker(lambda _: tracker(ring_map, model))
-    n_frames = replay(Detections.concatenate(parts.values()).frames(), worlds, [together])
-    assert (n_frames, worlds.n_groups) == (15, 3)
+    tracker_of_all = GroupTracker(lambda _: tracker(ring_map, model))
+    n_frames = replay(Detections.concatenate(parts.values()).frames(), tracker_of_all, [together])
+    assert (n_frames, tracker_of_all.n_groups) == (15, 3)
     for group, seen in parts.items():
         kept[group] = EstimateList()
         replay(seen.frames(), tracker(ring_map, model), [kept[group]])
@@ -56,11 +56,11 @@ def test_each_group_is_tracked_as_if_it_were_alone(ring, ring_map, ids, model):
 
 
 def test_joined_samples_are_those_of_the_estimates_that_they_are_given_to(ring, ring_map):
-    worlds = GroupTracker(lambda _: tracker(ring_map))
+    tracker_of_all = GroupTracker(lambda _: tracker(ring_map))
     for seen in Detections.concatenate([reported(ring, group, ids=True) for group in (1, 3)]).frames():
-        worlds.predict(seen)
-        worlds.weigh()
-        frame = worlds.frame()
+        tracker_of_all.predict(seen)
+        tracker_of_all.weigh()
+        frame = tracker_of_all.frame()
         samples = frame.particles.thinned(1)
         assert len(frame.particles) == len(samples) == 50 * len(frame.estimates) == 400
         for row in range(8):
@@ -72,7 +72,7 @@ def test_joined_samples_are_those_of_the_estimates_that_they_are_given_to(ring, 
         chosen = frame.particles.thinned(1, rows=np.arange(8) == 6)
         np.testing.assert_array_equal(chosen.position, samples.of(6).position)
         assert frame.innovations.shape == (8,)
-        worlds.resample()
+        tracker_of_all.resample()
     with pytest.raises(IndexError, match="row: expected below 8, got 8"):
         frame.particles.of(8)
 
@@ -86,12 +86,12 @@ def test_a_tracker_takes_one_group_at_a_time(ring, ring_map):
 
 
 def test_a_group_in_which_nothing_is_seen_has_a_frame_where_it_is_asked_for(ring, ring_map):
-    worlds = GroupTracker(lambda _: tracker(ring_map))
+    tracker_of_all = GroupTracker(lambda _: tracker(ring_map))
     first, *_ = reported(ring, 3, ids=True).frames()
-    worlds.predict(first)
-    worlds.weigh()
-    worlds.resample()
-    worlds.predict(Detections.none(), time_ns=100_000_000, groups=[3])
-    worlds.weigh()
-    assert list(worlds.frames()) == [3]
-    assert worlds.frame().estimates.unseen_s.tolist() == pytest.approx([0.1] * 4)
+    tracker_of_all.predict(first)
+    tracker_of_all.weigh()
+    tracker_of_all.resample()
+    tracker_of_all.predict(Detections.none(), time_ns=100_000_000, groups=[3])
+    tracker_of_all.weigh()
+    assert list(tracker_of_all.frames()) == [3]
+    assert tracker_of_all.frame().estimates.unseen_s.tolist() == pytest.approx([0.1] * 4)

@@ -44,7 +44,7 @@ def rollouts(primitive_map, place, speed, *, interaction="leader", time_s=(1.0, 
     )[..., 0]  # fmt: skip
 
 
-def test_nobody_drives_through_a_queue_but_who_heeds_nobody():
+def test_no_vehicle_drives_through_a_queue_but_one_without_a_leader():
     place, speed = [100.0, 60.0, 20.0], [0.0, 10.0, 10.0]
     responding = rollouts(road(start_rate=(0.0, 0.0, 0.0)), place, speed)
     standing = responding[0, :, -1] < 101.0

@@ -121,7 +121,7 @@ def test_a_bias_moves_no_estimate(learned):
         own = estimates_of(learned, seen, Sensor(**axes), 200, seed=seed)
         other = estimates_of(learned, ahead, biased, 200, seed=seed)
         here, there = beside(own, other)
-        assert here.size > 0.97 * len(own)  # a belief that is lost begins anew and misses a frame
+        assert here.size > 0.97 * len(own)  # a belief that is lost is reinitialised and misses a frame
         late = own.time_ns[here] >= seen.time_ns.max() - 2_000_000_000
         here, there = here[late], there[late]
         off = (other.position[there] - own.position[here]) @ np.array([1.0, 1j]) * np.exp(-1j * own.direction[here])

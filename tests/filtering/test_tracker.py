@@ -63,9 +63,9 @@ def of_vehicle(estimates, name, *, but=()):
         ("all", 7),
     ],
 )  # fmt: skip
-def test_a_vehicles_estimates_are_the_same_to_the_byte(ring_map, everybody, monkeypatch, kept, n_threads):
+def test_a_vehicles_estimates_are_the_same_to_the_byte(ring_map, all_of_them, monkeypatch, kept, n_threads):
     """Again, without the others, in any order, on any number of threads; with another seed they are not."""
-    traffic, of_all = everybody
+    traffic, of_all = all_of_them
     rows = np.isin(traffic.track_id, kept.split(", ")) | (kept in {"all", "in another order"})
     some = traffic[np.random.default_rng(0).permutation(len(traffic)) if kept == "in another order" else rows]
     if n_threads is not None:
@@ -79,7 +79,7 @@ def test_a_vehicles_estimates_are_the_same_to_the_byte(ring_map, everybody, monk
 
 
 @pytest.fixture(scope="module")
-def everybody(ring_map, traffic):
+def all_of_them(ring_map, traffic):
     return traffic, track(ring_map, traffic.frames())[0]
 
 

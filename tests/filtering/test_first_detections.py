@@ -123,7 +123,7 @@ def test_labels_on_a_map_of_many_kilometres_are_not_taken_for_thousands_of_false
     assert Undetected(road(), TrackingConfig(), SETTINGS).of_labels == 1.0
 
 
-def test_after_a_pause_everybody_is_undetected_again_and_without_a_map_frames_thin_alike():
+def test_after_a_pause_all_are_undetected_again_and_without_a_map_frames_thin_alike():
     place = np.zeros((1, 2))
     for traffic in (None, road()):
         undetected = Undetected(traffic, TrackingConfig(), SETTINGS)
@@ -137,7 +137,7 @@ def test_after_a_pause_everybody_is_undetected_again_and_without_a_map_frames_th
 
 
 @pytest.mark.parametrize("is_dense", [True, False])
-def test_a_first_frame_full_of_vehicles_on_the_road_is_believed_and_one_detection_is_not(ring_map, is_dense):
+def test_a_first_frame_full_of_vehicles_on_the_road_is_reported_and_one_detection_is_not(ring_map, is_dense):
     rng = np.random.default_rng(0)
     angle, off_road = rng.uniform(0, 2 * np.pi, 20 if is_dense else 1), rng.uniform(40, 80, (5, 2))
     places = np.concatenate([20.0 * np.column_stack([np.cos(angle), np.sin(angle)]), off_road])
