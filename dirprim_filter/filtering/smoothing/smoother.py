@@ -10,12 +10,11 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
-from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.filtering.measurements import with_unseen_errors
 from dirprim_filter.filtering.protocols import BayesFilter
@@ -24,7 +23,6 @@ from dirprim_filter.filtering.smoothing.recorder import Recorder
 from dirprim_filter.filtering.smoothing.stitching import stitch
 from dirprim_filter.filtering.tracker import Tracker
 from dirprim_filter.primitives import PrimitiveMap
-from dirprim_filter.sensor import Sensor
 
 WHOLE_S = 30.0
 """Measurements so long after an instant do not change its estimate; the longest gap is added."""
@@ -74,18 +72,11 @@ class Smoother:
     def _gap_ns(self) -> int:
         return max([self._least_gap_ns, *(tracker.longest_gap_ns for tracker in self._trackers)])
 
-    def tracker(self, group: int, model: PrimitiveMap | BayesFilter, *, config: FilterConfig, tracking: TrackingConfig,
-                sensor: Sensor | None = None, with_innovations: bool = False,
-                rng: np.random.Generator) -> Tracker:  # fmt: skip
-        """A tracker of a group, to be followed by this smoother; arguments as of a `Tracker`."""
-        recorder = Recorder(group)
-        made = Tracker(
-            model, config=config, tracking=tracking, sensor=sensor, with_innovations=with_innovations,
-            recorder=recorder, rng=rng,
-        )  # fmt: skip
-        self._trackers.append(made)
-        self._recorders.append(recorder)
-        return made
+    def tracker(self, group: int, model: PrimitiveMap | BayesFilter, **options: Any) -> Tracker:
+        """A tracker of a group, to be followed by this smoother; options as of a `Tracker`."""
+        self._recorders.append(Recorder(group))
+        self._trackers.append(Tracker(model, recorder=self._recorders[-1], **options))
+        return self._trackers[-1]
 
     def write(self, frame: TrackedFrame) -> None:
         """Take a frame of the filter, and pass on what by now can be smoothed."""
