@@ -10,7 +10,7 @@ from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.filtering import ConstantVelocityKalman, Tracker, existence
-from dirprim_filter.filtering.scans import Intervals
+from dirprim_filter.filtering.roster import Intervals
 
 
 def existence_by_enumeration(steps, config):
