@@ -195,11 +195,9 @@ def _ns(seconds: float) -> int:
 
 def log_motion(motion: Motion, n: int) -> None:
     """One line on how the courses of n rows were derived."""
-    message = "directions of %d rows derived from positions over +-%g s: noise %.3f m, median speed %.1f m/s"
-    if motion.keeps_heading:
-        logger.warning(
-            f"{message}; too noisy for a course, so the body's heading is kept",
-            n, motion.half_window_s, motion.noise, motion.median_speed,
-        )  # fmt: skip
-    else:
-        logger.info(message, n, motion.half_window_s, motion.noise, motion.median_speed)
+    level = logging.WARNING if motion.keeps_heading else logging.INFO
+    logger.log(
+        level, "directions of %d rows derived from positions over +-%g s: noise %.3f m, median speed %.1f m/s%s",
+        n, motion.half_window_s, motion.noise, motion.median_speed,
+        "; too noisy for a course, so the body's heading is kept" if motion.keeps_heading else "",
+    )  # fmt: skip
