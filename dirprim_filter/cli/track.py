@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from contextlib import ExitStack, nullcontext
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 from functools import partial
@@ -173,19 +173,14 @@ def track(
         sinks: list[EstimateSink] = [*outputs, coverage]
         if smoother is not None:
             smoother.sinks += [shown.write_smoothed for shown in outputs]
-            sinks.append(smoother)
+            sinks.append(files.enter_context(smoother))
         if forecast > 0:
             sinks.append(Forecaster(
                 by_map, outputs, horizon_s=forecast, config=filtering, rng=np.random.default_rng([seed, 1])
             ))  # fmt: skip
         seen = (frame.without_ids() for frame in frames) if no_ids else frames
-        with smoother or nullcontext():
-            n_frames = replay(
-                with_progress(seen, what=f"tracking {log.name}", end_ns=stream.end_ns),
-                worlds,
-                sinks,
-                rate_hz=own.rate_hz or None,
-            )
+        shown_frames = with_progress(seen, what=f"tracking {log.name}", end_ns=stream.end_ns)
+        n_frames = replay(shown_frames, worlds, sinks, rate_hz=own.rate_hz or None)
         reading.require_frames(n_frames, log, stream.losses)
         if viewer is not None:
             viewer.log_run(said, {"frames": str(n_frames), "beliefs reinitialised": str(worlds.recoveries)})
