@@ -17,8 +17,6 @@ from tessellation._kernels import Locator
 from tessellation.locate import pixels_of
 
 FIRST_NEIGHBORS = 16
-SHORTEST_EDGE = 1e-9
-"""Of the box's diagonal: shorter edges are rounding, where four or more cells meet in a point."""
 
 
 class Outlines(NamedTuple):
@@ -56,13 +54,6 @@ class Corners(NamedTuple):
         place = np.stack([self.place, crossing], axis=1).reshape(-1, 2)
         return Corners(np.repeat(self.polygon, 2)[both], place[both])
 
-    def longer(self, least: FloatArray) -> Corners:
-        """Without edges as short as rounding, (k,) metres, and without what is then no polygon."""
-        length = np.hypot(*(self.place[self.following()] - self.place).T)
-        kept = length > least[self.polygon]
-        kept &= (np.bincount(self.polygon[kept], minlength=least.size) > 2)[self.polygon]
-        return Corners(self.polygon[kept], self.place[kept])
-
 
 NO_CORNERS = Corners(np.empty(0, np.int64), np.empty((0, 2)))
 
@@ -89,7 +80,6 @@ def outlines(generators: FloatArray, locator: Locator) -> Outlines:
         np.maximum.at(farthest, found.polygon, (found.place**2).sum(axis=1))
         last = ((generators[near[:, -1]] - generators[owns]) ** 2).sum(axis=1)
         done = (last >= 4.0 * farthest) | (n_near == n_cells)
-        found = found.longer(SHORTEST_EDGE * np.hypot(*(box[owns, 2:] - box[owns, :2]).T))
         kept = done[found.polygon]
         parts.append(Corners(owns[found.polygon[kept]], found.place[kept]))
         owns, n_near = owns[~done], 4 * n_near

@@ -16,7 +16,7 @@ OPENING_PASSES = 2
 
 
 @njit(nogil=True, **COMPILED)
-def dp_means(feature: FloatArray, order: IntArray, opens_at: float, most: int, label: IntArray) -> int:
+def dp_means(feature: FloatArray, order: IntArray, opens_at: float, most: int, label: IntArray) -> None:
     """Group visits by what is known of them.
 
     Args:
@@ -24,10 +24,7 @@ def dp_means(feature: FloatArray, order: IntArray, opens_at: float, most: int, l
         order: (n,) in which visits are looked at.
         opens_at: squared distance, mean over the known features, from which on a visit opens a group.
         most: groups.
-        label: (n,) is filled.
-
-    Returns:
-        how many groups were opened; some may be empty.
+        label: (n,) is filled with the number of each visit's group; groups may be empty.
     """
     f = feature.shape[1]
     total, known = np.zeros((most, f)), np.zeros((most, f))
@@ -63,4 +60,3 @@ def dp_means(feature: FloatArray, order: IntArray, opens_at: float, most: int, l
                 label[i] = best
         if not changed:
             break
-    return n_groups

@@ -64,12 +64,6 @@ class PrimitiveModel(NamedTuple):
     background_vehicles: float
     background_log_density: FloatArray  # (n,) log density of each row by the background model
 
-    @classmethod
-    def of(cls, rows: TrackRows, bounds: Bounds, background: Background, background_vehicles: float) -> PrimitiveModel:
-        """The model of these rows' cells."""
-        of_background = background.log_density(rows, np.maximum(rows.speed, LEAST_SPEED))
-        return cls(bounds, background, background_vehicles, of_background)
-
     def fit(self, position: FloatArray, data: TrackRows, members: Members) -> PrimitiveCells:
         """Every cell's modes; see `tessellation.CellModel`. `position` may be from another origin than the rows'."""
         return fitted(data, members, position, self.bounds)

@@ -20,7 +20,7 @@ from dirprim_filter.config import LearningConfig
 from dirprim_filter.distributions import von_mises
 from dirprim_filter.primitives._modes import Bounds
 from dirprim_filter.primitives.background import Background, learn_background
-from dirprim_filter.primitives.cell_model import Layout, PrimitiveModel, assemble, fit_cells
+from dirprim_filter.primitives.cell_model import LEAST_SPEED, Layout, PrimitiveModel, assemble, fit_cells
 from dirprim_filter.primitives.fitting import ROUGH, bounds_of
 from dirprim_filter.primitives.leader_learning import learn_leader
 from dirprim_filter.primitives.motion_learning import learn_motion
@@ -166,8 +166,9 @@ def lay_out(
     n_even = 1 + int(len(few) / config.rows_per_cell[0])
     even_cells = VoronoiTessellation.lloyd(few.position, n_cells=n_even, rng=rng, reach=reach)
     rough = leaning(few, Layout(even_cells, SOFTNESS), bounds, background)._replace(**ROUGH)
+    of_background = background.log_density(rows, np.maximum(rows.speed, LEAST_SPEED))
     found = fit_jointly(
-        PrimitiveModel.of(rows, rough, background, config.background_vehicles), position, rows, group=rows.group,
+        PrimitiveModel(rough, background, config.background_vehicles, of_background), position, rows, group=rows.group,
         reach=reach, n_cells=n_cells, softness=SOFTNESS, progress=progress, rng=rng,
     )  # fmt: skip
     return Layout(found.tessellation, SOFTNESS)
