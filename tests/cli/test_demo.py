@@ -67,5 +67,5 @@ def test_the_demo_of_the_blind_scene(tmp_path, capsys):
     table = capsys.readouterr().out
     assert all(words in table for words in ("HOTA", "identity switches", *WAYS))
     assert {path.name for path in (tmp_path / "demo").iterdir()} == OUTPUTS
-    believed = read_estimates(tmp_path / "demo" / "tracks.mcap")
-    assert believed.unseen_s[in_ring(believed.position)].max() > 1.0  # they last where nothing is detected
+    found = read_estimates(tmp_path / "demo" / "tracks.mcap")
+    assert found.unseen_s[in_ring(found.position)].max() > 1.0  # they last where nothing is detected

@@ -81,7 +81,7 @@ def shown(interval):
 
 
 @pytest.mark.slow
-def test_density_tells_people_and_machines_the_same(log, capsys):
+def test_density_is_the_same_for_people_and_machines(log, capsys):
     lines, table = both(DENSITY, capsys)
     assert lines[0].startswith("80 rows held out of 80, 8 vehicles, by vehicle, 2 folds")
     for row in table["methods"]:
@@ -106,7 +106,7 @@ def test_one_fold_of_random_rows_has_its_interval_over_vehicles(log, capsys, mon
     assert table["conclusion"].startswith("the map gives held-out motion nothing that is compared")
 
 
-def test_cues_tells_people_and_machines_the_same(log, capsys):
+def test_cues_is_the_same_for_people_and_machines(log, capsys):
     lines, reported = both(CUES, capsys)
     table = reported["table"]
     assert lines[0] == f"{table['n_steps']} steps from cell to cell, 8 vehicles, held out by vehicle, 2 folds"
@@ -117,7 +117,7 @@ def test_cues_tells_people_and_machines_the_same(log, capsys):
 
 
 @pytest.mark.slow
-def test_tracking_tells_people_and_machines_the_same_and_can_be_had_again(log, capsys):
+def test_tracking_is_the_same_for_people_and_machines_and_can_be_had_again(log, capsys):
     lines, table = both(TRACKING, capsys)
     assert "10% missed, 0.5 false per frame, no ids; map learned from others, held out by vehicle" in lines[0]
     for figure, head in {"gospa": "GOSPA per vehicle, m", "hota": "HOTA", "seen_rmse": "RMSE in sight, m"}.items():
@@ -142,7 +142,7 @@ def test_an_experiment_file_is_followed(log, capsys):
 
 
 @pytest.mark.slow
-def test_forecast_tells_people_and_machines_the_same_and_can_be_had_again(log, capsys):
+def test_forecast_is_the_same_for_people_and_machines_and_can_be_had_again(log, capsys):
     lines, table = both(FORECAST, capsys)
     assert lines[0] == "8 vehicles held out by vehicle, 2 folds, 1 seed; 20 rollouts each"
     names = ["prior", "place-free", "prior, leaders", "one cell", "trajectory memory", "constant velocity"]

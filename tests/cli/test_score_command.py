@@ -100,7 +100,7 @@ def test_a_table_of_another_kind_is_refused(own, capsys):
     assert "expected a name that ends in .csv, .parquet, got .xls" in capsys.readouterr().err
 
 
-def test_score_tells_people_and_machines_the_same_and_draws(own, few, capsys):
+def test_score_is_the_same_for_people_and_machines_and_draws(own, few, capsys):
     write_log(estimated(few, seed=1, prefix="t", off=0.9), "worse.mcap")
     assert dirprim("export worse.mcap -o other.csv") == DONE
     command = "own.mcap worse.mcap other.csv --truth log.mcap"

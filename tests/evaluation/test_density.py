@@ -140,7 +140,7 @@ def test_the_conclusion_says_what_the_map_gains_and_when_nothing_can_be_told(on_
     assert "+0.10 nat (-0.10 to 0.30, not distinguishable)" in conclusion(replace(on_the_ring, methods=(unsure,)))
 
 
-def test_where_the_place_tells_nothing_the_primitive_gains_nothing():  # the negative control of the test above
+def test_where_the_place_says_nothing_the_primitive_gains_nothing():  # the negative control of the test above
     rng = np.random.default_rng(5)
     n = 800
     tracks = Tracks(

@@ -125,7 +125,7 @@ def test_who_brakes_at_rows_far_apart_is_as_slow_as_it_is_now_and_who_stands_kee
     np.testing.assert_array_equal(seen_so_far(waiting)[0].direction, 1.0)
 
 
-def test_across_a_hole_in_the_log_nobody_knows_where_the_vehicle_was():
+def test_across_a_hole_in_the_log_the_place_of_a_vehicle_is_unknown():
     ring = ring_traffic(np.random.default_rng(0), n_vehicles=1)
     holed = ring[(ring.time_ns < 2_000_000_000) | (ring.time_ns > 4_000_000_000)]
     later = Cases.of(holed, horizons_s=(1.0,)).later[:, 0]

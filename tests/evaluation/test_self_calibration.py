@@ -149,7 +149,7 @@ def test_pieces_are_unrolled_along_a_bend():
     np.testing.assert_allclose(np.diff(found.across[0, :40]), np.diff(off), atol=0.06)
 
 
-def test_what_tells_nothing_of_a_sensor_is_refused():
+def test_what_says_nothing_of_a_sensor_is_refused():
     seen = sense(DRIVEN, SENSOR, rng=np.random.default_rng(1))
     with pytest.raises(ValueError, match="expected detections with ids"):
         self_calibrate(seen.without_ids(), rng=np.random.default_rng(0))

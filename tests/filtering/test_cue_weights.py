@@ -62,7 +62,7 @@ def started():
     return filter_
 
 
-def test_a_cue_that_tells_nothing_changes_nothing_and_has_the_density_of_the_circle(started):
+def test_a_cue_that_says_nothing_changes_nothing_and_has_the_density_of_the_circle(started):
     slot = np.zeros(1, np.int64)
     before = started.belief.cloud.weight[0].copy()
     assert started.weigh_by_cue(slot, Cue(turn=1.0, concentration=0.0))[0] == pytest.approx(-np.log(2 * np.pi))

@@ -25,7 +25,7 @@ def test_the_leader_is_whom_the_slow_twin_finds():
     assert found > 50
 
 
-def test_nobody_is_the_leader_of_its_own_particles():
+def test_no_vehicle_is_the_leader_of_its_own_particles():
     others = np.array([[[5.0, 0.0, 0.0, 3.0], [9.0, 0.0, 0.0, 4.0]]])
     for own, gap in ((0, 9.0), (1, 5.0), (-1, 5.0)):
         seen = np.empty((1, 3))

@@ -89,7 +89,7 @@ def test_twice_the_vehicles_are_less_than_half_as_many_manoeuvres_more(junction)
     assert n_manoeuvres(some, 1e-6) > 1.5 * n_manoeuvres(few, 1e-6)  # where every visit is a manoeuvre of its own
 
 
-def test_where_nobody_was_in_a_cell_motion_is_of_no_place(junction):
+def test_where_no_vehicle_was_in_a_cell_motion_is_of_no_place(junction):
     learned, rows = junction
     elsewhere = replace(rows, position=rows.position + 1e4)
     motion = learn_motion(learned, elsewhere, background_of(rows), rng=np.random.default_rng(0))

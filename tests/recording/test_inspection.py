@@ -40,7 +40,7 @@ def test_the_index_tells_what_reading_tells(log):
     assert ([topic.name for topic in few.topics], few.start_ns, few.end_ns) == (["/topic1"], None, None)
 
 
-def test_an_index_that_is_not_whole_tells_nothing(log):
+def test_an_index_that_is_not_whole_says_nothing(log):
     data = log_bytes(SENT, chunk_size=900)
     summary = next(start for opcode, start, _ in records(data) if opcode == 0x0F)
     for at in range(summary, len(data), 37):

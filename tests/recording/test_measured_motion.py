@@ -129,7 +129,7 @@ def test_errors_that_cannot_be_are_unknown(tmp_path, transform, covariance):
     assert np.isnan(frame.covariance).all()
 
 
-def test_who_has_no_name_is_nobody_in_the_stream_and_someone_each_time_as_a_track(tmp_path):
+def test_rows_without_ids_are_unlabelled_in_the_stream_and_a_track_each_in_tracks(tmp_path):
     path = array_log(tmp_path, "autoware_perception_msgs/msg/DetectedObjects")
     frames = list(stream_detections(path))
     assert [frame.track_id.tolist() for frame in frames] == [[NO_ID] * 3] * N_TIMES
