@@ -288,7 +288,7 @@ TABLES: dict[str, Table] = {
         ),
     ),
     "ablation": Table(
-        command="python tests/benchmarks/ablation.py --part tracking --seeds 2 --json",
+        command="python tests/benchmarks/ablation.py --part tracking --json",
         runs=(Run(name="tracking"),),
         entries=mechanisms,
         of="without",
