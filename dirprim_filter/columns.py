@@ -139,6 +139,14 @@ class ArrayTable(ArrayValue):
                 table |= {name: flat[:, -1 if name.endswith("yy_m2") else i] for i, name in enumerate(names)}
         return pa.table(table)
 
+    def to_pandas(self) -> Any:
+        """The same as a `pandas.DataFrame`.
+
+        Raises:
+            ImportError: pandas is not installed.
+        """
+        return self.to_arrow().to_pandas()
+
 
 def as_optional(name: str, value: npt.ArrayLike, n: int, *shape: int, missing: float = np.nan) -> FloatArray:
     """(n, *shape), NaN where unknown; an empty column stands for one that is left out.

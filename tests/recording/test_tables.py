@@ -5,6 +5,7 @@ import gzip
 from dataclasses import replace
 from datetime import datetime
 from decimal import Decimal
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -405,6 +406,8 @@ def test_values_are_tables_that_read_back(tmp_path, ring):
         assert ("heading_rad" in made.column_names) == (sent is known)
         pa.parquet.write_table(made, tmp_path / "t.parquet")
         assert read_tracks(tmp_path / "t.parquet") == sent
+        if find_spec("pandas"):
+            assert sent.to_pandas().shape == (len(sent), made.num_columns)
     seen = Detections(track_id=few.track_id, time_ns=few.time_ns, position=few.position,
                       covariance=np.tile([[2.0, 0.5], [0.5, 3.0]], (len(few), 1, 1)))  # fmt: skip
     made = seen.to_arrow()
