@@ -60,7 +60,9 @@ def _viewer() -> str:
     if viewer_program() is None:
         return "rerun's program is not installed; --save still writes files for it"
     has_screen = sys.platform in ("darwin", "win32") or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
-    return "it is there" + ("" if has_screen else ", but no screen: use --save, and `rerun --serve-web FILE.rrd`")
+    if has_screen:
+        return "it is there"
+    return "it is there, but no screen: use --save, and `rerun --serve-web --bind 127.0.0.1 FILE.rrd`"
 
 
 def _self_test() -> str:

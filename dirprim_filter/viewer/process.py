@@ -16,7 +16,7 @@ THIS_MACHINE = "127.0.0.1"
 SETTLING_S = 1.0
 """In which a viewer without a screen ends: it listens before it knows whether there is one."""
 LISTENING_WITHIN_S = 20.0
-WITHOUT_A_SCREEN = "it needs a screen; without one use --save FILE.rrd, and `rerun --serve-web FILE.rrd`"
+WITHOUT_A_SCREEN = "it needs a screen; else use --save FILE.rrd, and `rerun --serve-web --bind 127.0.0.1 FILE.rrd`"
 
 
 def viewer_program() -> str | None:

@@ -37,5 +37,5 @@ def test_it_is_a_new_one_reported_to_listen_here_alone(monkeypatch: pytest.Monke
 @pytest.mark.parametrize("viewer", ["false", "/no/such/viewer"])
 def test_without_a_screen_the_error_says_what_to_do(monkeypatch: pytest.MonkeyPatch, viewer: str) -> None:
     monkeypatch.setattr(program, "viewer_program", lambda: viewer)
-    with pytest.raises(ConnectionError, match=r"screen; without one use --save FILE.rrd, and `rerun --serve-web"):
+    with pytest.raises(ConnectionError, match=r"use --save FILE.rrd, and `rerun --serve-web --bind 127.0.0.1"):
         program.spawn_viewer()
