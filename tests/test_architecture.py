@@ -1,7 +1,11 @@
 """Layers, and what importing costs."""
 
+import ast
+import re
 import subprocess
 import sys
+import tomllib
+from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import pytest
@@ -9,6 +13,25 @@ import pytest
 
 def python(code):
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+
+
+def test_what_packages_import_is_installed_with_them():
+    root = Path(__file__).parents[1]
+    project = tomllib.loads((root / "pyproject.toml").read_text())["project"]
+    users = [*project["dependencies"], *(each for name in ("sim", "geo", "remote", "fleet")
+                                         for each in project["optional-dependencies"][name])]  # fmt: skip
+    declared = {re.split(r"[<>=\[]", each)[0].replace("_", "-").lower() for each in users}
+    imported = set()
+    for package in ("dirprim_filter", "tessellation"):
+        for node in (node for path in (root / package).rglob("*.py") for node in ast.walk(ast.parse(path.read_text()))):
+            if isinstance(node, ast.Import):
+                imported |= {each.name.split(".")[0] for each in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+                imported.add(node.module.split(".")[0])
+    found = packages_distributions()
+    brought = {"apsw", "ruamel", "dask", "llvmlite"}  # by rosbags, distributed and numba
+    others = imported - set(sys.stdlib_module_names) - {"dirprim_filter", "tessellation"} - brought
+    assert not {name for name in others if not {each.lower() for each in found.get(name, [name])} & declared}
 
 
 def test_layers_hold():
