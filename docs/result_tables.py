@@ -304,7 +304,7 @@ TABLES: dict[str, Table] = {
         minutes=240,
     ),
     "ablation_learning": Table(
-        command="python tests/benchmarks/ablation.py --part learning --seeds 2 --json",
+        command="python tests/benchmarks/ablation.py --part learning --json",
         runs=(Run(name="learning"),),
         entries=mechanisms,
         of="without",

@@ -24,7 +24,7 @@ ellipses: the smoothed estimates.
 
 **Fans, thin lines**: forecast regions of 90 and 50 % probability, and some rollouts.
 
-**Particles**: of the ringed vehicle, with `--particles-out` of all. By direction: amber east, green north,
+**Particles**: of the ringed vehicle, with `--set particles_out=N` of all. By direction: amber east, green north,
 blue west, magenta south.
 
 **White ring**: the vehicle that was least expected, or the one asked for. Its direction is plotted: the prior of its
