@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import io
+import json
 import struct
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -63,35 +65,45 @@ def scene(objects: Iterable[tuple[str, float, float]], stamp_s: int = 0) -> Scen
     return update
 
 
+@cache
+def protobuf_schema(kind: Any) -> tuple[str, str, bytes]:
+    """Name, encoding and definition of a message's schema."""
+    return kind.DESCRIPTOR.full_name, "protobuf", build_file_descriptor_set(kind).SerializeToString()
+
+
 def write_protobuf_log(path: Path, messages: Iterable[tuple[str, int, Any]], **options: Any) -> Path:
     """A log of (topic, log time, protobuf message or raw bytes of a SceneUpdate) by the stock writer."""
-    with path.open("wb") as file:
-        writer = Writer(file, **options)
-        writer.start()
-        channels: dict[str, int] = {}
+
+    def parts() -> Iterator[tuple[str, int, bytes, tuple[str, str, bytes]]]:
         for topic, time_ns, message in messages:
-            if topic not in channels:
-                kind = SceneUpdate if isinstance(message, bytes) else type(message)
-                definition = build_file_descriptor_set(kind).SerializeToString()
-                schema = writer.register_schema(kind.DESCRIPTOR.full_name, "protobuf", definition)
-                channels[topic] = writer.register_channel(topic, "protobuf", schema)
+            kind = SceneUpdate if isinstance(message, bytes) else type(message)
             data = message if isinstance(message, bytes) else message.SerializeToString()
-            writer.add_message(channels[topic], time_ns, data, time_ns)
-        writer.finish()
-    return path
+            yield topic, time_ns, data, protobuf_schema(kind)
+
+    return _written(path, parts(), "protobuf", **options)
 
 
 def write_log(
     path: Path, messages: Iterable[tuple[str, int, bytes]], schema: tuple[str, str, bytes], encoding: str
 ) -> Path:
     """A log of (topic, log time, data) of one schema: name, encoding of the definition, and the definition."""
+    return _written(path, ((*message, schema) for message in messages), encoding)
+
+
+def json_log(path: Path, schema: str, messages: Iterable[tuple[int, Any]]) -> Path:
+    """A log of (log time, message) in JSON on /objects."""
+    sent = (("/objects", time_ns, json.dumps(message).encode()) for time_ns, message in messages)
+    return write_log(path, sent, (schema, "jsonschema", b'{"type": "object"}'), "json")
+
+
+def _written(path: Path, messages: Iterable[tuple[str, int, bytes, Any]], encoding: str, **options: Any) -> Path:
     with path.open("wb") as file:
-        writer = Writer(file)
+        writer = Writer(file, **options)
         writer.start()
-        number, channels = writer.register_schema(*schema), dict[str, int]()
-        for topic, time_ns, data in messages:
+        channels: dict[str, int] = {}
+        for topic, time_ns, data, schema in messages:
             if topic not in channels:
-                channels[topic] = writer.register_channel(topic, encoding, number)
+                channels[topic] = writer.register_channel(topic, encoding, writer.register_schema(*schema))
             writer.add_message(channels[topic], time_ns, data, time_ns)
         writer.finish()
     return path

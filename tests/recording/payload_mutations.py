@@ -16,8 +16,7 @@ import pytest
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf.json_format import MessageToDict
-from mcap_files import columns_of, write_log
-from mcap_protobuf.schema import build_file_descriptor_set
+from mcap_files import columns_of, protobuf_schema, write_log
 from ros_messages import header, write_ros2_log
 from test_ros2_schemas import tracked
 
@@ -86,10 +85,9 @@ def subjects(folder):
     return made
 
 
-@cache
 def schema_of(kind):
-    definition = build_file_descriptor_set(kind).SerializeToString()
-    return Schema(name=kind.DESCRIPTOR.full_name, encoding="protobuf", data=definition)
+    name, encoding, definition = protobuf_schema(kind)
+    return Schema(name=name, encoding=encoding, data=definition)
 
 
 def a_scene():

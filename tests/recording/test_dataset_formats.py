@@ -12,14 +12,11 @@ import pytest
 from pyproj import Transformer
 from scipy.spatial.transform import Rotation
 
-from dirprim_filter.cli.convert import Format
-from dirprim_filter.cli.main import run
 from dirprim_filter.recording.errors import TableError
-from dirprim_filter.recording.tables import FORMATS, read_named, read_sdd, read_sumo_fcd, read_trajnet
+from dirprim_filter.recording.tables import read_named, read_sdd, read_sumo_fcd, read_trajnet
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT / "../shared/data/death_circle"
-FAILED, USAGE = 1, 2
 N = 6
 STEPS = np.arange(N)
 TIMES_NS = 1_700_000_000_123_456_000 + STEPS * 100_000_000
@@ -229,22 +226,3 @@ def test_a_wrong_file_is_one_line(tmp_path, form, text, message):
     with pytest.raises(TableError, match=message) as caught:
         OF[form](tmp_path / "t.txt")
     assert "\n" not in str(caught.value)
-
-
-def test_scales_that_are_none_are_refused(tmp_path):
-    (tmp_path / "t.txt").write_text("0 1 2 3\n")
-    with pytest.raises(ValueError, match="frames_per_second: expected a positive number"):
-        read_trajnet(tmp_path / "t.txt", frames_per_second=0)
-    with pytest.raises(ValueError, match="metres_per_pixel"):
-        read_sdd(tmp_path / "t.txt", metres_per_pixel=0.0)
-
-
-def test_options_that_a_format_has_not_are_refused_and_those_that_it_needs_asked_for(tmp_path, capsys):
-    assert [form.value for form in Format] == list(FORMATS)
-    (tmp_path / "t.txt").write_text("0 1 2 3\n10 1 3 3\n")
-    command = ["convert", str(tmp_path / "t.txt"), "-o", str(tmp_path / "out.mcap"), "--format", "trajnet", "--force"]
-    assert run(command) == FAILED
-    assert "expected --frames-per-second, which a table of trajnet does not contain" in capsys.readouterr().err
-    assert run([*command, "--frames-per-second", "25"]) == 0
-    assert run([*command, "--metres-per-pixel", "1"]) == USAGE
-    assert "it is for sdd" in " ".join(capsys.readouterr().err.split())

@@ -106,11 +106,6 @@ def test_estimates_read_back_equal(estimate_log):
             np.testing.assert_array_equal(getattr(back, name), getattr(sent, name), err_msg=name)
 
 
-def test_an_estimate_of_another_time_is_refused():
-    with pytest.raises(ValueError, match="expected all at 5 ns"):
-        encode_estimates(a_frame(4).estimates, 5)
-
-
 def test_broken_estimates_are_refused():
     message = encode_estimates(a_frame(4).estimates, 4)
     for name in ("y", "covariance_xy", "direction", "log_evidence"):
@@ -122,18 +117,6 @@ def test_broken_estimates_are_refused():
     message.speed[2] = np.nan
     with pytest.raises(DecodeError, match="speed: expected finite"):
         decode_estimates(message.SerializeToString())
-
-
-def test_forecasts_whose_shapes_do_not_fit_are_refused():
-    with pytest.raises(ValueError, match="expected 1 vehicles"):
-        Forecasts.of(0, ["a"], np.zeros((1, 2)), np.zeros((2, 5, 10, 2)))
-    with pytest.raises(ValueError, match="start"):
-        Forecasts.of(0, ["a"], np.zeros((2, 2)), np.zeros((1, 5, 10, 2)))
-
-
-def test_a_stride_of_none_is_refused(tmp_path):
-    with pytest.raises(ValueError, match="particle_stride"):
-        EstimateWriter(tmp_path / "a.mcap", metadata={}, particle_stride=0)
 
 
 def test_rerun_converts_what_we_write(estimate_log, tmp_path):

@@ -16,7 +16,6 @@ from test_estimate_log import a_frame, a_map, messages, rollouts
 
 from dirprim_filter.detections import Detections
 from dirprim_filter.drawing import shapes
-from dirprim_filter.drawing.colors import track_color
 from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.recording import topic_names
 from dirprim_filter.recording.foxglove.elements import SCENE_FRAME
@@ -90,15 +89,6 @@ def test_the_scene_draws_the_estimates():
         np.testing.assert_allclose(distance, chi2.ppf(0.9, 2), rtol=1e-6)
 
 
-def test_vehicles_have_the_colours_that_they_have_in_rerun_and_one_sees_through_all_of_them():
-    frame = a_frame(STEP)
-    update = drawn(frame)
-    assert (opacities(update) < 1).all()
-    for entity, rgba in zip(update.entities, track_color(frame.estimates.track_id) / 255.0, strict=True):
-        for color in (entity.cubes[0].color, entity.lines[0].color, entity.texts[0].color):
-            assert (color.r, color.g, color.b) == pytest.approx(tuple(rgba[:3]))
-
-
 def test_who_is_out_of_sight_is_fainter_and_of_who_may_be_anywhere_no_region_is_drawn():
     frame = a_frame(STEP)
     wide = np.broadcast_to(400.0 * np.eye(2), (4, 2, 2))
@@ -125,15 +115,6 @@ def test_bodies_are_as_large_as_was_last_reported_of_them():
     reported = [(b.size.x, b.size.y, b.size.z) for b in bodies]
     assert reported == [VEHICLE_SIZE, (12.0, 2.5, 3.2), VEHICLE_SIZE, (0.6, 0.5, VEHICLE_SIZE[2])]
     assert [b.pose.position.z for b in bodies] == [size[2] / 2 for size in reported]  # on the ground
-
-
-def test_the_body_of_a_vehicle_of_unknown_direction_is_as_long_as_wide():
-    frame = a_frame(STEP)
-    known = np.array([0.9, 0.1, 0.6, 0.0])
-    bodies = [entity.cubes[0].size for entity in drawn(
-        replace(frame, estimates=replace(frame.estimates, direction_resultant=known))).entities]  # fmt: skip
-    assert [body.x == body.y for body in bodies] == [False, True, False, True]
-    assert all(body.y == VEHICLE_SIZE[1] for body in bodies)
 
 
 def test_trails_lead_from_where_the_vehicles_were_to_where_they_are():
@@ -201,16 +182,6 @@ def test_petals_are_those_of_the_other_pictures():
     polygons = shapes.rose_petals(primitive_map).polygon
     np.testing.assert_allclose(points, polygons.reshape(-1, 2), atol=6e-4, rtol=0)  # half of FINEST_M, on each axis
     assert 0 < min(c.a for c in area.colors) <= max(c.a for c in area.colors) < 1
-
-
-def test_outlines_are_the_cells_sides():
-    cells = as_read(map_scene(a_map(), 0, HERE)).entities[0]
-    line = cells.lines[0]
-    assert 0 < line.color.a < 1
-    points = np.array([(p.x, p.y) for p in line.points])
-    sides = points.reshape(-1, 2, 2)
-    assert len(sides) == 8
-    np.testing.assert_allclose(np.abs(sides[:, 1] - sides[:, 0]).sum(axis=1), 10.0)
 
 
 def test_forecasts_are_lines():

@@ -1,14 +1,11 @@
 """Foxglove's schemas in protobuf, JSON and ROS 2, by independent writers; fields of any schema by their paths."""
 
-import json
-
 import numpy as np
 import pytest
 from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
 from foxglove_schemas_protobuf.LocationFixes_pb2 import LocationFixes
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
-from mcap.writer import Writer
-from mcap_files import scene, write_protobuf_log
+from mcap_files import json_log, scene, write_protobuf_log
 from ros_messages import header, write_ros2_log
 
 from dirprim_filter.cli.main import run
@@ -24,18 +21,6 @@ N = 20
 ANGLE = 0.05 * np.arange(N)
 PLACE = np.column_stack([20 * np.cos(ANGLE), 20 * np.sin(ANGLE)])
 TIMES = (START_NS + STEP_NS * np.arange(N)).tolist()
-
-
-def json_log(path, schema, messages, topic="/objects"):
-    with path.open("wb") as file:
-        writer = Writer(file)
-        writer.start()
-        number = writer.register_schema(schema, "jsonschema", b'{"type": "object"}')
-        channel = writer.register_channel(topic, "json", number)
-        for time_ns, message in messages:
-            writer.add_message(channel, time_ns + 7, json.dumps(message).encode(), time_ns)
-        writer.finish()
-    return path
 
 
 def seconds(time_ns):

@@ -6,8 +6,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-from mcap.writer import CompressionType
 from mcap_files import CHUNK, log_bytes, records, scene, write_log, write_protobuf_log
 
 from dirprim_filter.cli.main import run
@@ -18,18 +16,8 @@ from dirprim_filter.recording.summary import summarise_by_index
 SENT = [(f"/topic{i % 3}", 1000 * i, str(i).encode() * 9) for i in range(200)]
 
 
-@pytest.fixture
-def log(tmp_path):
-    def write(data):
-        path = tmp_path / "log.mcap"
-        path.write_bytes(data)
-        return path
-
-    return write
-
-
-def test_the_index_tells_what_reading_tells(log):
-    path = log(log_bytes(SENT, chunk_size=900))
+def test_the_index_tells_what_reading_tells(log_file):
+    path = log_file(log_bytes(SENT, chunk_size=900))
     reported, read = summarise_by_index(path, from_bytes=0), inspect(path)
     assert (reported.topics, reported.messages, reported.start_ns, reported.end_ns) == (
         read.topics, read.messages, read.start_ns, read.end_ns,
@@ -40,21 +28,21 @@ def test_the_index_tells_what_reading_tells(log):
     assert ([topic.name for topic in few.topics], few.start_ns, few.end_ns) == (["/topic1"], None, None)
 
 
-def test_an_index_that_is_not_whole_says_nothing(log):
+def test_an_index_that_is_not_whole_says_nothing(log_file):
     data = log_bytes(SENT, chunk_size=900)
     summary = next(start for opcode, start, _ in records(data) if opcode == 0x0F)
     for at in range(summary, len(data), 37):
         broken = bytearray(data)
         broken[at] ^= 4
-        assert summarise_by_index(log(broken), from_bytes=0) is None, at
-    assert summarise_by_index(log(data[:-9]), from_bytes=0) is None
+        assert summarise_by_index(log_file(broken), from_bytes=0) is None, at
+    assert summarise_by_index(log_file(data[:-9]), from_bytes=0) is None
 
 
-def test_a_long_log_is_reported_by_its_index_unless_it_is_to_be_checked(log, capsys, monkeypatch):
+def test_a_long_log_is_reported_by_its_index_unless_it_is_to_be_checked(log_file, capsys, monkeypatch):
     data = bytearray(log_bytes(SENT, chunk_size=900))
     chunk = next(start for opcode, start, _ in records(bytes(data)) if opcode == CHUNK)
     data[chunk + 70] ^= 1
-    path = log(data)
+    path = log_file(data)
     monkeypatch.setattr("dirprim_filter.recording.summary.summarise_by_index.__kwdefaults__", {
         "topics": None, "from_bytes": 0,
     })  # fmt: skip
@@ -67,17 +55,8 @@ def test_a_long_log_is_reported_by_its_index_unless_it_is_to_be_checked(log, cap
     assert run(["info", str(path), "--strict"]) == 1
 
 
-def test_info_of_a_long_log_imports_no_compiler(log):
-    """Its index is read sooner than numba and scipy are imported."""
-    path = log(log_bytes([("/a", 0, bytes(1 << 25))], compression=CompressionType.NONE))
-    code = f"import sys; from dirprim_filter.cli.main import run; run(['info', {str(path)!r}]); print(*sys.modules)"
-    printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    assert "by the log's index alone" in printed
-    assert not {"numba", "scipy", "google.protobuf"} & set(printed.split())
-
-
-def test_filters(log, capsys):
-    path = log(log_bytes(SENT, chunk_size=900))
+def test_filters(log_file, capsys):
+    path = log_file(log_bytes(SENT, chunk_size=900))
     assert run(["info", str(path), "--topics", "/topic[01]", "--start", "60000ns", "--end", "90000ns", "--json"]) == 0
     reported = json.loads(capsys.readouterr().out)
     assert {topic["name"]: topic["messages"] for topic in reported["topics"]} == {"/topic0": 10, "/topic1": 10}

@@ -8,10 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mcap.reader import make_reader
-from test_map_file import some_map
-from test_track_log import some_tracks
 
-from dirprim_filter.recording import map_file, save_map, write_tracks
 from dirprim_filter.recording.container.mcap_writer import uninterrupted
 from dirprim_filter.recording.container.recovery import recover
 from dirprim_filter.recording.foxglove.elements import scene_transform
@@ -19,35 +16,10 @@ from dirprim_filter.recording.log_writer import LogWriter
 
 N = 9
 N_IN_CHUNK = 4
-GOOD = b"a good file"
 
 
 def interrupting(*_):
     raise KeyboardInterrupt
-
-
-@pytest.fixture
-def good(tmp_path):
-    path = tmp_path / "good.mcap"
-    path.write_bytes(GOOD)
-    yield path
-    assert [(p.name, p.read_bytes()) for p in tmp_path.iterdir()] == [("good.mcap", GOOD)]
-
-
-def test_interrupted_tracks_leave_what_was_there(good):
-    with pytest.raises(KeyboardInterrupt):
-        write_tracks(some_tracks(), good, force=True, progress=interrupting)
-
-
-def test_an_interrupted_map_leaves_what_was_there(good, monkeypatch):
-    monkeypatch.setattr(map_file, "map_scene", interrupting)
-    with pytest.raises(KeyboardInterrupt):
-        save_map(some_map(5), good, force=True)
-
-
-def test_a_log_that_cannot_begin_leaves_nothing(good):
-    with pytest.raises(AttributeError), LogWriter(good, metadata={"seed": 5}, force=True):
-        raise AssertionError
 
 
 class Interrupt:

@@ -34,11 +34,6 @@ def rows(log):
     return [(m.topic, m.log_time_ns, m.data) for m in log]
 
 
-@pytest.fixture(autouse=True)
-def forget_copies(monkeypatch):
-    monkeypatch.setattr(source, "_kept", {})
-
-
 def test_a_fifo(tmp_path):
     fifo = tmp_path / "fifo"
     os.mkfifo(fifo)

@@ -5,9 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from google.protobuf import json_format
-from mcap_files import scene, write_protobuf_log
+from mcap_files import json_log, scene, write_protobuf_log
 from test_estimate_log import a_frame
-from test_foxglove_schemas import json_log
 from test_ros2_schemas import N_TIMES, array_log, carla, detected, detection, marker, point, tracked
 
 from dirprim_filter.cli.main import run

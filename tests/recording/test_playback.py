@@ -99,12 +99,6 @@ def test_each_frame_comes_when_its_time_has_come(rate):
     np.testing.assert_allclose(came, expected, atol=1e-9)
 
 
-@pytest.mark.parametrize("rate", [0.0, -1.0, float("nan")])
-def test_a_rate_must_be_positive(rate):
-    with pytest.raises(ValueError, match="rate: expected more than 0"):
-        paced([], rate)
-
-
 def standing(n=100):
     """A vehicle that never moves."""
     zero = np.zeros(n)

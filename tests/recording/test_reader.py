@@ -22,7 +22,6 @@ from dirprim_filter.recording.reader import (
     read_tracks,
     stream_detections,
 )
-from dirprim_filter.recording.scan import scan
 from dirprim_filter.recording.writer import write_tracks
 from dirprim_filter.tracks import Tracks
 
@@ -34,7 +33,6 @@ OSI_LOGS = [
     "omega_prime/osi_centerline_example",
 ]
 STEP_NS = 100_000_000
-SOURCES = ("log", "publish", "header")
 
 
 def osi_log(name):
@@ -78,23 +76,6 @@ def test_osi_rows_are_those_of_the_stock_decoder(name):
         np.testing.assert_allclose(velocity[order], [row[3] for row in rows], atol=1e-2)
 
 
-def test_the_stream_gives_the_same_rows_as_the_tracks():
-    path = osi_log("omega_prime/osi_centerline_example")
-    stream = stream_detections(path)
-    frames = list(stream)
-    tracks = read_tracks(path)
-    times = [np.unique(frame.time_ns).tolist() for frame in frames]
-    assert [len(t) for t in times] == [1] * 91
-    assert times == sorted(times)
-    expected = {
-        (str(i), t, *p) for i, t, p in zip(tracks.track_id, tracks.time_ns, tracks.position.tolist(), strict=True)
-    }
-    got = {(str(i), t, *p) for f in frames for i, t, p in zip(f.track_id, f.time_ns, f.position.tolist(), strict=True)}
-    assert got == expected
-    assert stream.losses.damage == []
-    assert stream.losses.dropped == {}
-
-
 def test_bad_rows_and_messages_are_counted_and_cost_no_others(tmp_path, caplog):
     messages = circling(n=10)
     messages[4][2].entities.add(id="8").cubes.add().pose.position.x = float("nan")
@@ -126,23 +107,6 @@ def test_header_time_is_that_of_the_contents_and_going_back_in_it_is_counted(tmp
     stream = stream_detections(path)
     assert [int(f.time_ns[0]) // 1_000_000_000 for f in stream] == [0, 1, 2, 3, 4, 6, 7, 8]
     assert (stream.losses.dropped[BACKWARD], stream.losses.dropped[UNTIMED]) == (1, 1)
-
-
-@pytest.mark.parametrize("source", ["log", "publish", "header"])
-def test_of_the_log_times_that_are_not_wanted_chunks_stay_closed(tmp_path, monkeypatch, source):
-    path = write_protobuf_log(tmp_path / "log.mcap", circling(n=200), chunk_size=1000)
-    opened = []
-    real = scans.read_contents
-    monkeypatch.setattr(scans, "read_contents", lambda file, chunk: opened.append(chunk) or real(file, chunk))
-    step_ns = 1_000_000_000 if source == "header" else STEP_NS
-    wanted = {"topics": "/markers", "time_source": source, "start_ns": 50 * step_ns, "end_ns": 60 * step_ns}
-    tracks = read_tracks(path, **wanted)
-    assert tracks.time_ns.tolist() == [k * step_ns for k in range(50, 60)]
-    n_opened = len(opened)
-    assert len(list(stream_detections(path, **wanted))) == 10
-    assert (len(opened) - n_opened) == n_opened
-    n_chunks = len(scan(path).log.chunks)
-    assert n_opened < n_chunks / 4 if source == "log" else n_opened == n_chunks > 10
 
 
 def test_several_logs_keep_their_vehicles_and_groups_apart(tmp_path):

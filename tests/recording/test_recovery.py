@@ -12,7 +12,7 @@ from mcap_files import CHUNK, DATA, log_bytes, records
 
 from dirprim_filter.cli.main import run
 from dirprim_filter.recording.container.recovery import recover
-from dirprim_filter.recording.errors import DamagedRecordingError, NotMcapError, OutputExistsError
+from dirprim_filter.recording.errors import NotMcapError
 from dirprim_filter.recording.scan import scan
 
 SENT = [(f"/topic{i % 3}", 1000 * i, str(i).encode() * 9) for i in range(200)]
@@ -124,18 +124,6 @@ def test_conformance_files_stay_what_they_are(tmp_path):
             assert list(after.attachments()) == list(before.attachments())
             assert after.damage == []
         streamed(tmp_path / "b.mcap")
-
-
-def test_strict_and_force(tmp_path):
-    (tmp_path / "a.mcap").write_bytes(log_bytes(SENT)[:-50])
-    with pytest.raises(DamagedRecordingError):
-        recover(tmp_path / "a.mcap", tmp_path / "b.mcap", strict=True)
-    assert [path.name for path in tmp_path.iterdir()] == ["a.mcap"]
-    recover(tmp_path / "a.mcap", tmp_path / "b.mcap")
-    with pytest.raises(OutputExistsError):
-        recover(tmp_path / "a.mcap", tmp_path / "b.mcap")
-    recover(tmp_path / "b.mcap", tmp_path / "b.mcap", force=True, strict=True)  # in place, as it is whole now
-    assert stock(tmp_path / "b.mcap") == scanned(tmp_path / "a.mcap")[0]
 
 
 def test_the_command_tells_what_was_lost_and_exits_with_3(tmp_path, capsys):

@@ -26,11 +26,6 @@ PARTS = [  # channel 1 is another topic in each; the second begins before the fi
 ]
 
 
-@pytest.fixture(autouse=True)
-def forget_copies(monkeypatch):
-    monkeypatch.setattr(source, "_kept", {})
-
-
 def rows(log):
     return [(m.topic, m.log_time_ns, m.data) for m in log]
 

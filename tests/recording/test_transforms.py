@@ -11,7 +11,7 @@ from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
-from mcap_files import CHUNK, records, scene, write_protobuf_log
+from mcap_files import CHUNK, records, write_protobuf_log
 from ros_messages import header, write_ros2_log
 from scipy.spatial.transform import Rotation
 from test_ros2_schemas import carla, point, quaternion
@@ -251,14 +251,6 @@ def test_a_slash_before_a_frame_is_no_part_of_its_name(tmp_path, of_objects, of_
     own = read_tracks(path, frame="/base_link").position
     for asked in (None, "map", "/map"):
         np.testing.assert_allclose(read_tracks(path, frame=asked).position, own + np.array([5.0, 0.0]), atol=1e-9)
-
-
-def test_a_log_in_one_frame_without_transforms_is_left_alone(tmp_path):
-    path = write_protobuf_log(
-        tmp_path / "log.mcap", [("/m", k * STEP_NS, scene([("7", k, 2.0 * k)])) for k in range(5)]
-    )
-    assert read_tracks(path).position.tolist() == [[k, 2.0 * k] for k in range(5)]
-    assert read_tracks(path, frame="map").position.tolist() == [[k, 2.0 * k] for k in range(5)]
 
 
 def broken_transform(k):
