@@ -156,11 +156,6 @@ def test_a_row_alone_in_time_is_kept_where_its_heading_and_speed_are_known():
     assert (tracks.direction.tolist(), tracks.heading.tolist(), tracks.speed.tolist()) == ([1.0], [1.0], [4.0])
 
 
-def test_nothing_has_no_course():
-    found = motion_of(np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 2)))
-    assert found.direction.shape == found.speed.shape == (0,)
-
-
 @pytest.mark.skipif(not DATA.exists(), reason=f"real data are not at {DATA}")
 @pytest.mark.parametrize(("scene", "median", "high"), [("roundabout", 0.038, 0.157), ("intersection", 0.005, 0.105)])
 def test_on_the_bends_of_town03_yaw_and_course_differ_as_was_measured(scene, median, high):

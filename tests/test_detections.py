@@ -13,12 +13,6 @@ def some():
     return Detections(track_id=["b", "a", "c", "a"], time_ns=[20, 10, 20, 30], position=np.arange(8.0).reshape(4, 2))
 
 
-def test_rows_stay_in_the_order_they_came_and_ids_are_text():
-    assert some().time_ns.tolist() == [20, 10, 20, 30]
-    numbered = Detections(track_id=[7, 8], time_ns=[0, 0], position=np.zeros((2, 2)))
-    assert numbered.track_id.tolist() == ["7", "8"]
-
-
 def test_frames_ascend_in_time_and_hold_every_row_once_in_its_order():
     frames = list(some().frames())
     assert [frame.time_ns.tolist() for frame in frames] == [[10], [20, 20], [30]]
@@ -27,12 +21,6 @@ def test_frames_ascend_in_time_and_hold_every_row_once_in_its_order():
     before_the_epoch = Detections(track_id=["a", "a"], time_ns=[-5, -9], position=np.zeros((2, 2)))
     assert [int(frame.time_ns[0]) for frame in before_the_epoch.frames()] == [-9, -5]
     assert list(Detections.none().frames()) == []
-
-
-def test_tracks_give_their_positions(ring):
-    found = Detections.of(ring)
-    np.testing.assert_array_equal(found.position, ring.position)
-    assert sum(len(frame) for frame in found.frames()) == len(ring)
 
 
 @pytest.mark.parametrize(

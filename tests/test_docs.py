@@ -13,7 +13,6 @@ import dirprim_filter
 import tessellation
 from dirprim_filter import filtering
 from dirprim_filter.cli.main import run
-from dirprim_filter.config import FilterConfig
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([*(ROOT / "docs").glob("*.md"), *(ROOT / "docs" / "guides").glob("*.md")])
@@ -127,11 +126,3 @@ def test_the_reference_has_every_public_name_and_names_nothing_else():
             assert {thing.__module__, f"{thing.__module__}.{thing.__name__}"} & set(shown), thing
     nav = (ROOT / "mkdocs.yml").read_text()
     assert all(f"reference/{page.name}" in nav for page in pages)
-
-
-@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
-def test_no_page_recommends_fewer_particles_than_are_calibrated(page):
-    """Those of the default are; `results.md` says what was measured."""
-    reported = re.findall(r"(?:--particles |n_particles ?= ?)(\d+)", page.read_text())
-    if page.name != "results.md":
-        assert all(int(n) >= FilterConfig().n_particles for n in reported)

@@ -5,7 +5,7 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from dirprim_filter.estimates import EstimateList, Estimates, Particles, TrackedFrame
+from dirprim_filter.estimates import Estimates
 
 
 def some(names, *, time_ns=0):
@@ -31,14 +31,6 @@ def test_numbers_among_names_become_text_and_no_part_gives_no_row():
     assert empty.covariance.shape == (0, 2, 2)
 
 
-@pytest.mark.parametrize("name", [f.name for f in fields(Estimates)])
-def test_a_column_of_another_length_is_refused_by_name(name):
-    good = some([1, 2])
-    columns = {f.name: getattr(good, f.name) for f in fields(Estimates)}
-    with pytest.raises(ValueError, match=name):
-        Estimates(**columns | {name: columns[name][:1]})
-
-
 @pytest.mark.parametrize("name", ["position", "speed_std", "log_evidence", "covariance"])
 def test_numbers_that_are_not_finite_are_refused_by_name(name):
     good = some([1, 2])
@@ -46,14 +38,3 @@ def test_numbers_that_are_not_finite_are_refused_by_name(name):
     columns[name][1] = np.nan
     with pytest.raises(ValueError, match=f"{name}: expected finite"):
         Estimates(**columns)
-
-
-def test_an_estimate_list_keeps_what_it_was_written():
-    kept, none = EstimateList(), np.empty(0)
-    particles = Particles(position=np.empty((0, 2)), direction=none, speed=none, weight=none, vehicle=none)
-    assert len(kept.all()) == 0
-    for time_ns in (1, 2):
-        kept.write(
-            TrackedFrame(time_ns=time_ns, detections=None, estimates=some(["a"], time_ns=time_ns), particles=particles)
-        )
-    assert kept.all().time_ns.tolist() == [1, 2]

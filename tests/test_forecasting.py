@@ -18,17 +18,6 @@ from situations import TRUSTING, one_cell_map
 START = {"position": (20.0, 0.0), "direction": np.pi / 2, "speed": 8.0}
 
 
-def test_rollouts_have_a_row_for_each_sample_and_step(ring_map):
-    for horizon_s, dt_s, n_steps in ((3.0, 0.5, 6), (5.0, 0.1, 50), (0.7, 0.1, 7), (1.0, 0.3, 3), (0.5, 0.5, 1)):
-        paths = forecast(
-            ring_map, **START, horizon_s=horizon_s, dt_s=dt_s, n_samples=7, rng=np.random.default_rng(0)
-        )  # fmt: skip
-        assert paths.shape == (7, n_steps, 2)
-    stands = forecast(ring_map, **START | {"speed": 0.0}, rng=np.random.default_rng(0))
-    assert np.isfinite(paths).all()
-    assert np.isfinite(stands).all()
-
-
 def test_the_same_random_state_gives_the_same_rollouts_and_another_gives_others(ring_map):
     first, again, other = (forecast(ring_map, **START, rng=np.random.default_rng(seed)) for seed in (3, 3, 4))
     np.testing.assert_array_equal(first, again)
@@ -94,14 +83,6 @@ def test_forecasts_come_as_often_as_asked_for(ring_map, ring):
     crowd = Detections.of(ring[(ring.track_id < 2) & (ring.time_ns < 1_000_000_000)])
     assert [time_ns for time_ns, *_ in forecasts(ring_map, crowd, every_s=0.3)] == [k * 300_000_000 for k in range(4)]
     assert len(forecasts(ring_map, crowd, every_s=1e-3)) == 10
-
-
-def test_a_frame_without_vehicles_is_not_forecast(ring_map):
-    kept = Kept()
-    nothing = Estimates.concatenate([])
-    frame = TrackedFrame(time_ns=0, detections=Detections.none(), estimates=nothing, particles=Particles.none())
-    Forecaster(ring_map, [kept], rng=np.random.default_rng(0)).write(frame)
-    assert kept == []
 
 
 def test_a_belief_goes_on_by_the_manoeuvres_that_the_filter_found(ring_map):

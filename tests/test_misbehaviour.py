@@ -78,9 +78,3 @@ def test_each_begins_in_its_middle_as_it_drove_and_does_what_its_kind_says(traff
         assert 0.25 * len(before) < row < 0.75 * len(before) + 2
         assert off[-1] > 1.0
         does(before.position, after.position, row)
-
-
-def test_what_drives_against_takes_the_same_path_from_its_end(traffic):
-    found = misbehaving(traffic, kind="drives against", rng=np.random.default_rng(6))
-    for (before, _), (after, _) in zip(by_vehicle(traffic), by_vehicle(found), strict=True):
-        np.testing.assert_array_equal(after.position, before.position[::-1])

@@ -9,7 +9,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dirprim_filter.columns import is_held
-from dirprim_filter.detections import Detections
 from dirprim_filter.recording.losses import Losses
 from dirprim_filter.recording.rows import TrackResult
 from dirprim_filter.track_ids import as_texts, as_track_ids, qualified_names, vehicle_numbers
@@ -55,13 +54,6 @@ def test_tracks_are_equal_where_every_row_is(change):
     assert TrackResult(tracks=Tracks(**GOOD), losses=Losses()) == TrackResult(tracks=Tracks(**GOOD), losses=Losses())
     with pytest.raises(TypeError, match="unhashable"):
         hash(Tracks(**GOOD))
-
-
-def test_detections_are_equal_where_every_row_is():
-    seen = Detections.of(Tracks(**GOOD))
-    assert seen == Detections.of(Tracks(**GOOD))
-    assert seen != replace(seen, position=seen.position + 1)
-    assert seen != Tracks(**GOOD)
 
 
 SIZES = np.array([[4.5, 1.9, 1.5], [np.nan, np.nan, 3.0], [12.0, 2.5, np.nan]])
@@ -182,19 +174,6 @@ def test_an_id_is_the_same_as_number_and_as_text(ids):
     np.testing.assert_array_equal(as_track_ids(as_texts(numbers)), numbers)
 
 
-def test_positions_of_a_circle_give_its_direction_and_speed(ring):
-    found = Tracks.from_positions(
-        track_id=ring.track_id, time_ns=ring.time_ns, position=ring.position, group=ring.group
-    )
-    assert len(found) == len(ring)
-    inner = (ring.time_ns > 200_000_000) & (ring.time_ns < 9_700_000_000)
-    turn = np.abs(np.angle(np.exp(1j * (found.direction - ring.direction))))
-    assert turn[inner].max() < 1e-6  # a chord is parallel to the tangent of its middle
-    # the chord of 2 x 0.2 s is shorter than the arc by (angle / 2)^2 / 6; at most 0.3 rad / s
-    np.testing.assert_allclose(found.speed[inner], ring.speed[inner], rtol=0.005)
-    assert np.abs(found.speed[inner] / ring.speed[inner] - 1).max() > 1e-5
-
-
 def test_rows_that_stand_alone_in_time_are_dropped_and_counted(caplog):
     with caplog.at_level(logging.WARNING):
         found = Tracks.from_positions(
@@ -204,23 +183,6 @@ def test_rows_that_stand_alone_in_time_are_dropped_and_counted(caplog):
     assert found.track_id.tolist() == [1, 1]
     assert found.group.tolist() == [5, 5]
     assert "2 of 4 rows stand alone in time" in caplog.text
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"time_ns": np.array([0, 0])}, "vehicle 1 has two rows at 0 ns"),
-        ({"time_ns": np.array([0])}, "columns: expected one length n"),
-        ({"time_ns": np.array([0.0, 1e8])}, "time_ns: expected whole nanoseconds"),
-        ({"position": np.array([[0, 0], [np.nan, 0]])}, "position: expected finite numbers"),
-        ({"group": [1]}, "columns: expected one length n"),
-    ],
-)
-def test_bad_positions_are_refused_by_name_before_they_are_differenced(change, message):
-    good = {"track_id": [1, 1], "time_ns": np.array([0, 100_000_000]), "position": np.eye(2)}
-    assert len(Tracks.from_positions(**good)) == 2
-    with pytest.raises(ValueError, match=message):
-        Tracks.from_positions(**good | change)
 
 
 def test_chosen_rows_by_mask_indices_and_slice(ring):
@@ -286,11 +248,3 @@ def test_names_of_scenes_are_each_of_one_vehicle_and_those_of_group_0_are_the_id
     assert set(names.tolist()) == {f"{g}/{i}" for g in (5, -2) for i in np.unique(ring.track_id)}
     assert qualified_names(ring.track_id, ring.group).tolist() == ring.track_id.astype(str).tolist()
     assert qualified_names(names, both.group).tolist() == names.tolist()
-
-
-def test_velocity_is_not_differenced_across_groups():
-    made = Tracks.from_positions(
-        track_id=["a", "a", "a", "a"], time_ns=[0, 50_000_000, 100_000_000, 150_000_000],
-        position=[[0, 0], [500, 0], [1, 0], [501, 0]], group=[1, 2, 1, 2],
-    )  # fmt: skip
-    np.testing.assert_allclose(made.speed, 10.0)

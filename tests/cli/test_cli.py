@@ -5,14 +5,13 @@ import re
 import subprocess
 import sys
 from dataclasses import replace
-from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from cli.commands import DONE, GRID, INPUT_LOST, dirprim
-from dirprim_filter import Tracks, load_map, read_estimates, read_tracks, save_map, write_tracks
+from cli.commands import DONE, GRID, dirprim
+from dirprim_filter import load_map, read_estimates, read_tracks, save_map, write_tracks
 from dirprim_filter.cli.main import COMMANDS
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
 from dirprim_filter.evaluation.tracking_report import Scales, TrackingReport
@@ -61,11 +60,6 @@ def test_every_summary_fits_its_line(capsys, group):
     said = capsys.readouterr().out
     assert not re.findall(r"^  \w+ .*\.\.\.$", said, flags=re.MULTILINE)
     assert all(f"  {name} " in said for name in GROUPS.get(group, NAMES))
-
-
-def test_the_version(capsys):
-    assert dirprim("--version") == DONE
-    assert capsys.readouterr().out == f"dirprim {version('dirprim-filter')}\n"
 
 
 @pytest.mark.parametrize(
@@ -137,37 +131,6 @@ def test_forecasts_without_the_map_go_on_by_what_particles_were_moved_by(here):
     assert found[0] == found[1] != found[2]
 
 
-def test_a_vehicles_estimates_do_not_change_when_others_are_removed(few, here):
-    write_tracks(few[few.track_id == 3], "one.mcap")
-    for name in ("log", "one"):
-        assert dirprim(f"track {name}.mcap --map map.mcap -o {name}.out") == DONE
-    among, alone = read_estimates("log.out"), read_estimates("one.out")
-    rows = among.track_id == 3
-    assert rows.sum() == len(alone) > 0
-    for field in ("time_ns", "position", "covariance", "direction", "speed", "log_evidence"):
-        np.testing.assert_array_equal(getattr(among, field)[rows], getattr(alone, field))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("ids", ["", "--no-ids"])
-def test_groups_of_a_log_are_tracked_each_by_itself(few, here, capsys, ids):
-    groups = {2: few[few.track_id % 2 == 0], 7: few[few.track_id % 2 == 0], 0: few[few.track_id % 2 == 1]}
-    parts = [replace(own, group=np.full(len(own), group)) for group, own in groups.items()]
-    write_tracks(Tracks.concatenate(parts), "groups.mcap")
-    command = f"track groups.mcap --map map.mcap --particles 30 {ids}"
-    assert dirprim(f"{command} -o out.mcap") == DONE
-    assert "3 groups, each by itself" in capsys.readouterr().out
-    together = read_estimates("out.mcap")
-    for group in (2, 7):
-        of_group = together[np.char.startswith(together.track_id, f"{group}/")]
-        assert dirprim(f"{command} --set group={group} -o {group}.mcap") == DONE
-        found = read_estimates(f"{group}.mcap")
-        assert [f"{group}/{name}" for name in found.track_id] == of_group.track_id.tolist()
-        np.testing.assert_array_equal(found.position, of_group.position)
-        assert np.unique(found.track_id).size == groups[group].n_tracks
-    assert read_tracks("groups.mcap").n_tracks == sum(own.n_tracks for own in groups.values())
-
-
 def test_options_reach_the_library(here):
     grid = "--tessellation grid"
     assert dirprim(f"learn log.mcap -o m {grid} --cell-size 9 --modes dbscan --seed 3") == DONE
@@ -176,15 +139,6 @@ def test_options_reach_the_library(here):
     assert load_map("n").n_rows[-1] < load_map("m").n_rows[-1]
     assert dirprim(f"learn log.mcap -o m --force {grid} --cells 12") == DONE
     assert load_map("m").tessellation.n_cells == pytest.approx(12, abs=3)
-
-
-def test_dropped_rows_are_counted_and_the_rest_is_kept(few, here, capsys):
-    csv_of(few, "t.csv")
-    with Path("t.csv").open("a") as file:
-        file.write("1.0,0,nan,2\n0.0,0,3,3\n")
-    assert dirprim("convert t.csv -o t.mcap") == INPUT_LOST
-    assert capsys.readouterr().err.count("dropped 1 row:") == 2
-    assert len(read_tracks("t.mcap")) == len(few)
 
 
 def test_a_run_can_be_had_again_from_its_log_and_settings_from_a_file(here, capsys):
@@ -221,13 +175,6 @@ def test_simulate_writes_what_the_demo_reads(here):
         assert dirprim(f"simulate intersection -o {name} --duration 20 --seed 1") == DONE
     assert read_tracks("s").n_tracks > 0
     assert Path("again").read_bytes() == Path("s").read_bytes()
-
-
-def test_ids_that_are_no_numbers_stay_as_they_are(few, here):
-    named = replace(few, track_id=np.char.add("car-", few.track_id.astype(str)))
-    write_tracks(named, "named.mcap")
-    assert dirprim("track named.mcap --map map.mcap -o out") == DONE
-    assert set(read_estimates("out").track_id) == set(named.track_id)
 
 
 @pytest.mark.slow

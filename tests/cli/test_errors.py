@@ -18,7 +18,7 @@ FILES = {
     "twice.csv": f"{HEAD}\n0,1,0,0\n0,1,1,1\n", "empty.mcap": "", "text.mcap": "hello, this is no log\n" * 9,
     "late.toml": f"latency_s = -1\n{SENSOR}", "sensor.toml": SENSOR, "noise.toml": "noise = 1",
     "cut.toml": "noise_m = ", "flat.toml": "noise_m = 1.0", "filter.toml": "[filter]\nnoise = 1.0",
-    "fold.toml": "n_fold = 2", "notes.txt": "noise: a lot",
+    "fold.toml": "n_fold = 2", "notes.txt": "noise: a lot", "walks.txt": "0 1 2 3\n10 1 3 3\n",
 }  # fmt: skip
 CASES = [
     ("frobnicate", USAGE, "No such command"),
@@ -59,6 +59,7 @@ CASES = [
     ("convert thousand.csv -o x", FAILED, "expected a number as speed_mps, got '1_000'"),
     ("convert signal.csv -o x", FAILED, "line 2: expected left, right, none as turn_signal, got 'lft'"),
     ("convert early.csv -o x", FAILED, "x: expected times from 0 ns on"),
+    ("convert walks.txt -o x --format trajnet", FAILED, "expected --frames-per-second, which a table of trajnet"),
     ("convert two.csv -o x --format sumo-fcd --columns x_m=x", USAGE, "it is for csv"),
     ("score twice.csv --truth log.mcap", FAILED, "has two rows at 0 ns"),
     ("score log.mcap log.mcap --truth log.mcap", USAGE, "expected each file once"),

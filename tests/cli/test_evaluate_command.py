@@ -96,16 +96,6 @@ def test_density_is_the_same_for_people_and_machines(log, capsys):
     assert lines[-1] == table["conclusion"]
 
 
-def test_one_fold_of_random_rows_has_its_interval_over_vehicles(log, capsys, monkeypatch):
-    first, *_ = density.all_methods(max_speed=20.0)
-    monkeypatch.setattr(density, "all_methods", lambda **_: [first])
-    assert dirprim("evaluate density few.mcap --split random --folds 1 --every 2 --json") == DONE
-    table = json.loads(capsys.readouterr().out)
-    assert table["n_held_out"] == 4
-    assert 2 <= table["methods"][0]["direction"]["mean_log"]["n_clusters"] <= 4
-    assert table["conclusion"].startswith("the map gives held-out motion nothing that is compared")
-
-
 def test_cues_is_the_same_for_people_and_machines(log, capsys):
     lines, reported = both(CUES, capsys)
     table = reported["table"]

@@ -1,7 +1,6 @@
 """Whatever reads a log has the options of reading, and they reach the library; a log is read once."""
 
 import json
-from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -9,8 +8,6 @@ from mcap.writer import Writer
 
 from cli.commands import DONE, FAILED, GRID, INPUT_LOST, dirprim
 from dirprim_filter.cli.options import time_ns
-from dirprim_filter.recording.container import log as container
-from dirprim_filter.recording.container import log_file
 from dirprim_filter.recording.objects.options import FromStart
 
 COMMANDS = {
@@ -69,29 +66,6 @@ def test_a_damaged_log_ends_in_3_and_in_an_error_where_strict(here, capsys, comm
     assert not Path("out").exists()
     assert dirprim("info log.mcap") == INPUT_LOST
     assert "damage" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize("command", ["info", "learn", "track"])
-def test_a_log_is_opened_and_outlined_once_and_each_of_its_chunks_decompressed_once(here, monkeypatch, command):
-    """Though `track` learns the sensor from what it then tracks, and `info` looks for faults of what it lists."""
-    opened, decompressed = Counter(), Counter()
-    init, read = container.Log.__init__, log_file.read_contents
-
-    def open_log(self, path, **options):
-        opened[Path(path).name] += 1
-        init(self, path, **options)
-
-    def contents(data, chunk):
-        decompressed[chunk.offset, chunk.crc] += 1
-        return read(data, chunk)
-
-    monkeypatch.setattr(container.Log, "__init__", open_log)
-    monkeypatch.setattr(log_file, "read_contents", contents)
-    Path("map.mcap").rename("own_map")
-    assert dirprim(COMMANDS[command].replace("map.mcap", "own_map")) == DONE
-    assert opened["log.mcap"] == 1
-    assert len(decompressed) > 0
-    assert set(decompressed.values()) == {1}
 
 
 def test_an_unknown_schema_is_named_with_the_way_out(here, capsys):

@@ -95,11 +95,6 @@ def test_every_column_of_a_csv_is_what_is_estimated_and_convert_reads_it(own):
     assert set(tracks.track_id) == set(odd)
 
 
-def test_a_table_of_another_kind_is_refused(own, capsys):
-    assert dirprim("export own.mcap -o out.xls") == FAILED
-    assert "expected a name that ends in .csv, .parquet, got .xls" in capsys.readouterr().err
-
-
 def test_score_is_the_same_for_people_and_machines_and_draws(own, few, capsys):
     write_log(estimated(few, seed=1, prefix="t", off=0.9), "worse.mcap")
     assert dirprim("export worse.mcap -o other.csv") == DONE

@@ -47,13 +47,6 @@ def test_order_does_not_matter_and_the_uniform_changes_nothing():
     assert log_evidence == pytest.approx(-np.log(2 * np.pi))
 
 
-def test_leading_axes_broadcast():
-    many = JUNCTION[None][np.zeros(4, np.int64)]
-    product, log_evidence = multiply_mixtures(many, TURN_RIGHT)
-    assert product.weight.shape == (4, 3)
-    assert log_evidence.shape == (4,)
-
-
 def cumulative(log_density):
     edges = np.append(CIRCLE, np.pi) - 0.5 * STEP
     steps = np.concatenate([[0.0], np.cumsum(np.exp(log_density(CIRCLE))) * STEP])

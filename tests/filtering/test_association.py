@@ -60,16 +60,6 @@ def test_gates_hold_what_a_loop_over_all_pairs_finds(seed):
     assert 20 < len(expected) < 500
 
 
-def test_no_track_or_no_detection_gives_no_pair():
-    none, some = np.empty((0, 2)), np.zeros((3, 2))
-    eye = np.tile(np.eye(2), (3, 1, 1))
-    for found in (
-        gated(none, eye[:0], some, eye, gate=9.0), gated(some, eye, none, eye[:0], gate=9.0),
-        best_assignment(Pairs(np.array([0]), np.array([0])), np.array([0.0])),
-    ):  # fmt: skip
-        assert found.one.size == found.other.size == 0
-
-
 def test_of_two_that_pass_each_other_the_course_says_which_is_which():
     """Each is seen nearer to where the other was expected; the control, without courses, takes them for the other."""
 

@@ -62,15 +62,6 @@ def started():
     return filter_
 
 
-def test_a_cue_that_says_nothing_changes_nothing_and_has_the_density_of_the_circle(started):
-    slot = np.zeros(1, np.int64)
-    before = started.belief.cloud.weight[0].copy()
-    assert started.weigh_by_cue(slot, Cue(turn=1.0, concentration=0.0))[0] == pytest.approx(-np.log(2 * np.pi))
-    np.testing.assert_allclose(started.belief.cloud.weight[0], before, rtol=1e-9)
-    started.weigh_by_cue(slot, TURN_LEFT)
-    assert np.abs(np.log(started.belief.cloud.weight[0] / before)).max() > 0.5
-
-
 def test_a_particle_is_weighed_by_how_far_its_manoeuvre_turns(started):
     slot, cloud = np.zeros(1, np.int64), started.belief.cloud
     weight = cloud.weight[0].copy()

@@ -6,42 +6,15 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from dirprim_filter import forecast, learn_primitives
+from dirprim_filter import forecast
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.filtering.particle_filter import ParticleFilter
-from dirprim_filter.forecasting import forecast_states
 from moving import only_places
-from situations import one_cell_map, ring_traffic
+from situations import one_cell_map
 
 FALSE_ALARM = 1e-4  # of each statistical test below; seeds are fixed
 RADIUS = 20.0
-
-
-def off_the_ring(primitive_map, *, horizon_s=3.0):
-    """Mean distance from the ring of vehicles that were not learned from, that many seconds later."""
-    test = ring_traffic(np.random.default_rng(77), n_vehicles=40, n_rows=1)
-    last = forecast_states(
-        primitive_map, position=test.position, direction=test.direction, speed=test.speed, time_s=[horizon_s],
-        rng=np.random.default_rng(0),
-    )  # fmt: skip
-    return np.abs(np.hypot(last[..., 0], last[..., 1]) - RADIUS).mean()
-
-
-def test_on_a_ring_rollouts_of_a_curved_map_keep_the_lane_better_than_those_of_a_flat_one(ring):
-    curved, flat = (  # by their primitives alone
-        replace(
-            learn_primitives(
-                ring, tessellation="grid", cell_size=9.0, primitive=primitive, rng=np.random.default_rng(0)
-            ),
-            motion=None,
-        )
-        for primitive in ("curved", "flat")
-    )
-    of_curved, of_flat, of_free = (off_the_ring(m) for m in (curved, flat, curved.without_places()))
-    assert of_curved < 1.75  # half a lane
-    assert of_curved < of_flat
-    assert of_curved < 0.2 * of_free
 
 
 def circling(**settings):

@@ -118,11 +118,6 @@ def test_the_level_follows_the_traffic_up_and_down_within_its_time_constant():
     assert 2.0 < levels[1] < 2.0 + np.exp(-2.0) * 38.0 + 3.0  # what it keeps of before, and of its first 16
 
 
-def test_labels_on_a_map_of_many_kilometres_are_not_taken_for_thousands_of_false_ones():
-    assert Undetected(road(side=5e3), TrackingConfig(), SETTINGS).of_labels == pytest.approx(0.01)
-    assert Undetected(road(), TrackingConfig(), SETTINGS).of_labels == 1.0
-
-
 def test_after_a_pause_all_are_undetected_again_and_without_a_map_frames_thin_alike():
     place = np.zeros((1, 2))
     for traffic in (None, road()):

@@ -75,12 +75,6 @@ def test_who_is_behind_is_slower_and_who_is_aside_turns_but_not_who_stands():
     assert (velocity == 0.0).all()
 
 
-def test_a_probable_measurement_moves_no_particle():
-    weight, moved, _ = weighed((0.1, 0.0), pace=10.0, rate=0.03)
-    assert (moved == 0.0).all()
-    np.testing.assert_allclose(weight, 1.0 / N)
-
-
 def worst_of_who_stops(seed, **given):
     """Drives at 8 m/s, stops within a second and stands for four; -> metres, the worst error once it has stood one."""
     rng, times = np.random.default_rng(seed), 0.1 * np.arange(80)

@@ -87,14 +87,6 @@ def test_where_leaders_are_not_trusted_vehicles_go_on_as_if_alone():
     assert (rollouts(road(trust=0.5), place, speed, time_s=steps)[1] != alone[1]).any()
 
 
-def test_on_a_map_that_does_not_know_leaders_vehicles_go_on_as_if_alone():
-    alone, unknown = road(), road()
-    unknown = replace(unknown, motion=replace(unknown.motion, leader=None))
-    place, speed = [100.0, 85.0], [5.0, 10.0]
-    np.testing.assert_array_equal(rollouts(unknown, place, speed), rollouts(alone, place, speed, interaction="none"))
-    assert np.abs(rollouts(alone, place, speed) - rollouts(unknown, place, speed)).max() > 1.0
-
-
 def test_forecasts_of_a_frame_are_worlds_of_its_groups():
     """Who brakes behind its leader does not brake behind a vehicle of another group."""
     place, group = np.array([60.0, 90.0, 60.0]), np.array([0, 0, 1])

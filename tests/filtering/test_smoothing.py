@@ -13,7 +13,6 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import EstimateList
 from dirprim_filter.filtering import ConstantVelocityKalman, GroupTracker, InteractingModels, ParticleFilter
 from dirprim_filter.filtering.kalman import FIRST_SPEED_STD
-from dirprim_filter.filtering.protocols import Evidence
 from dirprim_filter.filtering.smoothing import _kernels
 from dirprim_filter.filtering.smoothing.recorder import Recorder
 from dirprim_filter.filtering.smoothing.smoother import Smoother
@@ -238,11 +237,6 @@ def test_a_vehicle_is_smoothed_the_same_whichever_others_there_are():
     same(both[both.track_id == 1], alone)
 
 
-def test_vehicles_of_other_groups_have_theirs_in_front():
-    tracks = ring_traffic(np.random.default_rng(2), n_vehicles=1, n_rows=10)
-    assert set(smoothed(measured(tracks), group=3)[1].track_id.tolist()) == {"3/0"}
-
-
 def test_where_a_belief_began_anew_nothing_is_carried_across():
     def at(time_s, x):
         return Detections(track_id=["a"], time_ns=[round(time_s * 1e9)], position=[[x, 0.0]])
@@ -321,34 +315,6 @@ def test_links_of_linear_gaussian_particles_are_exact_also_among_those_that_came
         _, _, found, left = linked(weight, then, now)
         np.testing.assert_allclose(found, gain, atol=few)
         np.testing.assert_allclose(left, spread, atol=few)
-
-
-def test_across_a_gap_a_lone_particle_that_came_near_is_no_noise_between_states():
-    """The belief that it makes wide has other weights than the links have: no particle was moved."""
-    n = 100_000
-    then, now, gain, _ = linear_pair(np.random.default_rng(0), n)
-    paths = Still(np.full(n, 1.0 / n), now)
-
-    def weigh(slot, seen):
-        paths.weight = np.where(np.arange(n) == now[:, 0].argmax(), 0.5, 0.5 / n)
-        return Evidence(np.zeros(1), np.ones(1, np.bool_), np.zeros(1, np.bool_))
-
-    recorder = recorded(paths, then, time_ns=3_000_000_000)
-    paths.weigh = weigh
-    recorder.weigh(ONE, Detections.none())
-    np.testing.assert_allclose(recorder.chains[0]._links["gain"][0], gain, atol=0.05)
-
-
-def test_noise_between_a_state_and_the_next_belief_is_as_if_the_state_varied_by_it():
-    rng = np.random.default_rng(1)
-    then, now, *_ = linear_pair(rng, 100_000)
-    added, weight = np.diag([0.5, 0.0, 1.0, 0.0, 0.0]), np.full(100_000, 1e-5)
-    given, varied = (
-        linked(weight, then, now, added),
-        linked(weight, then, now + rng.normal(size=now.shape) @ np.sqrt(added)),
-    )
-    for one, other in zip(given[2:], varied[2:], strict=True):
-        np.testing.assert_allclose(one, other, atol=0.03)
 
 
 def test_at_a_fork_the_way_back_is_on_the_arm_that_was_taken():

@@ -59,15 +59,6 @@ def test_two_vehicles_in_clutter_are_two_tracks_that_keep_their_names(ring_map, 
         assert len(names) == 1
 
 
-def test_a_vehicle_that_leaves_is_forgotten(ring_map):
-    frames = two_vehicles(150, rng=np.random.default_rng(3), hide=lambda i: i >= 40)
-    tracker = made(ring_map, "particles")
-    found = followed(tracker, frames)
-    assert len(found[39]) == 2
-    assert len(found[-1]) == 1
-    assert len(tracker._roster) <= 2
-
-
 def test_a_thousand_false_detections_in_a_frame_begin_nothing(ring_map):
     rng = np.random.default_rng(4)
     frames = two_vehicles(40, rng=rng)

@@ -21,12 +21,6 @@ def test_the_papers_signal_is_a_von_mises_a_right_angle_from_the_heading():
     np.testing.assert_allclose(left, belief.log_density(theta), atol=1e-12)
 
 
-def test_headings_broadcast_and_wrap():
-    belief = TURN_LEFT.belief(np.array([0.0, 3.0]))
-    assert belief.weight.shape == (2, 1)
-    np.testing.assert_allclose(belief.mean_direction[:, 0], [np.pi / 2, 3.0 - 1.5 * np.pi])
-
-
 def test_a_signal_moves_the_prior_as_hand_computed():
     posterior = multiply_mixtures(STRAIGHT_OR_RIGHT, TURN_RIGHT.belief(0.0)).mixture
     # kappa e^{i mu} add: straight 20 - 2.5 i, turning -22.5 i; the weights are as I0 of the lengths.

@@ -140,15 +140,6 @@ def test_a_ring_is_learned_as_bends_of_one_over_its_radius(ring_map):
     np.testing.assert_allclose(bend, 1 / 20.0, rtol=0.1)
 
 
-def test_others_vehicles_are_likelier_with_curved_primitives_than_with_flat_ones(ring, ring_map):
-    test = ring_traffic(np.random.default_rng(5), n_vehicles=20)
-    flat = learn_primitives(ring, tessellation="grid", cell_size=6.0, primitive="flat", rng=np.random.default_rng(7))
-    assert ring_map.bend.any()
-    assert not flat.bend.any()
-    curved, other = (m.log_density(test.position, test.direction, test.speed).mean() for m in (ring_map, flat))
-    assert curved > other + 0.5
-
-
 def test_a_bend_that_does_not_fit_the_modes_is_refused():
     for name in ("bend", "gain"):
         with pytest.raises(ValueError, match=f"{name}: expected"):

@@ -203,13 +203,3 @@ def test_little_or_degenerate_data_give_finite_modes(direction, speed, n_modes):
     assert modes.concentration.max() <= 1e4 * (1 + 1e-12)  # tables hold logarithms
     assert modes.shape.max() <= 1e4 * (1 + 1e-12)
     assert np.isfinite(np.concatenate(modes)).all()
-
-
-def test_a_million_rows_in_one_cell():
-    """Some 5,400 are fitted of each mode: five standard errors of a mean, a concentration and a shape."""
-    modes = fitted(*simulated(FIG_2, 1_000_000, 10))
-    assert count(modes) == 3
-    used = modes.weight > 0
-    np.testing.assert_allclose(np.sort(modes.mean[used]), FIG_2[:, 1], atol=5 / np.sqrt(5400 * 20))
-    np.testing.assert_allclose(modes.concentration[used], 20.0, rtol=5 * np.sqrt(2 / 5400))
-    np.testing.assert_allclose(modes.shape[used], 20.0, rtol=5 * np.sqrt(2 / 5400))

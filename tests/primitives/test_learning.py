@@ -261,15 +261,6 @@ def test_given_cells_are_kept_even_where_they_hold_nothing(ring):
     assert np.isfinite(learned.log_density([505.0, 505.0], 0.0, 5.0))
 
 
-def test_held_out_vehicles_are_likelier_with_the_places_than_without(ring, most):
-    test = ring.track_id % 4 == 0
-    _, learned = most
-    query = ring.position[test], ring.direction[test], ring.speed[test]
-    with_places = learned.log_density(*query).mean()
-    without = learned.without_places().log_density(*query).mean()
-    assert with_places > without + 0.5
-
-
 def test_a_map_lives_in_any_cells(ring, ring_map):
     """Hexagons, nothing of which is compiled: the density is as proper as that of squares, and about as high."""
     few = ring[ring.track_id < 12]

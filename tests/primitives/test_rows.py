@@ -58,14 +58,3 @@ def test_groups_are_held_out_whole_where_there_are_three_and_none_rules():
     for too_few in (grouped(1), grouped(2), grouped(4, share_of_first=0.75)):
         by_vehicle = TrackRows.thinned(too_few, interval_s=0.2)
         np.testing.assert_array_equal(by_vehicle.group, by_vehicle.vehicle)
-
-
-def test_an_id_in_two_groups_is_two_vehicles():
-    ring = ring_traffic(np.random.default_rng(0), n_vehicles=3, n_rows=20)
-    twice = Tracks.concatenate([replace(ring, group=np.full(len(ring), group)) for group in (7, 4)])
-    rows = TrackRows.thinned(twice, interval_s=0.2)
-    assert rows.n_vehicles == 6
-    one = TrackRows.thinned(ring, interval_s=0.2)
-    assert len(rows) == 2 * len(one)
-    for vehicle in range(6):
-        np.testing.assert_array_equal(rows.position[rows.vehicle == vehicle], one.position[one.vehicle == vehicle % 3])

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from dirprim_filter import Tracks, learn_primitives, save_map
-from dirprim_filter.primitives.rows import TrackRows
 
 N = 40
 """Vehicles, of which every fourth drives to the north."""
@@ -56,9 +55,3 @@ def test_transitions_and_visits_follow_the_weights():
     of_course = np.abs(motion.course[placed] - np.pi / 2) < 0.7
     visits = motion.visits[placed]
     assert visits[of_course].sum() / visits.sum() == pytest.approx(0.5, abs=1e-9)
-
-
-def test_rows_keep_the_weights_of_their_vehicles():
-    rows = TrackRows.thinned(crossing(), interval_s=0.5, weight=np.arange(1.0, N + 1.0))
-    assert (rows.weight == rows.vehicle + 1.0).all()
-    assert (rows[rows.vehicle == 3].weight == 4.0).all()

@@ -41,14 +41,6 @@ def motion(tracks: Tracks) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 @needs_sumo
 @pytest.mark.parametrize("scene", SCENES)
-def test_time_starts_at_zero_and_ticks_at_ten_hertz(observed: dict[str, Tracks], scene: str) -> None:
-    times = np.unique(observed[scene].time_ns)
-    np.testing.assert_array_equal(times, np.arange(DURATION_S * 10).astype(np.int64) * 100_000_000)
-    assert observed[scene].track_id.dtype == np.int64
-
-
-@needs_sumo
-@pytest.mark.parametrize("scene", SCENES)
 def test_direction_and_speed_are_those_of_the_displacements(observed: dict[str, Tracks], scene: str) -> None:
     tracks = observed[scene]
     rows, following, moved = motion(tracks)

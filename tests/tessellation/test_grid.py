@@ -6,10 +6,6 @@ from hypothesis import strategies as st
 from tessellation import OUTSIDE, GridTessellation
 
 
-def scattered(seed=0, n=300):
-    return np.random.default_rng(seed).normal(0, 20, (n, 2))
-
-
 def test_outside_is_said_and_never_clipped():
     grid = GridTessellation.covering(np.array([[0.5, 0.5], [10.5, 0.5]]), cell_size=1.0)
     away = np.array([[5.5, 0.5], [-0.5, 0.5], [0.5, 1.5], [1e12, -1e12]])
@@ -21,13 +17,6 @@ def test_one_datum_makes_one_cell_that_holds_it(x, y, cell_size):
     grid = GridTessellation.covering(np.array([[x, y]]), cell_size=cell_size)
     assert grid.n_cells == 1
     assert grid.cell_of(np.array([x, y])) == 0
-
-
-def test_the_empty_grid_covers_nothing():
-    grid = GridTessellation.empty()
-    assert grid.n_cells == 0
-    assert grid.polygons() == []
-    assert (grid.cell_of(scattered()) == OUTSIDE).all()
 
 
 @pytest.mark.parametrize(

@@ -56,17 +56,6 @@ def test_the_nearest_generator_has_the_position(name, offset):
     np.testing.assert_array_equal(cells.cell_of(position), nearest(generators, position))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("n", "spread"), [(10, 30.0), (1000, 100.0), (100_000, 100.0), (100_000, 3.0)])
-def test_many_positions_agree_with_a_k_d_tree(n, spread):
-    rng = np.random.default_rng(1)
-    generators, position = rng.normal(0, spread, (n, 2)), rng.normal(0, 100, (200_000, 2))
-    cells = VoronoiTessellation.covering(position, generators=generators, reach=5.0)
-    distance, _ = cKDTree(generators).query(position)
-    own = np.linalg.norm(position - generators[cells.cell_of(position)], axis=1)
-    np.testing.assert_allclose(own, distance, rtol=1e-12)
-
-
 @given(
     st.lists(st.tuples(st.integers(-4, 4), st.integers(-4, 4)), min_size=1, max_size=40, unique=True),
     st.sampled_from([1.0, 1e-3, 1e5]),

@@ -1,9 +1,11 @@
 """One small scene for all tests of the viewer: three cells along a road to the north-east, two vehicles on it."""
 
+from collections.abc import Iterator
 from dataclasses import fields
 
 import numpy as np
 import pytest
+import rerun as rr
 
 from dirprim_filter.detections import Detections
 from dirprim_filter.distributions import Gamma, VonMisesMixture
@@ -15,6 +17,14 @@ from tessellation import GridTessellation
 START_NS = 1_700_000_000_123_456_789
 STEP_NS = 100_000_000
 N_PARTICLES = 50
+
+
+@pytest.fixture(autouse=True)
+def strict() -> Iterator[None]:
+    """Without it the SDK turns every mistake into a warning."""
+    rr.set_strict_mode(True)
+    yield
+    rr.set_strict_mode(False)
 
 
 @pytest.fixture

@@ -3,7 +3,6 @@
 import subprocess
 import sys
 from dataclasses import replace
-from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -78,24 +77,6 @@ def test_a_figure_is_whole_and_is_not_overwritten(tmp_path: Path, scene_map: Pri
     save_figure(map_figure(scene_map), path, force=True)
     assert path.read_bytes() == first  # no date, no random name
     assert [p.name for p in path.parent.iterdir()] == [name]
-
-
-def test_a_figure_that_cannot_be_drawn_leaves_what_was_there(
-    tmp_path: Path, scene_map: PrimitiveMap, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    figure = map_figure(scene_map)
-    save_figure(figure, tmp_path / "map.png")
-    before = (tmp_path / "map.png").read_bytes()
-
-    def half(part: BytesIO, **_: object) -> None:
-        part.write(b"half")
-        raise OSError("disk full")
-
-    monkeypatch.setattr(figure, "savefig", half)
-    with pytest.raises(OSError, match="disk full"):
-        save_figure(figure, tmp_path / "map.png", force=True)
-    assert (tmp_path / "map.png").read_bytes() == before
-    assert [p.name for p in tmp_path.iterdir()] == ["map.png"]
 
 
 def test_pyplot_is_never_imported() -> None:

@@ -1,12 +1,10 @@
 """Each layer of an .rrd holds what it says, where and when it says, to the nanosecond."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-import rerun as rr
 from rrd_files import rows_of
 
 from dirprim_filter.drawing import colors, shapes
@@ -19,14 +17,6 @@ from dirprim_filter.tracks import Tracks
 from dirprim_filter.viewer import marks, sink
 from dirprim_filter.viewer.sink import open_stream
 from dirprim_filter.viewer.texts import run_report
-
-
-@pytest.fixture(autouse=True)
-def strict() -> Iterator[None]:
-    """Without it the SDK turns every mistake into a warning."""
-    rr.set_strict_mode(True)
-    yield
-    rr.set_strict_mode(False)
 
 
 @pytest.fixture

@@ -62,14 +62,6 @@ def test_vehicles_that_stand_are_a_disc_and_leave_the_petals_of_the_others_as_la
     assert (rim[2, 0] != rim[2, 1]).any()
 
 
-def test_the_busy_square_holds_more_than_one_about_any_other_busy_cell(scene_map: PrimitiveMap) -> None:
-    rows = scene_map.n_rows[:-1]
-    low, high = shapes.busy_square(scene_map)
-    assert high - low == pytest.approx(10.0 * shapes.CLOSER_CELLS)
-    inside = ((scene_map.tessellation.centers >= low) & (scene_map.tessellation.centers <= high)).all(axis=1)
-    assert rows[inside].sum() == rows.sum()
-
-
 def test_where_most_of_the_traffic_is_leaves_out_who_is_far_away() -> None:
     """A thousandth of the rows lies a kilometre off; control: a tenth is shown."""
 
@@ -94,30 +86,6 @@ def test_only_a_cells_own_modes_are_drawn_the_heaviest_first(scene_map: Primitiv
     assert petals.weight == pytest.approx([1.0, 2 / 3, 1 / 3])
     assert petals.mean_speed.tolist() == [8.0, 8.0, 4.0]
     assert shapes.fastest_speed(petals) == 8.0
-
-
-def test_a_map_without_cells_has_no_petals(scene_map: PrimitiveMap) -> None:
-    petals = shapes.rose_petals(scene_map.without_places())
-    assert petals.polygon.shape[0] == 0
-    assert shapes.fastest_speed(petals) == 1.0
-    assert shapes.map_extent(scene_map.without_places()).shape == (2, 2)
-
-
-def test_fan_triangles_fill_their_polygons(scene_map: PrimitiveMap) -> None:
-    polygon = shapes.rose_petals(scene_map).polygon
-    corner = polygon.reshape(-1, 2)[shapes.fan_triangles(polygon)]
-    (ax, ay), (bx, by) = (corner[:, 1] - corner[:, 0]).T, (corner[:, 2] - corner[:, 0]).T
-    area = 0.5 * np.abs(ax * by - ay * bx)
-    assert area.reshape(len(polygon), -1).sum(axis=1) == pytest.approx([area_of(p) for p in polygon])
-
-
-def test_cell_outlines_close(scene_map: PrimitiveMap) -> None:
-    for line, polygon in zip(
-        shapes.cell_outlines(scene_map.tessellation), scene_map.tessellation.polygons(), strict=True
-    ):
-        assert (line[0] == line[-1]).all()
-        assert (line[:-1] == polygon).all()
-    assert shapes.cell_outlines(GridTessellation.empty()) == []
 
 
 @pytest.mark.parametrize("probability", [0.5, 0.9])
@@ -146,14 +114,6 @@ def test_arrows_and_outlines_point_along_the_direction() -> None:
     assert (outline[:, 0] == outline[:, -1]).all()
 
 
-def test_the_extent_holds_all_points_with_a_margin_on_every_side() -> None:
-    points = np.array([[0.0, 0.0], [100.0, 10.0]])
-    low, high = shapes.extent(points)
-    assert (low <= points.min(axis=0) - 5.0).all()
-    assert (high >= points.max(axis=0) + 5.0).all()
-    assert np.ptp(shapes.extent(np.empty((0, 2))), axis=0).tolist() == [20.0, 20.0]
-
-
 def test_a_map_without_traffic_is_shown_whole(scene_map: PrimitiveMap) -> None:
     for quiet in (scene_map.without_places(), replace(scene_map, n_rows=np.zeros(4, np.int64))):
         assert (shapes.map_extent(quiet, share=0.5) == shapes.map_extent(quiet)).all()
@@ -175,7 +135,3 @@ def test_a_petal_bends_as_its_mode_does_and_keeps_its_area(scene_map: PrimitiveM
     assert np.arctan2(*away[::-1]) - np.arctan2(*ahead[::-1]) == pytest.approx(half_turn)
     assert np.hypot(*away) == pytest.approx(length[tip] * np.sin(half_turn) / half_turn)
     assert area_of(bent) == pytest.approx(area_of(straight), rel=0.05)
-
-
-def test_the_reach_of_a_covariance_is_its_longest_deviation() -> None:
-    assert shapes.reach(COVARIANCE) == pytest.approx(np.sqrt(np.linalg.eigvalsh(COVARIANCE)[-1]))

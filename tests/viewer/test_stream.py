@@ -1,7 +1,5 @@
 """What was sent to an .rrd file is what comes back, at the log's own times; files are whole or not there."""
 
-import logging
-import os
 import signal
 import socket
 import subprocess
@@ -12,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import rerun as rr
 from rerun.chunk import RrdReader
 from rrd_files import rows_of
 
@@ -22,14 +19,6 @@ from dirprim_filter.viewer import process as viewer_room
 from dirprim_filter.viewer import stream
 from dirprim_filter.viewer.sink import open_stream
 from dirprim_filter.viewer.stream import TIMELINE
-
-
-@pytest.fixture(autouse=True)
-def strict() -> Iterator[None]:
-    """Without it the SDK turns every mistake into a warning."""
-    rr.set_strict_mode(True)
-    yield
-    rr.set_strict_mode(False)
 
 
 def write_all(path: Path, frames: list[TrackedFrame], primitives: PrimitiveMap, **options: int) -> Path:
@@ -63,34 +52,6 @@ def test_the_same_file_has_the_same_identity_in_every_run(tmp_path: Path, scene_
 
     assert identity("a.rrd") == identity("a.rrd")
     assert identity("a.rrd") != identity("b.rrd")
-
-
-def test_an_existing_file_is_kept_unless_forced(tmp_path: Path, scene_map: PrimitiveMap) -> None:
-    path = tmp_path / "run.rrd"
-    path.write_bytes(b"precious")
-    with pytest.raises(FileExistsError, match=r"run\.rrd: expected a new file, it exists; .*--force"):
-        open_stream(save=path)
-    assert path.read_bytes() == b"precious"
-    write_all(path, [], scene_map, force=True)
-    assert len(RrdReader(path).recordings()) == 1
-    assert [p.name for p in tmp_path.iterdir()] == ["run.rrd"]
-
-
-def test_after_an_error_the_file_keeps_its_temporary_name_and_reads(
-    tmp_path: Path, scene_frames: list[TrackedFrame], caplog: pytest.LogCaptureFixture
-) -> None:
-    def fail() -> None:
-        with open_stream(save=tmp_path / "run.rrd") as sink:
-            sink.write(scene_frames[0])
-            raise RuntimeError("the filter broke")
-
-    with caplog.at_level(logging.WARNING), pytest.raises(RuntimeError, match="the filter broke"):
-        fail()
-    (left,) = tmp_path.iterdir()
-    assert left.name == f"run.rrd.{os.getpid()}.partial"
-    assert f"{left}: holds what was written" in caplog.text
-    left.rename(tmp_path / "left.rrd")
-    assert len(rows_of(tmp_path / "left.rrd", "/detections", "Points3D:positions")) == 1
 
 
 def test_ctrl_c_leaves_a_whole_file(tmp_path: Path, scene_frames: list[TrackedFrame]) -> None:
