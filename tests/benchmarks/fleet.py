@@ -1,8 +1,7 @@
-"""What a store costs, by the path that users take, and what a half-life is worth where a street turns around.
+"""What a store costs, by the path that users take.
 
 Decides: that rows are kept as they are, encoded as in `store.rows` (the peers are Delta's own writer, and positions of
-1 cm), that learning holds a sample of a block (`store.sampling`), and that age is a weight. The peers of the latter are
-all days alike, and the last day alone.
+1 cm), and that learning holds a sample of a block (`store.sampling`).
 
     python tests/benchmarks/fleet.py size [LOG...]
     python tests/benchmarks/fleet.py columns 10000000
@@ -10,7 +9,6 @@ all days alike, and the last day alone.
     python tests/benchmarks/fleet.py learn 100000000 [--workers 2]
     python tests/benchmarks/fleet.py known 10000    (STORE=s3://bucket/store for another place)
     python tests/benchmarks/fleet.py rounding
-    python tests/benchmarks/fleet.py turned [--vehicles 6] [--seeds 3]
 """
 
 from __future__ import annotations
@@ -43,8 +41,6 @@ TO_LEARN = {"distinct": 32, "side": 4}
 """Recordings that differ, and places in a row, where learning is measured, which reads whatever is there."""
 PLACE_M, ANYWHERE_M = 2048.0, 512.0
 """Between the middles of blocks with a place; and a place lies anywhere in its block, at most so far east and north."""
-DAY_NS = 86_400 * 10**9
-STREETS = {"turned": 0.0, "one way": 150.0, "both ways": 300.0}
 
 
 def most_mib(who: int = resource.RUSAGE_SELF) -> float:
@@ -217,66 +213,16 @@ def rounding() -> None:
                 print(f"{scene}, {tessellation}: {density[0]:.3f} nat, of a store {density[1]:.3f}; {size:.2f} bytes")
 
 
-def street_of(day: int, rng: np.random.Generator, n_vehicles: int, back: dict[str, float]) -> Tracks:
-    """A day of three streets of 80 m; `back` is the share that drives to the west."""
-    t, parts = np.arange(0.0, 8.0, 0.2), []
-    for k, (name, north) in enumerate(STREETS.items()):
-        turned, speed = rng.random(n_vehicles) < back[name], rng.uniform(8.0, 10.0, n_vehicles)
-        way = speed[:, None] * t
-        east = np.where(turned[:, None], 80.0 - way, way)
-        side = north + np.where(turned, 4.0, 0.0) + rng.normal(0.0, 0.3, n_vehicles)
-        parts.append(Tracks(
-            track_id=k * n_vehicles + np.repeat(np.arange(n_vehicles), t.size),
-            time_ns=np.tile((np.round(t * 10) * 1e8).astype(np.int64), n_vehicles)
-            + np.repeat(np.arange(n_vehicles), t.size) * 10 * 10**9 + day * DAY_NS,
-            position=np.column_stack([east.ravel(), np.repeat(side, t.size)]),
-            direction=np.repeat(np.where(turned, np.pi, 0.0), t.size), speed=np.repeat(speed, t.size),
-        ))  # fmt: skip
-    return Tracks.concatenate(parts)
-
-
-def turned(n_vehicles: int, n_seeds: int) -> None:
-    """Of 60 days and 10 since a one-way street turned around, what maps know of the ten days to come."""
-    before = {"turned": 0.0, "one way": 0.0, "both ways": 0.4}
-    since = before | {"turned": 1.0}
-    score: dict[str, list[list[float]]] = {"half-life of ten days": [], "all days alike": [], "the last day alone": []}
-    for seed in range(n_seeds):
-        rng = np.random.default_rng(seed)
-        days = [street_of(day, rng, n_vehicles, before if day < 60 else since) for day in range(80)]
-        test = Tracks.concatenate([replace(day, track_id=day.track_id + 10_000 * i) for i, day in enumerate(days[70:])])
-        with tempfile.TemporaryDirectory() as folder:
-            store = Store.create(Path(folder) / "store", StoreConfig(), "map")
-            last = Store.create(Path(folder) / "last", StoreConfig(), "map")
-            for i, day in enumerate(days[:70]):
-                for into in (store, last) if i == 69 else (store,):
-                    files = into.write(Rows.of(day), log=f"/{i}", mark="0", status="whole")
-                    into.commit(lambda _, files=files: (files, []))
-            for name, of, half_life_s in zip(score, (store, store, last), (864_000.0, None, None), strict=True):
-                learned = learn_from_store(of, half_life_s=half_life_s).primitive_map
-                density = learned.log_density(test.position, test.direction, test.speed)
-                places = [np.abs(test.position[:, 1] - north - 2.0) < 10.0 for north in STREETS.values()]
-                score[name].append([float(density[place].mean()) for place in places])
-    for name, found in score.items():
-        print(
-            f"{name}: "
-            + ", ".join(f"{street} {d:.2f}" for street, d in zip(STREETS, np.mean(found, axis=0), strict=True))
-        )
-
-
 if __name__ == "__main__":
     parser = argparse.ArgumentParser()
-    parser.add_argument("what", choices=("size", "columns", "logs", "learn", "known", "rounding", "turned"))
+    parser.add_argument("what", choices=("size", "columns", "logs", "learn", "known", "rounding"))
     parser.add_argument("of", nargs="*")
     parser.add_argument("--workers", type=int, default=1)
-    parser.add_argument("--vehicles", type=int, default=6)
-    parser.add_argument("--seeds", type=int, default=3)
     given = parser.parse_args()
     if given.what == "size":
         size(given.of)
     elif given.what == "learn":
         learn(int(given.of[0]), given.workers)
-    elif given.what == "turned":
-        turned(given.vehicles, given.seeds)
     elif given.what == "rounding":
         rounding()
     else:

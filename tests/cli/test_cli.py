@@ -178,19 +178,6 @@ def test_simulate_writes_what_the_demo_reads(here):
 
 
 @pytest.mark.slow
-def test_a_real_junction_from_table_to_estimates(here):
-    assert dirprim("convert -o truth.mcap", Path(__file__).parents[1] / "data" / "junction.csv") == DONE
-    truth = read_tracks("truth.mcap")
-    some = np.isin(truth.track_id, np.unique(truth.track_id)[::20])
-    csv_of(truth[some], "noisy.csv", noise_m=0.5)
-    assert dirprim("learn truth.mcap -o own.mcap --set group=15 --tessellation grid") == DONE
-    assert dirprim("track noisy.csv --map own.mcap -o out.mcap --set clutter_density=1e-9") == DONE
-    result = report(read_estimates("out.mcap"), truth[some])
-    assert result.reported == 1.0  # every vehicle, at every time
-    assert result.rmse < 0.5 * np.sqrt(2)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     [

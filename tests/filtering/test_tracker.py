@@ -317,36 +317,6 @@ def test_out_of_sight_a_vehicle_is_the_same_whenever_others_are_seen(ring_map, f
     assert at_the_end([]) == at_the_end([0.93, 1.0, 1.777, 2.95]) == at_the_end([2.999999999])
 
 
-def test_beliefs_without_any_weight_are_reinitialised_at_once_and_counted(ring_map):
-    _, tracker = track(ring_map, round_the_ring("a", 0.1 * np.arange(5)))
-    tracker._filter.belief.cloud.position[tracker._roster.slots_of(["a"])] = np.inf
-    found = tracker.step(one("a", 0.5, *on_the_ring(0.5)))
-    assert tracker.recoveries == 1
-    for f in fields(found)[1:]:
-        assert np.isfinite(getattr(found, f.name)).all()
-    assert np.abs(found.position - on_the_ring(0.5)).max() < 1.0
-
-
-@on_either_filter
-def test_what_a_sensor_knows_of_motion_and_of_its_errors_sharpens_the_belief(ring_map, filter_of):
-    times = 0.1 * np.arange(3)
-    course, n = 0.4 * times + np.pi / 2, times.size
-
-    def spread(**known):
-        path = np.array([on_the_ring(t) for t in times])
-        seen = Detections(track_id=["a"] * n, time_ns=(times * 1e9).astype(int), position=path, **known)
-        found, _ = track(ring_map, seen.frames(), filter_of=filter_of, seed=3, n_particles=2000)
-        return found.speed_std[-1], np.trace(found.covariance[-1])
-
-    blind = spread()
-    knows_motion = spread(direction=course, speed=np.full(n, 8.0))
-    knows_errors = spread(covariance=np.tile(0.01 * np.eye(2), (n, 1, 1)))
-    assert (knows_motion[0] < 0.7 * blind[0]) == (filter_of == "particles")  # the Kalman filters take positions alone
-    assert knows_errors[1] < 0.3 * blind[1]
-    turned_round = spread(direction=course + np.pi, speed=np.full(n, 8.0))
-    assert np.isfinite(turned_round).all()
-
-
 def coverage(primitive_map, stated_noise_m, *, n_vehicles, seed):
     """Shares of the true positions in the ellipses that should hold 0.5 and 0.9, from the second second on."""
     rng = np.random.default_rng(seed)

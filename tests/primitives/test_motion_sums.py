@@ -104,23 +104,3 @@ def test_regressions_are_numpys_least_squares_of_the_same_rows():
         also = np.concatenate([root * y[rows], np.zeros(p)])
         np.testing.assert_allclose(leaning[z], np.linalg.lstsq(augmented, also)[0], rtol=1e-9)
         assert not np.allclose(leaning[z], beta, rtol=1e-3)
-
-
-def test_the_course_of_a_manoeuvre_is_numpys_least_squares_of_its_instants(counted):
-    """Each visit counts once, however long it lasts, and who creeps says little of the course."""
-    learned, visits, labels, (of_all, *_) = counted
-    z = int(np.argmax(of_all.visits))
-    of_instant = visits.of_instant
-    rows = labels.label[of_instant] == z
-    cell, mode = labels.cell[z], labels.mode[z]
-    weight = np.clip(visits.speed[rows], 0.02, 1.0) / (visits.end - visits.begin)[of_instant[rows]]
-    offset = visits.position[rows] - learned.centers[cell]
-    x = np.column_stack([np.ones(rows.sum()), offset])
-    said = learned.direction.mean_direction[cell, mode] + offset @ learned.bend[cell, mode]
-    y = np.angle(np.exp(1j * (visits.course[rows] - said)))
-    root = np.sqrt(weight)
-    ridge = np.array([0.3, 3.0, 3.0])
-    beta = np.linalg.lstsq(
-        np.vstack([root[:, None] * x, np.diag(np.sqrt(ridge))]), np.concatenate([root * y, np.zeros(3)])
-    )[0]
-    np.testing.assert_allclose(of_all.course.solved(ridge)[z], beta, rtol=1e-7, atol=1e-10)

@@ -57,19 +57,6 @@ def test_rows_at_2_hz_pass_the_cells_that_rows_at_10_hz_pass():
     assert (np.diff(passed) != 0).sum() + 1 < (of_seldom.vehicle[of_seldom.begin] == 0).sum()  # rows alone miss some
 
 
-def test_instants_of_rows_are_the_rows():
-    tracks = ring_traffic(np.random.default_rng(5), n_vehicles=6, n_rows=30)
-    rows = rows_of_tracks(tracks)
-    visits = Visits.of(rows, squares_of(tracks, side=5.0))
-    np.testing.assert_allclose(visits.position, rows.position, atol=1e-6)
-    np.testing.assert_allclose(np.exp(1j * visits.course), np.exp(1j * rows.direction), atol=1e-6)
-    np.testing.assert_allclose(visits.speed, rows.speed)
-    assert (visits.end[-1], visits.begin[0]) == (len(rows), 0)
-    np.testing.assert_array_equal(visits.begin[1:], visits.end[:-1])
-    cell = squares_of(tracks, side=5.0).cell_of(visits.position)
-    np.testing.assert_array_equal(visits.cell[visits.of_instant], cell)
-
-
 def test_between_rows_instants_are_on_splines_and_rows_alone_say_nothing():
     """Vehicles in segments, of which one is a single row, with rows at odd times; instants go no further than rows."""
     rng = np.random.default_rng(6)

@@ -4,7 +4,7 @@ import struct
 
 import pytest
 from mcap.writer import CompressionType
-from mcap_files import CHUNK, DATA, log_bytes, records
+from mcap_files import DATA, log_bytes
 
 from dirprim_filter.recording.errors import DamagedRecordingError
 from dirprim_filter.recording.reader import read_tracks
@@ -39,10 +39,6 @@ def read(tmp_path, data):
     return got, [damage.kind for damage in log.damage], log.damage
 
 
-def chunks(data):
-    return [(start, end) for opcode, start, end in records(data) if opcode == CHUNK]
-
-
 @pytest.mark.parametrize("name", DAMAGED)
 def test_real_log_broken_on_purpose(name):
     path = DATA / "mcap_damaged" / f"{name}.mcap"
@@ -67,45 +63,6 @@ def test_a_log_cut_anywhere_delivers_all_that_stands_before_the_cut(tmp_path, ch
         whole = sum(at + 16 + len(m[2]) <= cut for at, m in zip(in_order, SENT, strict=True))
         assert got == SENT[:whole]
         assert kinds in (["truncated"], ["magic"])
-
-
-def flip(data, at, bits=1):
-    data[at] ^= bits
-
-
-def claim(data, behind, number, chunk=slice(None)):
-    """Each chunk's own field, so many bytes behind its start, says another number."""
-    for start, _ in chunks(data)[chunk]:
-        struct.pack_into("<Q", data, start + behind, number)
-
-
-def undefine(data):
-    """Another id for /topic1's channel, in the data and in the summary, of which the checksum breaks."""
-    channel = struct.pack("<HH", 2, 1)
-    for at in (data.index(channel), data.rindex(channel)):
-        data[at] = 9
-
-
-BARE = {"use_chunking": False, "enable_data_crcs": True}
-HARMS = {  # how the log is laid out, what is done to it, the damage, and messages lost
-    "a start that is too late": ({}, lambda data: claim(data, 9, 150_000, slice(3)), {"chunk_times"}, [0]),
-    "a channel defined nowhere": ({"use_chunking": False}, undefine, {"summary", "unknown_channel"}, [67]),
-    "a flip in a bare message": (BARE, lambda data: flip(data, data.index(b"199" * 9)), {"data_crc"}, [1]),
-}
-
-
-@pytest.mark.parametrize("name", HARMS)
-def test_each_harm_costs_what_it_hit_and_is_reported_once(tmp_path, name):
-    layout, harm, expected, n_lost = HARMS[name]
-    data = bytearray(log_bytes(SENT, **{"chunk_size": 1000, **layout}))
-    harm(data)
-    got, kinds, damage = read(tmp_path, data)
-    lost = [m for m in SENT if m not in got]
-    assert set(kinds) <= expected
-    assert len(lost) in n_lost
-    if name != "a flip in a bare message":  # which comes, and is another
-        assert [m for m in SENT if m in got] == got
-        assert sum(one.messages or 0 for one in damage) in (len(lost), 0)
 
 
 def test_what_no_checksum_vouches_for_renames_no_topic(tmp_path):

@@ -1,10 +1,6 @@
 """What `EstimateWriter` writes: the estimates exactly, and scenes that say the same to the eye."""
 
-import os
-import subprocess
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,11 +12,10 @@ from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.recording import read_estimates, save_map
+from dirprim_filter.recording import read_estimates
 from dirprim_filter.recording.errors import NoTracksError
 from dirprim_filter.recording.schemas.dirprim import decode_estimates, encode_estimates
-from dirprim_filter.recording.writer import EstimateWriter, write_tracks
-from dirprim_filter.tracks import Tracks
+from dirprim_filter.recording.writer import EstimateWriter
 from tessellation import GridTessellation
 
 COLUMNS = (
@@ -117,29 +112,6 @@ def test_broken_estimates_are_refused():
     message.speed[2] = np.nan
     with pytest.raises(DecodeError, match="speed: expected finite"):
         decode_estimates(message.SerializeToString())
-
-
-def test_rerun_converts_what_we_write(estimate_log, tmp_path):
-    """An independent reader: rerun turns each message into columns, and checks them."""
-    rerun = Path(sys.executable).with_name("rerun")
-    if not rerun.exists():
-        pytest.skip("the rerun program is not beside this Python")
-    rng = np.random.default_rng(0)
-    tracks = Tracks(
-        track_id=np.arange(5), time_ns=np.arange(5) // 2 * 10**8, position=rng.normal(size=(5, 2)),
-        direction=rng.normal(size=5), speed=rng.random(5),
-    )  # fmt: skip
-    write_tracks(tracks, tmp_path / "tracks.mcap", detections=Detections.of(tracks))
-    save_map(a_map(), tmp_path / "map.mcap")
-    environment = os.environ | {"HOME": str(tmp_path), "XDG_RUNTIME_DIR": str(tmp_path)}
-    for source in (estimate_log, tmp_path / "tracks.mcap", tmp_path / "map.mcap"):
-        made = tmp_path / f"{source.stem}.rrd"
-        for arguments in (["mcap", "convert", source, "-o", made], ["rrd", "verify", made]):
-            done = subprocess.run(
-                [rerun, *arguments], env=environment, capture_output=True, text=True, timeout=120, check=False
-            )
-            assert done.returncode == 0, done.stderr
-        assert made.stat().st_size > 1000
 
 
 def test_what_fails_while_a_frame_is_written_is_raised_by_the_next_call_or_at_the_end(tmp_path):

@@ -145,20 +145,6 @@ def test_chunks_that_overlap_are_merged_in_memory_and_on_disk(tmp_path, monkeypa
     assert sorted(m.data for _, part in log.parts() for m in part.messages()) == sorted(data for _, _, data in sent)
 
 
-def test_a_log_of_one_time_stays_in_the_order_of_the_file_without_being_held(tmp_path, monkeypatch):
-    sent = [("/a", 7, i.to_bytes(40, "big")) for i in range(2000)]
-    path = tmp_path / "log.mcap"
-    path.write_bytes(log_bytes(sent, chunk_size=1000))
-    log = scan(path)
-    opened = []
-    read = log_file.read_contents
-    monkeypatch.setattr(log_file, "read_contents", lambda file, chunk: opened.append(chunk) or read(file, chunk))
-    messages = iter(log)
-    first = [next(messages) for _ in range(20)]
-    assert len(opened) <= 4
-    assert [m.data for m in first] + [m.data for m in messages] == [row[2] for row in sent]
-
-
 @pytest.mark.slow
 def test_memory_stays_bounded_when_everything_overlaps(tmp_path):
     """100 MB of contents, every chunk over the whole time: a process of its own stays within 70 MB more."""

@@ -99,23 +99,6 @@ def test_each_frame_comes_when_its_time_has_come(rate):
     np.testing.assert_allclose(came, expected, atol=1e-9)
 
 
-def standing(n=100):
-    """A vehicle that never moves."""
-    zero = np.zeros(n)
-    return Tracks(
-        track_id=zero.astype(np.int64), time_ns=np.arange(n) * STEP_NS, position=np.zeros((n, 2)), direction=zero,
-        speed=zero,
-    )  # fmt: skip
-
-
-def test_a_vehicle_that_stands_is_shown(tmp_path, capsys):
-    """As is seen of it, its places are without error, and it has no course."""
-    write_tracks(standing(), tmp_path / "log.mcap")
-    options = ["--rate", "inf", "--save", str(tmp_path / "log.rrd")]
-    assert run(["replay", str(tmp_path / "log.mcap"), *options]) == 0
-    assert "100 frames of /objects" in capsys.readouterr().out
-
-
 def test_the_command_writes_what_rerun_reads(tracked, tmp_path, capsys):
     rrd = tmp_path / "played.rrd"
     assert run(["replay", str(tracked), "--rate", "inf", "--start", f"{10 * STEP_NS}ns", "--save", str(rrd)]) == 0

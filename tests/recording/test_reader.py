@@ -6,7 +6,6 @@ import logging
 import numpy as np
 import pytest
 from foxglove_schemas_protobuf.Grid_pb2 import Grid
-from google.protobuf import descriptor_pool
 from mcap.reader import make_reader
 from mcap_files import DATA, scene, write_protobuf_log
 from mcap_protobuf.decoder import DecoderFactory
@@ -179,12 +178,6 @@ def test_a_log_without_objects_says_what_it_has_and_what_was_looked_for(tmp_path
         read_tracks(path, topics="(")
 
 
-def test_reading_osi_leaves_the_default_descriptor_pool_alone():
-    read_tracks(osi_log("disappearingVehicle"))
-    with pytest.raises(KeyError):
-        descriptor_pool.Default().FindMessageTypeByName("osi3.SensorView")
-
-
 def test_inspect_counts_what_the_stock_reader_counts():
     path = osi_log("omega_prime/osi_centerline_example")
     summary = inspect(path).as_json()
@@ -208,18 +201,6 @@ def test_inspect_counts_what_the_stock_reader_counts():
         "attachments": [],
         "metadata": [],
     }  # fmt: skip
-
-
-def test_inspect_tells_tracks_only_of_schemas_that_carry_them_and_damage(tmp_path):
-    path = write_protobuf_log(tmp_path / "log.mcap", [*circling(n=5), ("/floor", 1, Grid())])
-    path.write_bytes(path.read_bytes()[:-8])
-    summary = inspect(path)
-    assert [(topic.name, topic.messages, topic.tracks) for topic in summary.topics] == [
-        ("/floor", 1, None), ("/markers", 5, 1),
-    ]  # fmt: skip
-    assert [damage["kind"] for damage in summary.as_json()["damage"]] == ["magic"]
-    empty = inspect(write_protobuf_log(tmp_path / "empty.mcap", []))
-    assert (empty.topics, empty.messages, empty.start_ns, empty.end_ns) == ((), 0, None, None)
 
 
 def test_which_of_several_topics_has_most_messages_is_known_without_reading_them(tmp_path, monkeypatch):

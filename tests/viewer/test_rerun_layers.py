@@ -105,17 +105,6 @@ def test_an_ellipse_has_the_half_axes_of_its_covariance(
     assert rebuilt == pytest.approx(matrix, rel=1e-5)
 
 
-def test_so_many_particles_are_shown_of_each_vehicle_in_the_colour_of_their_direction(
-    tmp_path: Path, scene_map: PrimitiveMap, scene_frames: list[TrackedFrame]
-) -> None:
-    path, drawn = write(tmp_path / "run.rrd", scene_frames[:1], scene_map, n_particles=7), scene_frames[0].particles
-    ((_, place),) = rows_of(path, "/tracks/particles", "Points3D:positions")
-    assert (place[:, :2] == drawn.position[::7].astype(np.float32)).all()
-    ((_, packed),) = rows_of(path, "/tracks/particles", "Points3D:colors")
-    expected = colors.direction_color(drawn.direction[::7])
-    assert packed.tolist() == (expected.astype(np.int64) @ np.array([1 << 24, 1 << 16, 1 << 8, 1])).tolist()
-
-
 def test_the_map_is_static_and_its_petals_are_those_of_the_shapes(tmp_path: Path, scene_map: PrimitiveMap) -> None:
     path = write(tmp_path / "map.rrd", [], scene_map)
     ((time_ns, vertices),) = rows_of(path, "/map/roses", "Mesh3D:vertex_positions")
