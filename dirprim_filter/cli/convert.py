@@ -70,6 +70,8 @@ def convert(
     }  # fmt: skip
     with working(f"reading {source.name}"):
         table = _read(source, known, {name: value for name, value in options.items() if value is not None})
+    if table.too_early:
+        raise table.too_early
     said = provenance(
         "convert", inputs=[source], format=known, metres_per_pixel=metres_per_pixel,
         frames_per_second=frames_per_second, columns=columns, origin=origin,

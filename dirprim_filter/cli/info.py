@@ -38,16 +38,20 @@ def info(
 ) -> int:
     """Say what is in logs: topics, tracks, times, damage.
 
-    Columns in implausible units are named too. If a log of more than 32 MiB has an index, only the index is read,
-    unless --check or an option of reading other than --topics is given.
+    Columns in implausible units are named too, and those of a table that are not used. If a log of more than 32 MiB has
+    an index, only the index is read, unless --check or an option of reading other than --topics is given.
 
     Example: dirprim info recordings/roundabout_track.mcap
     """
+    from dirprim_filter.recording.name_patterns import is_table
     from dirprim_filter.recording.summary import summarise_by_index
 
     by_index = not check and reading.given.keys() <= {"topics"}
     worst = exit_codes.DONE
     for path in logs:
+        if is_table(path):
+            worst = max(worst, _table(path, reading, as_json=as_json))
+            continue
         faults: list[str] = []
         summary = summarise_by_index(path, topics=reading.given.get("topics")) if by_index else None
         if summary is None:
@@ -58,6 +62,24 @@ def info(
             say(f"{path}: {counted(summary.messages, 'message')}{_span(summary)}", *_lines(summary, faults))
         worst = max(worst, exit_codes.INPUT_LOST if summary.damage else exit_codes.DONE)
     return worst
+
+
+def _table(path: Path, reading: Reading, *, as_json: bool) -> int:
+    """The same of a table, whose rows are what a log's messages are; 3 where some cannot be used."""
+    from dirprim_filter.faults import find_faults
+    from dirprim_filter.recording.tables.named_columns import read_table, summary_of
+
+    table = read_table(path, reading.options())
+    summary, faults = summary_of(table), find_faults(table.tracks)
+    faults += [f"left out {table.losses}"] if table.losses.dropped else []
+    if as_json:
+        columns_of = {"columns": list(table.used), "unused": list(table.unused)}
+        typer.echo(json.dumps(summary.as_json() | columns_of | {"faults": faults}))
+    else:
+        used, unused = ", ".join(table.used), f"; not used: {', '.join(table.unused)}" * bool(table.unused)
+        say(f"{path}: {counted(summary.messages, 'row')}{_span(summary)}", f"  columns: {used}{unused}",
+            *_lines(summary, faults, of_table=True))  # fmt: skip
+    return exit_codes.of_losses(table.losses)
 
 
 def _whole(path: Path, reading: Reading) -> tuple[LogSummary, list[str]]:
@@ -79,7 +101,7 @@ def _whole(path: Path, reading: Reading) -> tuple[LogSummary, list[str]]:
             return summary, []
 
 
-def _lines(summary: LogSummary, faults: list[str]) -> list[str]:
+def _lines(summary: LogSummary, faults: list[str], *, of_table: bool = False) -> list[str]:
     from dirprim_filter.recording.container.errors import unread_encodings
 
     lines = []
@@ -89,8 +111,8 @@ def _lines(summary: LogSummary, faults: list[str]) -> list[str]:
         [t.name, t.schema or "-", t.encoding or "-", str(t.messages), "-" if t.tracks is None else str(t.tracks)]
         for t in summary.topics
     ]
-    lines += columns([["topic", "schema", "encoding", "messages", "tracks"], *rows], n_left=3)
-    if summary.is_checked:
+    lines += columns([["topic", "schema", "encoding", "rows" if of_table else "messages", "tracks"], *rows], n_left=3)
+    if summary.is_checked and not of_table:
         carrying = ", ".join(t.name for t in summary.topics if t.tracks)
         way = unread_encodings(t.encoding for t in summary.topics if t.encoding)
         none = f"no topic carries tracks; {way or '--set fields=... says where the objects of an unknown schema are'}"

@@ -1,9 +1,19 @@
-"""Names, such as those of topics: one by one, by a regular expression, or each with what it stands for."""
+"""Names of topics and files: one by one, by a regular expression, by their ends, or each with what it stands for."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Collection
+from os import PathLike
+from typing import TypeGuard
+
+TABLES = (".csv", ".csv.gz", ".tsv", ".parquet", ".feather", ".arrow")
+"""Ends of the names of tables, which stand wherever a log does."""
+
+
+def is_table(source: object) -> TypeGuard[str | PathLike[str]]:
+    """Whether a source is a table, by the end of its name."""
+    return isinstance(source, str | PathLike) and str(source).lower().endswith(TABLES)
 
 
 def matching(text: str, *, of: str) -> Callable[[str], bool]:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeGuard
+from typing import TYPE_CHECKING, Any
 
 from google.protobuf.message import DecodeError as ProtobufDecodeError
 
@@ -18,6 +18,7 @@ from dirprim_filter.recording.container.log import Log, LogSource, Scan, opened
 from dirprim_filter.recording.errors import DecodeError, NoTracksError, RecordingError
 from dirprim_filter.recording.inspection import inspect
 from dirprim_filter.recording.losses import REPEATED, Losses
+from dirprim_filter.recording.name_patterns import is_table
 from dirprim_filter.recording.objects.observations import DetectionStream, Observations
 from dirprim_filter.recording.objects.options import EVERYTHING, ReadOptions, TimeSource
 from dirprim_filter.recording.objects.topics import choose_topics
@@ -32,9 +33,6 @@ from dirprim_filter.tracks import Tracks
 
 if TYPE_CHECKING:
     from dirprim_filter.recording.tables.named_columns import TableDetections
-
-TABLES = (".csv", ".csv.gz", ".tsv", ".parquet", ".feather", ".arrow")
-"""Ends of the names of tables, which stand wherever a log does."""
 
 __all__ = [
     "Damage", "DetectionStream", "FieldMapping", "LogSummary", "Losses", "Origin", "ReadOptions", "TimeSource",
@@ -86,7 +84,7 @@ def read_track_logs(
     frame = ""
     options = replace(options, **changes)
     for one in sources:
-        if _is_table(one):
+        if is_table(one):
             from dirprim_filter.recording.tables.named_columns import read_table  # noqa: PLC0415 - logs do without Arrow
 
             table = read_table(Path(one), options)
@@ -154,7 +152,7 @@ def stream_detections(
         ValueError: `topics` is neither a name nor a regular expression.
     """
     options = replace(options, **changes)
-    if _is_table(source):
+    if is_table(source):
         from dirprim_filter.recording.tables.named_columns import TableDetections  # noqa: PLC0415 - logs do without Arrow
 
         return TableDetections(Path(source), options, motion=motion)
@@ -202,8 +200,3 @@ def read_estimates(source: LogSource, *, smoothed: bool = False, topic: str | No
                     ) from error  # fmt: skip
         Losses(damage=scan.damage).log(log.path)
     return Estimates.concatenate(parts)
-
-
-def _is_table(source: object) -> TypeGuard[str | PathLike[str]]:
-    """Whether a source is a table, by the end of its name."""
-    return isinstance(source, str | PathLike) and str(source).lower().endswith(TABLES)

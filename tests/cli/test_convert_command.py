@@ -63,3 +63,24 @@ def test_a_table_goes_where_a_log_does(here, capsys):
     capsys.readouterr()
     assert dirprim("score csv.out --truth truth.csv --json") == DONE
     assert json.loads(capsys.readouterr().out)["scores"][0]["report"]["rmse"] < 1.0
+
+
+def test_info_says_of_a_table_what_it_says_of_its_log(here, capsys):
+    """Rows, vehicles, span, labels, and speeds of km/h; and which columns are used, and the row that is not."""
+    rows = [f"{k},{name},{k * 10},{north},36,car,2" for north, name in enumerate("abc") for k in range(30)]
+    Path("t.csv").write_text("\n".join(["time_s,track_id,x_m,y_m,speed_mps,label,lane", *rows]))
+    assert dirprim("convert t.csv -o t.mcap") == DONE
+    capsys.readouterr()
+    for name in ("t.csv", "t.mcap"):
+        assert dirprim(f"info {name} --json --topics /objects") == DONE
+    table, log = map(json.loads, capsys.readouterr().out.splitlines())
+    assert (table["topics"][0]["tracks"], table["messages"]) == (3, 90)
+    assert table["faults"] == log["faults"]
+    assert "are they in km/h in place of m/s" in table["faults"][0]
+    assert all(table[name] == log[name] for name in ("start_ns", "end_ns", "damage", "labels", "groups"))
+    Path("t.csv").write_text(Path("t.csv").read_text() + "\n,a,0,0,36,car,2")
+    assert dirprim("info t.csv") == INPUT_LOST
+    said = capsys.readouterr().out
+    assert said.startswith("t.csv: 90 rows, 29.0 s from 0 ns\n  columns: time_s, track_id, x_m, y_m, ")
+    assert "label; not used: lane\n" in said
+    assert "left out 1 rows a number that is missing" in said

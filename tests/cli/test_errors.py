@@ -11,7 +11,7 @@ HEAD = "time_s,track_id,x_m,y_m"
 SENSOR = "[along]\nspread_m = 0.4\n[across]\nspread_m = 0.2\n"
 FILES = {
     "no_y.csv": "time_s,track_id,x_m\n0,1,2\n", "kmh.csv": f"{HEAD},speed_kmh\n0,1,2,3,50\n",
-    "two.csv": f"{HEAD}\n0,1,two,3\n", "early.csv": f"{HEAD}\n-5,a,0,0\n-4,a,1,0\n",
+    "two.csv": f"{HEAD}\n0,1,two,3\n", "early.csv": f"{HEAD}\n0,a,2,0\n-5,a,0,0\n-5.5,a,1,0\n",
     "degrees.csv": f"{HEAD},course_rad\n0,a,0,0,270\n1,a,1,0,270\n",
     "thousand.csv": f"{HEAD},speed_mps\n0,a,0,0,1_000\n",
     "signal.csv": f"{HEAD},turn_signal\n0,a,0,0,lft\n", "no_ids.csv": "time_s,x_m,y_m\n0,1,2\n1,2,3\n",
@@ -58,7 +58,8 @@ CASES = [
     ("convert two.csv -o x", FAILED, "two.csv, line 2: expected a number as x_m, got 'two'"),
     ("convert thousand.csv -o x", FAILED, "expected a number as speed_mps, got '1_000'"),
     ("convert signal.csv -o x", FAILED, "line 2: expected left, right, none as turn_signal, got 'lft'"),
-    ("convert early.csv -o x", FAILED, "x: expected times from 0 ns on"),
+    *((f"{command} -o x", FAILED, "early.csv, line 3: expected times from 0 on, as MCAP holds no earlier ones, "
+       "got -5000000000 ns; add 6 s to all") for command in ("convert early.csv", "track early.csv --map map.mcap")),
     ("convert walks.txt -o x --format trajnet", FAILED, "expected --frames-per-second, which a table of trajnet"),
     ("convert two.csv -o x --format sumo-fcd --columns x_m=x", USAGE, "it is for csv"),
     ("score twice.csv --truth log.mcap", FAILED, "has two rows at 0 ns"),

@@ -1,5 +1,6 @@
 """Remote logs: what of them is fetched, and that they read as if they were here."""
 
+import hashlib
 import io
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 from mcap.writer import Writer
 
 from dirprim_filter import read_tracks, write_tracks
+from dirprim_filter.cli.results import checksum
 from dirprim_filter.recording.container import source
 from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.reader import read_track_logs
@@ -94,6 +96,8 @@ def test_little_more_is_fetched_than_the_chunks_that_carry_tracks(drive):
     before = Counting.fetched
     assert read_tracks(URL) == drive[0]
     assert Counting.fetched == before
+    assert checksum(URL) == hashlib.sha256(drive[1]).hexdigest()
+    assert 0 <= Counting.fetched - len(drive[1]) < source.FETCHED_BYTES  # each block once, the last to its end
 
 
 def changed(log, at, to=b"x"):

@@ -12,6 +12,7 @@ times; in place of `x_m` and `y_m`, `latitude_deg` and `longitude_deg`.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -20,14 +21,16 @@ from typing import Any
 import numpy as np
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
-from dirprim_filter.detections import Detections
+from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.primitives.cues import signalled
+from dirprim_filter.recording.decoding.field_columns import NO_TIME
 from dirprim_filter.recording.errors import RecordingError, TableError
 from dirprim_filter.recording.name_patterns import matching
 from dirprim_filter.recording.objects.options import ReadOptions
 from dirprim_filter.recording.rows import LEFT_OUT, Rows
 from dirprim_filter.recording.schemas.family import matrices
-from dirprim_filter.recording.tables.columns import Columns
+from dirprim_filter.recording.summary import LogSummary, TopicSummary
+from dirprim_filter.recording.tables.columns import NS_PER_S, Columns
 from dirprim_filter.recording.tables.files import columns_of
 from dirprim_filter.recording.tables.table import Table, table_of
 from dirprim_filter.recording.topic_names import DETECTIONS, OBJECTS
@@ -100,7 +103,17 @@ def read_named(path: str | Path, *, columns: Mapping[str, str] | None = None, or
         covariance=matrices(table.numbers(name_of[name] for name in COVARIANCE)) if errs else LEFT_OUT,
         size=np.column_stack([size.get(name, np.full(len(table), np.nan)) for name in SIZE]) if size else LEFT_OUT,
     )  # fmt: skip
-    return replace(table_of(rows, sensor=maybe("sensor", table.texts), unused=unused), origin=origin)
+    made = table_of(rows, sensor=maybe("sensor", table.texts))
+    early = _too_early(table, rows.time_ns)
+    return replace(made, used=[*name_of], unused=unused, origin=origin, too_early=early)
+
+
+def _too_early(table: Columns, time_ns: IntArray) -> TableError | None:
+    """Of the first row of a time before 1970, with the way out for all; None where there is none."""
+    if not (early := (time_ns < 0) & (time_ns != NO_TIME)).any():
+        return None
+    row, way = int(np.argmax(early)), f"add {-int(time_ns[early].min() // NS_PER_S)} s to all"
+    return table.error(row, "times from 0 on, as MCAP holds no earlier ones", f"{time_ns[row]} ns", way)
 
 
 def _cues(table: Columns, name: str) -> FloatArray:
@@ -211,6 +224,24 @@ def read_table(path: Path, options: ReadOptions) -> Table:
     return replace(table, tracks=tracks, detections=detections)
 
 
+def summary_of(table: Table) -> LogSummary:
+    """What `read_table` has read as the contents of a log, of which rows are the messages."""
+    parts = {OBJECTS: table.tracks} if len(table.tracks) or not table.detections else {}
+    sources: dict[str, Tracks | Detections] = {**parts, **table.detections}
+    label = Counter(table.labels.get(name, "") for name in table.tracks.track_id.tolist())
+    group = {topic: dict(Counter(rows.group.tolist())) for topic, rows in sources.items()}
+    times = np.concatenate([rows.time_ns for rows in sources.values()]).tolist()
+    return LogSummary(
+        topics=tuple(
+            TopicSummary(name=topic, schema="", encoding="", messages=len(rows), tracks=len({*rows.track_id} - {NO_ID}))
+            for topic, rows in sources.items()
+        ),
+        messages=len(times), start_ns=min(times, default=None), end_ns=max(times, default=None), damage=(),
+        is_checked=True, labels={OBJECTS: dict(label)} if table.labels else {},
+        groups={topic: counts for topic, counts in group.items() if len(counts) > 1}, attachments=(), metadata=(),
+    )  # fmt: skip
+
+
 class TableDetections:
     """Iterates the detections of a table as a `DetectionStream` does those of a log.
 
@@ -221,6 +252,8 @@ class TableDetections:
 
     def __init__(self, path: Path, options: ReadOptions, *, motion: bool) -> None:
         table = read_table(path, options)
+        if table.too_early:
+            raise table.too_early
         sources = dict(table.detections) or {OBJECTS: _detected(table.tracks)}
         self.topics, self.losses = frozenset(sources), table.losses
         seen = Detections.concatenate(sources.values())

@@ -12,6 +12,7 @@ from dirprim_filter.arrays import AnyArray
 from dirprim_filter.columns import is_held, known_sizes
 from dirprim_filter.detections import Detections, is_covariance
 from dirprim_filter.recording.decoding.field_columns import NO_TIME
+from dirprim_filter.recording.errors import TableError
 from dirprim_filter.recording.losses import Losses
 from dirprim_filter.recording.rows import Rows
 from dirprim_filter.recording.transforms.geodesy import FARTHEST_M, Origin
@@ -29,7 +30,9 @@ class Table:
             sensor; the name is empty where the table has none.
         losses: how many rows were left out, by reason; and what was put right without a loss.
         labels: what each vehicle is, by its id; of those that the table gives a label.
-        unused: the columns of which nothing was read.
+        used: the columns that were read, by our names for them.
+        unused: those of which nothing was read.
+        too_early: of the first row of a time before 1970, to be raised where a log is to be made of the rows.
         origin: of the plane, where places were latitudes and longitudes.
     """
 
@@ -37,17 +40,13 @@ class Table:
     detections: Mapping[str, Detections] = field(default_factory=dict)
     losses: Losses = field(default_factory=Losses)
     labels: Mapping[int | str, str] = field(default_factory=dict)
+    used: Sequence[str] = ()
     unused: Sequence[str] = ()
+    too_early: TableError | None = None
     origin: Origin | None = None
 
 
-def table_of(
-    rows: Rows,
-    *,
-    sensor: AnyArray | None = None,
-    losses: Losses | None = None,
-    unused: Sequence[str] = (),
-) -> Table:
+def table_of(rows: Rows, *, sensor: AnyArray | None = None, losses: Losses | None = None) -> Table:
     """The table of rows: bad ones dropped and counted, times in order, ids unique.
 
     Dropped are rows whose time or position is missing or beyond `FARTHEST_M`, with an infinite number, with a negative
@@ -60,7 +59,6 @@ def table_of(
         rows: as they were read, with `names`, bad ones among them.
         sensor: (n,) str, what detected it; None where the table has none.
         losses: what the reader left out, or put right, before.
-        unused: the columns of which nothing was read.
     """
     losses = losses or Losses()
     finite = (rows.time_ns != NO_TIME) & (np.abs(rows.position) <= FARTHEST_M).all(axis=1)
@@ -88,7 +86,7 @@ def table_of(
     are_tracks = len(tracks) and (good == is_named).all() and np.isnan(rows.cue).all()
     seen = good & (not are_tracks)
     detections = _detections(rows[seen], np.full(len(rows), "")[seen] if sensor is None else sensor[seen])
-    return Table(tracks=tracks, detections=detections, losses=losses, labels=labels, unused=unused)
+    return Table(tracks=tracks, detections=detections, losses=losses, labels=labels)
 
 
 def _detections(rows: Rows, sensor: AnyArray) -> dict[str, Detections]:
