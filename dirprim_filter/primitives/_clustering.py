@@ -17,14 +17,10 @@ OPENING_PASSES = 2
 
 @njit(nogil=True, **COMPILED)
 def dp_means(feature: FloatArray, order: IntArray, opens_at: float, most: int, label: IntArray) -> None:
-    """Group visits by what is known of them.
+    """Fill `label` (n,) with the groups of visits, at most so many, some of them empty.
 
-    Args:
-        feature: (n, f), NaN where not known.
-        order: (n,) in which visits are looked at.
-        opens_at: squared distance, mean over the known features, from which on a visit opens a group.
-        most: groups.
-        label: (n,) is filled with the number of each visit's group; groups may be empty.
+    Features are (n, f), NaN where not known; visits are looked at in this order. From the squared distance `opens_at`
+    on, a mean over the known features, a visit opens a group.
     """
     f = feature.shape[1]
     total, known = np.zeros((most, f)), np.zeros((most, f))

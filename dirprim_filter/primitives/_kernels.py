@@ -60,16 +60,9 @@ def fit_cells_at_once(
     last: int,
     out: FloatArray,
 ) -> None:
-    """Direction and speed together, modes by BIC, of the cells from `first` to `last`.
+    """Fill `out`, an `empty_table`, for the cells from `first` up to `last` that have rows of any weight.
 
-    Args:
-        columns: (N_COLUMNS, n) what stands for the rows, sorted by cell.
-        start: (n_cells + 1,) cell c has those from start[c] to start[c + 1].
-        n_vehicles: (n_cells,) the vehicles they are of.
-        bounds: priors and bounds.
-        first: the first cell to fit.
-        last: the one after the last.
-        out: (n_cells, max_modes, N_CURVED) `empty_table`; filled where a cell has rows of any weight.
+    Columns and starts are those of `fitting.columns_of`.
     """
     for c in range(first, last):
         fit_at_once(columns, start[c], start[c + 1] - start[c], n_vehicles[c], bounds, out[c])

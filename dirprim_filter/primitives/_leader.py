@@ -55,13 +55,8 @@ def behind(
 ) -> None:  # fmt: skip
     """Fills (n, 3): metres to each particle's leader, from centre to centre, `NO_LEADER` if none, its speed, and which.
 
-    Args:
-        others: (n, m, 4) place, direction and speed of all vehicles in the scene of each particle; or (1, m, 4).
-        own: the index of the particles' own vehicle, -1 for none.
-        position: (n, 2) metres.
-        direction: (n,) radians.
-        curvature: (n,) 1/m, of the arc that each is about to drive.
-        seen: to be filled.
+    `others` are place, direction and speed of all vehicles in each particle's scene, (n, m, 4), or in that of all,
+    (1, m, 4); number `own` is the particles' own vehicle. `curvature` is of the arc that each is about to drive.
     """
     one_scene = len(others) == 1
     for p in range(direction.size):
@@ -83,13 +78,7 @@ def behind(
 
 @njit(cache=True, nogil=True)
 def ahead_of_each(state: FloatArray, first: IntArray, seen: FloatArray) -> None:
-    """Fills (n, 3), see `behind`: the leader, straight on, of each vehicle of each instant.
-
-    Args:
-        state: (n, 4) place, direction and speed.
-        first: (i + 1,) instant i has the vehicles from first[i] to first[i + 1].
-        seen: to be filled.
-    """
+    """Fills (n, 3), see `behind`: the leader, straight on, of each vehicle of each instant, see `Instants`."""
     n, none = len(state), int(np.int64(-1))  # no literal, nor parts of rows: `behind` would be compiled once more
     straight, position, direction = np.zeros(n), np.empty((n, 2)), np.empty(n)
     for j in range(n):

@@ -134,18 +134,8 @@ def take_up(
 ) -> int:  # fmt: skip
     """A manoeuvre of the cell by how often it is driven and how well it fits, or a background one.
 
-    Args:
-        table: the map.
-        before: the manoeuvre so far, -1 for none.
-        cell: where; -1 for outside of all.
-        x: metres.
-        y: metres.
-        direction: radians.
-        speed: m/s.
-        rate: `BY_TIME` weighs manoeuvres by how long they are driven, as found at any instant, `BY_VISITS` by how
-            often they are entered.
-        weight: (most, LANES) room.
-        state: of the random numbers.
+    `before` and `cell` are -1 for none. `BY_TIME` weighs manoeuvres by how long they are driven, as found at any
+    instant, `BY_VISITS` by how often they are entered. `weight` is room, (most, LANES).
     """
     stands, total = speed < STANDING_BELOW, 0.0
     if cell >= 0:

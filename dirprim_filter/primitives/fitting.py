@@ -59,14 +59,13 @@ def bounds_of(config: LearningConfig, **others: Any) -> Bounds:
     return Bounds(**{name: getattr(config, name) for name in shared} | others)
 
 
-def fit_all(in_cells: CellRows, bounds: Bounds, *, n_threads: int | None = None) -> FloatArray:
+def fit_all(in_cells: CellRows, bounds: Bounds) -> FloatArray:
     """Fit every cell's modes to its rows; threads divide the cells, so their number changes nothing.
 
     Args:
         in_cells: the rows of each cell.
         bounds: priors and bounds; `with_speed`: direction and speed together and modes by BIC, or else the paper's two
             steps.
-        n_threads: as many as there are cores if absent.
 
     Returns:
         (n_cells, max_modes, N_CURVED) a table of modes, see `_modes`; none where a cell has no rows or fewer modes.
@@ -90,7 +89,7 @@ def fit_all(in_cells: CellRows, bounds: Bounds, *, n_threads: int | None = None)
             fit_in_two_steps(rows, float(n_vehicles[c]), bounds, table[c])
 
     if bound.size > 2:
-        with ThreadPoolExecutor(n_threads or os.cpu_count()) as pool:
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
             list(pool.map(fit_share, range(bound.size - 1)))
     elif bound.size > 1:
         fit_share(0)
@@ -116,14 +115,7 @@ def columns_of(in_cells: CellRows) -> tuple[FloatArray, IntArray]:
 
 
 def fit_in_two_steps(columns: FloatArray, n_vehicles: float, bounds: Bounds, out: FloatArray) -> None:
-    """DBSCAN for the number of modes, EM on directions, then a gamma for each mode.
-
-    Args:
-        columns: (N_COLUMNS, n) a column for each of the cell's rows.
-        n_vehicles: that they are of.
-        bounds: priors and bounds.
-        out: (max_modes, N_CURVED) is filled.
-    """
+    """Fill the table of a cell: DBSCAN for the number of modes, EM on directions, then a gamma for each mode."""
     n, filled = columns.shape[1], np.empty((3, _kernels.ON_CIRCLE))
     used, total, mean_speed = _kernels.sort_around(columns, 0, n, filled)
     if mean_speed == 0.0:
