@@ -47,20 +47,16 @@ LEAST_PUSH, LEAST_TURNING = 0.1, 0.01
 class Background(NamedTuple):
     """Modes of all tracks, of which the last two are uniform in direction and for standing; manoeuvres."""
 
-    weight: FloatArray  # (m,) and so on
-    mean: FloatArray
-    concentration: FloatArray
-    shape: FloatArray
-    rate: FloatArray
+    modes: Modes  # (m,) each
     speed_spread: float  # log(mean) - mean(log) of all moving speeds
     manoeuvres: dict[str, FloatArray]  # (k,) columns of `Motion`
     following: csr_array  # (k, k) how often one followed the other `JUMP_S` later
 
     def log_density(self, rows: TrackRows, speed: FloatArray) -> FloatArray:
         """(n,) of the rows' directions and of speeds (n,)."""
-        modes = Modes(*(column[None] for column in self[:5]), *np.zeros((4, 1, self.weight.size)))
         nowhere = np.zeros(len(rows), np.int64)
-        return ModeTable.of(modes, np.zeros((1, 2))).log_density(nowhere, rows.position, rows.direction, speed)
+        table = ModeTable.of(Modes(*(column[None] for column in self.modes)), np.zeros((1, 2)))
+        return table.log_density(nowhere, rows.position, rows.direction, speed)
 
 
 def learn_background(rows: TrackRows, config: LearningConfig, *, rng: np.random.Generator) -> Background:
@@ -95,16 +91,12 @@ def learn_background(rows: TrackRows, config: LearningConfig, *, rng: np.random.
     used = np.flatnonzero(found.weight)
     share = np.concatenate([(1 - anywhere) * found.weight[used], [anywhere if used.size else 1.0]])
     manoeuvres, following = learn_chain(Visits.of(rows.some(MOST_ROWS, rng=rng), GridTessellation.empty()), rng=rng)
-    return Background(
-        weight=np.append((1 - standing) * share, standing),
-        mean=np.concatenate([found.mean[used], [0.0, 0.0]]),
-        concentration=np.concatenate([found.concentration[used], [0.0, 0.0]]),
-        shape=np.concatenate([found.shape[used], [1.0, 1.0]]),
-        rate=np.concatenate([found.rate[used], [1.0 / mean_speed, 1.0 / standing_mean]]),
-        speed_spread=spread,
-        manoeuvres=manoeuvres,
-        following=following,
-    )
+    modes = Modes(
+        np.append((1 - standing) * share, standing), np.append(found.mean[used], [0.0, 0.0]),
+        np.append(found.concentration[used], [0.0, 0.0]), np.append(found.shape[used], [1.0, 1.0]),
+        np.append(found.rate[used], [1.0 / mean_speed, 1.0 / standing_mean]), *np.zeros((4, used.size + 2)),
+    )  # fmt: skip
+    return Background(modes, spread, manoeuvres, following)
 
 
 def learn_chain(visits: Visits, *, rng: np.random.Generator) -> tuple[dict[str, FloatArray], csr_array]:

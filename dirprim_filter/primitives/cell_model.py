@@ -73,7 +73,7 @@ class PrimitiveModel(NamedTuple):
     ) -> FloatArray:
         """Of direction and speed of each row in a cell, with the background model's part."""
         speed = np.maximum(data.speed[row], LEAST_SPEED)
-        own = cells.log_density(cell, position[row], data.direction[row], speed, float(self.background.rate[-1]))
+        own = cells.log_density(cell, position[row], data.direction[row], speed, float(self.background.modes.rate[-1]))
         share = self.background_vehicles / (cells.n_vehicles + self.background_vehicles)
         with np.errstate(divide="ignore"):
             return np.logaddexp(np.log1p(-share)[cell] + own, np.log(share)[cell] + self.background_log_density[row])
@@ -124,13 +124,12 @@ def assemble(cells: Tessellation, fits: PrimitiveCells, background: Background, 
     shape = np.maximum(modes.shape / BROADER, 1.0)
     rate = modes.rate * shape / modes.shape
     tails = modes._replace(concentration=modes.concentration / BROADER, shape=shape, rate=rate)
-    of_name = dict(zip(background._fields, background, strict=True))
 
     def column(name: str, filler: float) -> FloatArray:
         """The cells' modes in motion, the one for standing, tails, and background modes; last the background row."""
         own = np.take_along_axis(getattr(modes, name), order, axis=1)
         tail = np.take_along_axis(getattr(tails, name), order, axis=1)
-        of_background = np.asarray(of_name.get(name, np.zeros_like(background.weight)))
+        of_background = getattr(background.modes, name)
         placed = np.hstack([own, np.full((n, 1), of_background[-1]), tail])
         return np.hstack([np.vstack([placed, np.full(placed.shape[1], filler)]), np.tile(of_background, (n + 1, 1))])
 
@@ -151,7 +150,7 @@ def assemble(cells: Tessellation, fits: PrimitiveCells, background: Background, 
         ),
         speed=Gamma(shape=column("shape", 1.0), rate=column("rate", 1.0)),
         n_rows=np.append(n_rows, n_rows.sum()),
-        n_background_modes=used + background.weight.size,
+        n_background_modes=used + background.modes.weight.size,
         bend=np.stack([column("bend_east", 0.0), column("bend_north", 0.0)], axis=-1),
         gain=np.stack([column("gain_east", 0.0), column("gain_north", 0.0)], axis=-1),
     )

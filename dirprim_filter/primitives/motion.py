@@ -104,8 +104,8 @@ class Motion:
     def __post_init__(self) -> None:
         n = self.cell.size
         for name in FLOATS:
-            wide = {"bend": 2, "gain": 2, "path": 3, "acceleration": 4}.get(name)
-            object.__setattr__(self, name, as_floats(name, getattr(self, name), f"{n} {wide}" if wide else f"{n}"))
+            shape = f"{n} {WIDE[name]}" if name in WIDE else f"{n}"
+            object.__setattr__(self, name, as_floats(name, getattr(self, name), shape))
         if self.mode.shape != (n,) or self.first.shape != (n + 1,) or self.following.shape != self.count.shape:
             raise ValueError(
                 f"mode, first, following, count: expected ({n},), ({n + 1},) and two of one length, got "
@@ -146,32 +146,21 @@ class Motion:
 
         The spread of the acceleration is what keeps the speed's variance that of the mode's gamma. (n_cells + 1, M).
         """
-        n_cells = direction.weight.shape[0] - 1
-        of_cell, of_mode = np.nonzero(direction.weight[:n_cells, :n_own])
-        mean, shape = speed.mean, speed.shape
-        pace, stands = mean[of_cell, of_mode], mean[of_cell, of_mode] < CREEP
-        anywhere = np.nonzero(direction.weight[-1])[0]
-        fast = anywhere[mean[-1, anywhere] >= CREEP]
-        moving = float(direction.weight[-1, fast].sum())
+        at = np.nonzero(direction.weight[:-1, :n_own])
+        heading, pace, shape, gained = direction.mean_direction[at], speed.mean[at], speed.shape[at], gain[at]
+        visits, n = ASSUMED_VISITS * direction.weight[at], pace.size
+        moving = float(direction.weight[-1, speed.mean[-1] >= CREEP].sum())
         free = unlearned_background(
             share=moving, standing=float(direction.weight[-1].sum()) - moving, start_rate=START_RATE
         )
-        weight, heading = direction.weight[of_cell, of_mode], direction.mean_direction[of_cell, of_mode]
-        turning = 1.0 / np.sqrt(np.maximum(direction.concentration[of_cell, of_mode], 1e-9))
-        variance = pace**2 / shape[of_cell, of_mode]
-        turned, gained = bend[of_cell, of_mode], gain[of_cell, of_mode]
-        rate = np.full(pace.size, REVERSION)
-        n = pace.size
         placed = {
-            "cell": of_cell, "mode": of_mode, "visits": ASSUMED_VISITS * weight,
-            "seconds": ASSUMED_VISITS * weight, "course": heading, "bend": turned,
-            "course_spread": np.minimum(turning, 2.0),
+            "cell": at[0], "mode": at[1], "visits": visits, "seconds": visits, "course": heading, "bend": bend[at],
+            "course_spread": np.minimum(1.0 / np.sqrt(np.maximum(direction.concentration[at], 1e-9)), 2.0),
             "log_pace": np.log(pace + CREEP), "gain": gained * (pace / (pace + CREEP))[:, None],
-            "log_pace_spread": np.sqrt(1.0 / shape[of_cell, of_mode]), "path": np.zeros((n, 3)),
-            "path_spread": np.full(n, WIDE_M), "path_direction": heading,
-            "acceleration": np.column_stack([rate * pace, rate[:, None] * pace[:, None] * gained, -rate]),
-            "push": np.sqrt(variance * rate * (rate + PUSH_RATE)), "stretch": np.zeros(n),
-            "start_rate": np.where(stands, START_RATE, 0.0), "turn_ahead": np.zeros(n), "curvature": np.zeros(n),
+            "log_pace_spread": np.sqrt(1.0 / shape), "path_spread": np.full(n, WIDE_M), "path_direction": heading,
+            "acceleration": REVERSION * np.column_stack([pace, pace[:, None] * gained, np.full(n, -1.0)]),
+            "push": np.sqrt(pace**2 / shape * REVERSION * (REVERSION + PUSH_RATE)),
+            "start_rate": np.where(pace < CREEP, START_RATE, 0.0),
         }  # fmt: skip
         return cls(
             **joined(placed, free), first=np.zeros(n + len(free["cell"]) + 1, np.int64),
@@ -181,6 +170,8 @@ class Motion:
 
 FLOATS = tuple(f.name for f in fields(Motion) if f.type == "FloatArray" and f.name != "count")
 """Columns of floats, a row for each manoeuvre."""
+WIDE = {"bend": 2, "gain": 2, "path": 3, "acceleration": 4}
+"""How many numbers a row of them has; one in the others."""
 AMOUNTS = (
     "visits", "seconds", "course_spread", "log_pace_spread", "path_spread", "push", "start_rate", "count",
 )  # fmt: skip
@@ -188,8 +179,13 @@ AMOUNTS = (
 
 
 def joined(one: dict[str, FloatArray], other: dict[str, FloatArray]) -> dict[str, Any]:
-    """Columns of manoeuvres, one after the other."""
-    return {name: np.concatenate([one[name], other[name]]) for name in (*FLOATS, "cell", "mode")}
+    """Columns of manoeuvres, one after the other; what one does not have is 0 there."""
+
+    def column(part: dict[str, FloatArray], name: str) -> FloatArray:
+        n = part["cell"].size
+        return part[name] if name in part else np.zeros((n, WIDE[name]) if name in WIDE else n)
+
+    return {name: np.concatenate([column(one, name), column(other, name)]) for name in (*FLOATS, "cell", "mode")}
 
 
 def unlearned_background(*, share: float, standing: float, start_rate: float) -> dict[str, FloatArray]:
@@ -220,14 +216,12 @@ def background_manoeuvres(
     """
     amount = np.append(share, max(standing, 1e-3))
     n = amount.size
-    none, gained = np.zeros(n), np.zeros((n, 4))
+    gained = np.zeros((n, 4))
     gained[:-1, [0, 3]] = np.reshape(np.asarray(acceleration, np.float64), (n - 1, 2))
     return {
-        "cell": np.full(n, -1), "mode": np.zeros(n, np.int64), "visits": amount, "seconds": amount, "course": none,
-        "bend": np.zeros((n, 2)), "course_spread": np.append(turning, 0.0),
-        "log_pace": np.append(log_pace, np.log(CREEP)), "gain": np.zeros((n, 2)),
-        "log_pace_spread": np.append(log_pace_spread, 1.0), "path": np.zeros((n, 3)),
-        "path_spread": np.full(n, WIDE_M), "path_direction": none, "acceleration": gained,
-        "push": np.append(push, 0.0), "stretch": none, "start_rate": np.append(np.zeros(n - 1), start_rate),
-        "turn_ahead": none, "curvature": np.append(curvature, 0.0),
+        "cell": np.full(n, -1), "mode": np.zeros(n, np.int64), "visits": amount, "seconds": amount,
+        "course_spread": np.append(turning, 0.0), "log_pace": np.append(log_pace, np.log(CREEP)),
+        "log_pace_spread": np.append(log_pace_spread, 1.0), "path_spread": np.full(n, WIDE_M), "acceleration": gained,
+        "push": np.append(push, 0.0), "start_rate": np.append(np.zeros(n - 1), start_rate),
+        "curvature": np.append(curvature, 0.0),
     }  # fmt: skip

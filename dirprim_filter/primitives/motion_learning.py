@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import block_diag, csr_array
@@ -14,7 +13,7 @@ from dirprim_filter.primitives._map_kernels import ModeTable
 from dirprim_filter.primitives._modes import Modes
 from dirprim_filter.primitives.background import MOST_ROWS, Background
 from dirprim_filter.primitives.motion import CREEP, PUSHED_SHARE, Motion, joined
-from dirprim_filter.primitives.motion_sums import MotionSums, pace_field
+from dirprim_filter.primitives.motion_sums import Labels, MotionSums, pace_field
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.rows import TrackRows
 from dirprim_filter.primitives.visits import Visits
@@ -52,14 +51,6 @@ forecasts holds 84 to 90 % by 1.4, 87 to 91 % by 1.7 and 88 to 92 % by 2, but fo
 energy score differs by 1 %. Chosen for each log it would be too small: its cells have seen who is held out."""
 
 
-class Labels(NamedTuple):
-    """Which manoeuvre each visit is of, and of which cell and mode manoeuvres are."""
-
-    label: IntArray  # (v,) -1 for none
-    cell: IntArray  # (z,)
-    mode: IntArray  # (z,)
-
-
 def learn_motion(
     primitives: PrimitiveMap, rows: TrackRows, background: Background, *, rng: np.random.Generator
 ) -> Motion:
@@ -75,7 +66,7 @@ def learn_motion(
     if len(visits) == 0:
         return primitives.motion
     labels = label_visits(primitives, visits, rng=rng)
-    sums = MotionSums.of(visits, *labels, primitives)
+    sums = MotionSums.of(visits, labels, primitives)
     return motion_of(sums, labels, primitives, background)
 
 
@@ -158,7 +149,7 @@ def motion_of(sums: MotionSums, labels: Labels, primitives: PrimitiveMap, backgr
         "path": beta["path"], "path_direction": direction, "acceleration": acceleration,
         "stretch": beta["stretch"][:, 0],
         "start_rate": np.where(stands, (sums.left + 0.1) / (sums.seconds + 1.0), 0.0),
-        "turn_ahead": sums.turned / np.maximum(sums.turns, 1e-9), "curvature": np.zeros(cell.size),
+        "turn_ahead": sums.turned / np.maximum(sums.turns, 1e-9),
         **_spreads(np.stack(square), sums.visits, stands),
     }  # fmt: skip
     transition = csr_array(block_diag([sums.transition, background.following], format="csr"))

@@ -73,6 +73,14 @@ class Regression(NamedTuple):
         return np.asarray(np.maximum(self.yy - explained, 0.0) / np.maximum(self.weight, 1e-9))
 
 
+class Labels(NamedTuple):
+    """Which manoeuvre each visit is of, and of which cell and mode manoeuvres are."""
+
+    label: IntArray  # (v,) -1 for none
+    cell: IntArray  # (z,)
+    mode: IntArray  # (z,)
+
+
 class MotionSums(NamedTuple):
     """Of each manoeuvre, and of each transition between two."""
 
@@ -90,26 +98,15 @@ class MotionSums(NamedTuple):
     transition: csr_array  # (z, z) how often one followed the other
 
     @classmethod
-    def of(cls, visits: Visits, label: IntArray, cell: IntArray, mode: IntArray, primitives: PrimitiveMap) -> Self:
-        """The sums of visits.
-
-        Args:
-            visits: of some vehicles.
-            label: (v,) the manoeuvre of each; -1 for none.
-            cell: (z,) of each manoeuvre.
-            mode: (z,) of each manoeuvre.
-            primitives: what its modes say; motion deviates from that.
-        """
-        n, of_instant, known = cell.size, visits.of_instant, label >= 0
+    def of(cls, visits: Visits, labels: Labels, primitives: PrimitiveMap) -> Self:
+        """The sums of some vehicles' visits, in what motion deviates from the modes of the primitives."""
+        label, n, of_instant, known = labels.label, labels.cell.size, visits.of_instant, labels.label >= 0
         rows = np.flatnonzero(known[of_instant])
-        changes, share = _changes(visits), visits.weight / (visits.end - visits.begin)
+        changes = _changes(visits)
         parts = [
-            _of_instants(
-                visits, at, changes=changes[:, at], share=share[of_instant[at]], z=label[of_instant[at]], cell=cell,
-                mode=mode, primitives=primitives,
-            )
+            _of_instants(visits, labels, primitives, at=at, of=of_instant[at], changes=changes[:, at])
             for at in (rows[a : a + AT_ONCE] for a in range(0, max(rows.size, 1), AT_ONCE))
-        ]  # fmt: skip
+        ]
         sums = [reduce(add, of) for of in zip(*parts, strict=True)]
         follows = visits.follows() & known & np.append(known[1:], np.zeros(min(len(visits), 1), np.bool_))
         pair = label[:-1][follows[:-1]], label[1:][follows[:-1]]
@@ -139,25 +136,14 @@ def _changes(visits: Visits) -> FloatArray:
 
 
 def _of_instants(
-    visits: Visits, at: IntArray, *, changes: FloatArray, share: FloatArray, z: IntArray, cell: IntArray,
-    mode: IntArray, primitives: PrimitiveMap,
+    visits: Visits, labels: Labels, primitives: PrimitiveMap, *, at: IntArray, of: IntArray, changes: FloatArray
 ) -> tuple[Any, ...]:  # fmt: skip
-    """Sums of some instants, `MotionSums` from `turned` to `stretch`.
-
-    Args:
-        visits: to cells.
-        at: (i,) which instants.
-        changes: (4, i) from them on, see `_changes`.
-        share: (i,) of a visit.
-        z: (i,) their manoeuvres.
-        cell: (n,) of each manoeuvre.
-        mode: (n,) of each manoeuvre.
-        primitives: as for `MotionSums.of`.
-    """
-    n, speed, there = cell.size, visits.speed[at], (cell[z], mode[z])
+    """Sums of the instants `at` (i,) of visits `of`, `MotionSums` from `turned` to `stretch`; see `_changes`."""
+    share, z = (visits.weight / (visits.end - visits.begin))[of], labels.label[of]
+    n, speed, there = labels.cell.size, visits.speed[at], (labels.cell[z], labels.mode[z])
     driven = share * np.clip(speed, SLOWEST_COURSE, 1.0)
     mean_direction = primitives.direction.mean_direction[there]
-    mean_speed = primitives.speed.shape[there] / primitives.speed.rate[there]
+    mean_speed = primitives.speed.mean[there]
     offset = visits.position[at] - primitives.centers[there[0]]
     one = np.ones(z.size)
     place = np.column_stack([one, offset])
@@ -186,7 +172,7 @@ def _totals(label: IntArray, column: FloatArray, n: int) -> FloatArray:
 
 def pace_field(primitives: PrimitiveMap, cell: IntArray, mode: IntArray) -> FloatArray:
     """(z, 2) 1/m, the field of log(speed + 0.3) that a mode's gain of log speed is."""
-    mean = primitives.speed.shape[cell, mode] / primitives.speed.rate[cell, mode]
+    mean = primitives.speed.mean[cell, mode]
     return np.asarray(primitives.gain[cell, mode] * (mean / (mean + CREEP))[:, None])
 
 

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from dirprim_filter.primitives.background import learn_chain
-from dirprim_filter.primitives.motion import background_manoeuvres, joined
+from dirprim_filter.primitives.motion import FLOATS, background_manoeuvres, joined
 from dirprim_filter.primitives.rows import Scale
 from dirprim_filter.primitives.visits import Visits
 from moving import motion_by_hand, moved, squares
@@ -96,7 +96,7 @@ def chain(count):
         share=[0.5, 0.5], log_pace=[2.3, 2.3], log_pace_spread=[1.0, 1.0], acceleration=np.zeros((2, 2)),
         push=[0.0, 0.0], turning=[0.0, 0.0], curvature=[0.0, 1e-6], standing=0.0, start_rate=0.1,
     )  # fmt: skip
-    placed = {name: getattr(nowhere, name)[:1] for name in free}
+    placed = {name: getattr(nowhere, name)[:1] for name in (*FLOATS, "cell", "mode")}
     before, after = np.nonzero(count)
     return replace(
         nowhere, **joined(placed, free), first=np.searchsorted(before + 1, np.arange(5)), following=after + 1,

@@ -23,7 +23,7 @@ def counted():
     labels = label_visits(learned, visits[0], detail=1.0, rng=np.random.default_rng(2))
     is_some = visits[0].vehicle[visits[0].begin] % 3 == 0
     label = [labels.label, labels.label[is_some], labels.label[~is_some]]
-    sums = [MotionSums.of(v, z, labels.cell, labels.mode, learned) for v, z in zip(visits, label, strict=True)]
+    sums = [MotionSums.of(v, labels._replace(label=z), learned) for v, z in zip(visits, label, strict=True)]
     return learned, visits[0], labels, sums
 
 
@@ -53,7 +53,7 @@ def test_sums_of_some_vehicles_and_of_the_others_are_those_of_all(counted):
 def test_motion_follows_from_the_sums_alone(counted):
     learned, visits, labels, (of_all, of_some, of_others) = counted
     following, columns_of_chain = learn_chain(visits, rng=np.random.default_rng(0))[::-1]
-    background = Background(*np.empty((6, 0)), manoeuvres=columns_of_chain, following=following)
+    background = Background(None, 1.0, columns_of_chain, following)
 
     def motion(sums):
         made = motion_of(sums, labels, learned, background)
