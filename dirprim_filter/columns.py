@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import field, fields
 from typing import Any, Self
 
@@ -48,14 +48,19 @@ def joined(parts: Sequence[AnyArray]) -> AnyArray:
     return np.broadcast_to(np.concatenate([part[:1] for part in parts])[:1], (n, *parts[0].shape[1:]))
 
 
-def required(*shape: int) -> Any:
-    """A field of finite numbers, (n, *shape)."""
-    return field(metadata={"shape": shape})
+def required(*shape: int, checked: bool = False) -> Any:
+    """A field of finite numbers, (n, *shape); may be `checked` by its name, see `CHECKS`."""
+    return field(metadata={"shape": shape, "checked": checked})
 
 
-def optional(*shape: int, missing: float = np.nan) -> Any:
+def optional(*shape: int, missing: float = np.nan, checked: bool = False) -> Any:
     """A field of finite numbers, (n, *shape), NaN where unknown; left out, `missing` in all rows."""
-    return field(default_factory=lambda: np.empty(0), metadata={"shape": shape, "missing": missing})
+    return field(default_factory=lambda: np.empty(0), metadata={"shape": shape, "missing": missing, "checked": checked})
+
+
+def ids(convert: Callable[[AnyArray], AnyArray]) -> Any:
+    """A field of ids (n,), by what makes them of any."""
+    return field(metadata={"ids": convert})
 
 
 def groups() -> Any:
@@ -73,10 +78,11 @@ class ArrayTable(ArrayValue):
     def __post_init__(self) -> None:
         n = len(np.atleast_1d(self.time_ns))
         columns: dict[str, AnyArray] = {}
-        for f in fields(self):  # type: ignore[arg-type]
+        of_fields = fields(self)  # type: ignore[arg-type]
+        for f in of_fields:
             value, shape = getattr(self, f.name), f.metadata.get("shape", ())
-            if f.name == "track_id":
-                columns[f.name] = self._as_ids(np.asarray(value))
+            if "ids" in f.metadata:
+                columns[f.name] = f.metadata["ids"](np.asarray(value))
             elif f.name == "time_ns":
                 columns[f.name] = as_times(f.name, value)
             elif f.name == "group":
@@ -84,15 +90,13 @@ class ArrayTable(ArrayValue):
             elif "missing" not in f.metadata:
                 columns[f.name] = as_floats(f.name, value, " ".join(map(str, ("n", *shape))))
         check_lengths(columns)
-        for f in fields(self):  # type: ignore[arg-type]
+        for f in of_fields:
             if "missing" in f.metadata:
                 value, shape, missing = getattr(self, f.name), f.metadata["shape"], f.metadata["missing"]
                 columns[f.name] = as_optional(f.name, value, n, *shape, missing=missing)
+            if f.metadata.get("checked"):
+                check(f.name, columns[f.name])
         self._set(columns)
-
-    @staticmethod
-    def _as_ids(value: AnyArray) -> AnyArray:
-        return value
 
     def _set(self, columns: dict[str, AnyArray]) -> None:
         for name, column in columns.items():
@@ -168,28 +172,34 @@ def as_optional(name: str, value: npt.ArrayLike, n: int, *shape: int, missing: f
     return unknown(n, *shape) if np.isnan(column).all() else column
 
 
-def check_angles(name: str, angle: FloatArray) -> None:
-    """Angles (n,) are radians; NaN where unknown.
+def is_covariance(matrix: FloatArray) -> BoolArray:
+    """(n, 2, 2) -> (n,) where a matrix is finite, symmetric and positive definite."""
+    xx, xy, yx, yy = (matrix[:, i, j] for i in (0, 1) for j in (0, 1))
+    with np.errstate(over="ignore", invalid="ignore"):  # of errors beyond all magnitudes
+        return np.asarray(np.isfinite(matrix).all(axis=(1, 2)) & (xy == yx) & (xx > 0) & (xx * yy > xy * xy))
+
+
+_IS_ANGLE = lambda angle: ~(np.abs(angle) > LARGEST_ANGLE), "radians, at most a turn (np.deg2rad converts degrees)"
+CHECKS: dict[str, tuple[Callable[[FloatArray], Any], str]] = {
+    "direction": _IS_ANGLE, "heading": _IS_ANGLE, "speed": (lambda speed: ~(speed < 0), "at least 0 m/s"),
+    "size": (lambda size: ~(size <= 0).any(axis=1), "metres above 0, or NaN where unknown"),
+    "covariance": (lambda p: np.isnan(p[:, 0, 0]) | is_covariance(p), "symmetric positive definite matrices, or NaN"),
+    "cue": (lambda cue: ~(cue[:, 1] < 0), "a concentration of at least 0"),
+}  # fmt: skip
+"""By the name of a column: which of its rows are good, and what is expected. Unknown numbers, NaN, are good."""
+
+
+def check(name: str, column: FloatArray) -> None:
+    """All rows of a column (n, ...) are good.
 
     Raises:
-        ValueError: one is beyond a turn, as of degrees.
+        ValueError: says what was expected, and the first row that is wrong.
     """
-    size = np.abs(angle if is_held(angle) else angle[:1])
-    if (size > LARGEST_ANGLE).any():
-        largest = np.nanmax(size)
-        raise ValueError(f"{name}: expected radians, at most a turn, got {largest:g}; np.deg2rad converts degrees")
-
-
-def check_sizes(size: FloatArray) -> None:
-    """Length, width and height (n, 3) of bodies, along the axes of REP 103, are positive metres, or NaN.
-
-    Raises:
-        ValueError: one is not.
-    """
-    wrong = (size[:1] if not is_held(size) else size) <= 0
-    if wrong.any():
-        row = int(np.argmax(wrong.any(axis=1)))
-        raise ValueError(f"size: expected metres above 0, or NaN where unknown, got {size[row]} in row {row}")
+    good, expected = CHECKS[name]
+    is_good = good(column if is_held(column) else column[:1])
+    if not is_good.all():
+        row = int(np.argmin(is_good))
+        raise ValueError(f"{name}: expected {expected}, got {column[row].tolist()} in row {row}")
 
 
 def known_sizes(reported: FloatArray) -> FloatArray:

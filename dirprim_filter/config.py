@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Literal
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
+from types import UnionType
+from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
+
+Made = TypeVar("Made")
+PLAIN: dict[Any, tuple[type, ...]] = {float: (int, float), int: (int,), bool: (bool,), Mapping: (dict,)}
+"""What files hold for fields of a type."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -178,9 +184,8 @@ class TrackingConfig:
 
 
 def require_positive(
-    config: LearningConfig | FilterConfig | TrackingConfig, *, skip: tuple[str, ...] = (),
-    or_zero: tuple[str, ...] = (), below_one: tuple[str, ...] = (),
-) -> None:  # fmt: skip
+    config: Any, *, skip: tuple[str, ...] = (), or_zero: tuple[str, ...] = (), below_one: tuple[str, ...] = ()
+) -> None:
     """Every number of a configuration is positive, but for some that may be zero; some are below 1.
 
     Raises:
@@ -194,3 +199,33 @@ def require_positive(
             raise ValueError(f"{name}: expected a positive number, got {value}")
         if name in below_one and value >= 1:
             raise ValueError(f"{name}: expected a share below 1, got {value}")
+
+
+def from_table(kind: type[Made], table: object, *, where: str = "") -> Made:
+    """A dataclass from the names and values of a file; its fields that are dataclasses have tables of their own.
+
+    Raises:
+        ValueError: a name that is unknown or missing, a value of another type, or what the class refuses.
+    """
+    prefix = f"{where}: " if where else ""
+    if not isinstance(table, Mapping):
+        raise ValueError(f"{prefix}expected a table of names and values, got {table!r}")  # noqa: TRY004 - a file's, no caller's
+    hints, made = get_type_hints(kind), dict(table)
+    for name, value in table.items():
+        if name not in hints:
+            raise ValueError(f"{prefix}{name}: expected one of {', '.join(hints)}")
+        may_be_none = isinstance(hints[name], UnionType)
+        wanted = get_args(hints[name])[0] if may_be_none else hints[name]
+        if value is None and may_be_none:
+            continue
+        if isinstance(wanted, type) and is_dataclass(wanted):
+            made[name] = from_table(wanted, value, where=name)
+        elif type(value) not in PLAIN.get(get_origin(wanted) or wanted, (type(value),)):
+            raise ValueError(f"{prefix}{name}: expected a value of type {wanted.__name__}, got {value!r}")
+    for f in fields(kind):  # type: ignore[arg-type]
+        if f.name not in table and f.default is MISSING and f.default_factory is MISSING:
+            raise ValueError(f"{prefix}{f.name}: expected a value, got none")
+    try:
+        return kind(**made)
+    except ValueError as error:
+        raise ValueError(f"{prefix}{error}") from error

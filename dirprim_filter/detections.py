@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
-from dirprim_filter.columns import ArrayTable, check_angles, check_sizes, chosen, groups, is_held, optional, required
+from dirprim_filter.columns import ArrayTable, chosen, groups, ids, optional, required
 from dirprim_filter.track_ids import as_texts, qualified_names
 from dirprim_filter.tracks import Tracks
 
@@ -40,31 +40,15 @@ class Detections(ArrayTable):
             covariance that is not positive definite, a size that is not positive, or a concentration below 0.
     """
 
-    track_id: AnyArray
+    track_id: AnyArray = ids(as_texts)
     time_ns: IntArray
     position: FloatArray = required(2)
-    direction: FloatArray = optional()
-    speed: FloatArray = optional()
-    covariance: FloatArray = optional(2, 2)
-    size: FloatArray = optional(3)
-    cue: FloatArray = optional(2)
+    direction: FloatArray = optional(checked=True)
+    speed: FloatArray = optional(checked=True)
+    covariance: FloatArray = optional(2, 2, checked=True)
+    size: FloatArray = optional(3, checked=True)
+    cue: FloatArray = optional(2, checked=True)
     group: IntArray = groups()
-
-    def __post_init__(self) -> None:
-        super(Detections, self).__post_init__()
-        check_angles("direction", self.direction)
-        if (self.speed < 0).any():
-            raise ValueError(f"speed: expected at least 0 m/s, got {np.nanmin(self.speed)}")
-        check_sizes(self.size)
-        if is_held(self.cue) and (self.cue[:, 1] < 0).any():
-            raise ValueError(f"cue: expected a concentration of at least 0, got {np.nanmin(self.cue[:, 1])}")
-        known = ~np.isnan(self.covariance[:, 0, 0])
-        if known.any() and not is_covariance(self.covariance[known]).all():
-            raise ValueError("covariance: expected symmetric positive definite matrices, or NaN where unknown")
-
-    @staticmethod
-    def _as_ids(value: AnyArray) -> AnyArray:
-        return as_texts(value)
 
     def __getitem__(self, rows: BoolArray | IntArray | slice) -> Detections:
         """The chosen rows, by mask, indices or slice; not validated again: a tracker takes rows ten times a frame."""
@@ -124,10 +108,3 @@ def check_after(time_ns: int, after_ns: int) -> None:
     """
     if time_ns <= after_ns:
         raise ValueError(f"detections: expected times after {after_ns} ns, got {time_ns}")
-
-
-def is_covariance(matrix: FloatArray) -> BoolArray:
-    """(n, 2, 2) -> (n,) where a matrix is finite, symmetric and positive definite."""
-    xx, xy, yx, yy = (matrix[:, i, j] for i in (0, 1) for j in (0, 1))
-    with np.errstate(over="ignore", invalid="ignore"):  # of errors beyond all magnitudes
-        return np.asarray(np.isfinite(matrix).all(axis=(1, 2)) & (xy == yx) & (xx > 0) & (xx * yy > xy * xy))

@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, ArrayValue, BoolArray, FloatArray, IntArray
-from dirprim_filter.columns import ArrayTable, optional, required
+from dirprim_filter.columns import ArrayTable, ids, optional, required
 from dirprim_filter.detections import Detections
 from dirprim_filter.track_ids import as_texts, as_track_ids
 
@@ -42,7 +42,7 @@ class Estimates(ArrayTable):
         ValueError: shapes that do not fit.
     """
 
-    track_id: AnyArray
+    track_id: AnyArray = ids(as_track_ids)
     time_ns: IntArray
     position: FloatArray = required(2)
     covariance: FloatArray = required(2, 2)
@@ -55,10 +55,6 @@ class Estimates(ArrayTable):
     existence: FloatArray = optional(missing=1.0)
     unseen_s: FloatArray = optional(missing=0.0)
     follows_map: FloatArray = optional(missing=0.0)
-
-    @staticmethod
-    def _as_ids(value: AnyArray) -> AnyArray:
-        return as_track_ids(value)
 
     @property
     def is_coasting(self) -> BoolArray:

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dirprim_filter.arrays import FloatArray, as_floats, require
-from dirprim_filter.columns import check_angles
+from dirprim_filter.columns import check
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.distributions.highest_density import Region, highest_density_regions
 from dirprim_filter.estimates import Particles, TrackedFrame
@@ -76,7 +76,7 @@ def forecast(
     require("primitive_map", primitive_map, PrimitiveMap)
     require("rng", rng, np.random.Generator)
     config = require("config", FilterConfig() if config is None else config, FilterConfig)
-    check_angles("direction", np.array([direction]))
+    check("direction", np.array([direction]))
     start = checked(as_floats("position", position, "2")[None], [direction], [speed])
     dt = steps(horizon_s, dt_s, n_samples)
     table = motion_table(primitive_map, step_s=config.step_s)

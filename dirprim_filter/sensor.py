@@ -96,7 +96,7 @@ class Sensor:
         for name, width in self.uncertainty.items():
             if name not in numbers:
                 raise ValueError(f"uncertainty: {name}: expected one of {', '.join(numbers)}")
-            if not 0 <= width < math.inf:
+            if isinstance(width, str) or not 0 <= width < math.inf:
                 raise ValueError(f"uncertainty: {name}: expected at least 0, got {width}")
 
     @classmethod
@@ -143,27 +143,6 @@ class Sensor:
                 tracking = replace(tracking, **{name: known})
         return config, tracking
 
-    @classmethod
-    def of(cls, table: Mapping[str, Any]) -> Self:
-        """The sensor of nested tables, as a file has them.
-
-        Raises:
-            ValueError: an unknown or missing name, or a value that is no number or out of range.
-        """
-        axes: dict[str, Any] = {}
-        for name in ("along", "across"):
-            axis = table.get(name)
-            if not isinstance(axis, Mapping) or "spread_m" not in axis:
-                raise ValueError(f"{name}: expected a table with spread_m, got {axis!r}")
-            axes[name] = _made(AxisError, axis, where=f"{name}: ")
-        uncertainty = table.get("uncertainty", {})
-        if not isinstance(uncertainty, Mapping):
-            raise ValueError(f"uncertainty: expected a table, got {uncertainty!r}")  # noqa: TRY004 - a file's, no caller's
-        _check_numbers(uncertainty, list(uncertainty), where="uncertainty: ")
-        numbers = {name: value for name, value in table.items() if name not in {*axes, "uncertainty"}}
-        made: Self = _made(cls, numbers, where="", **axes, uncertainty=dict(uncertainty))
-        return made
-
 
 def without_bias(tracks: Tracks, sensor: Sensor) -> Tracks:
     """Tracks of a sensor's detections, moved by its bias to where the vehicles were: for a map to be learned from.
@@ -174,23 +153,6 @@ def without_bias(tracks: Tracks, sensor: Sensor) -> Tracks:
     across = np.column_stack([-along[:, 1], along[:, 0]])
     off = sensor.along.bias_m * along + sensor.across.bias_m * across
     return replace(tracks, position=tracks.position - off)
-
-
-def _made(kind: type[Any], table: Mapping[str, Any], *, where: str, **more: Any) -> Any:
-    """A value of the numbers of a file's table."""
-    _check_numbers(table, [f.name for f in fields(kind)], where=where)
-    try:
-        return kind(**table, **more)
-    except ValueError as error:
-        raise ValueError(f"{where}{error}") from error
-
-
-def _check_numbers(table: Mapping[str, Any], known: list[str], *, where: str) -> None:
-    for name, value in table.items():
-        if name not in known:
-            raise ValueError(f"{where}{name}: expected one of {', '.join(known)}")
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise ValueError(f"{where}{name}: expected a number, got {value!r}")  # noqa: TRY004 - a file's
 
 
 def _require(value: object, name: str, is_good: Any, expected: str) -> None:

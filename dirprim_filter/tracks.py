@@ -15,11 +15,10 @@ from dirprim_filter.columns import (
     as_groups,
     as_optional,
     as_times,
-    check_angles,
     check_lengths,
-    check_sizes,
     chosen,
     groups,
+    ids,
     is_held,
     optional,
     required,
@@ -53,33 +52,23 @@ class Tracks(ArrayTable):
             a vehicle with two rows at one time.
     """
 
-    track_id: AnyArray
+    track_id: AnyArray = ids(as_track_ids)
     time_ns: IntArray
     position: FloatArray = required(2)
-    direction: FloatArray = required()
-    speed: FloatArray = required()
+    direction: FloatArray = required(checked=True)
+    speed: FloatArray = required(checked=True)
     group: IntArray = groups()
-    size: FloatArray = optional(3)
-    heading: FloatArray = optional()
+    size: FloatArray = optional(3, checked=True)
+    heading: FloatArray = optional(checked=True)
 
     def __post_init__(self) -> None:
         super(Tracks, self).__post_init__()
-        if (self.speed < 0).any():
-            row = int(np.argmax(self.speed < 0))
-            raise ValueError(f"speed: expected at least 0 m/s, got {self.speed[row]} in row {row}")
-        check_sizes(self.size)
-        check_angles("direction", self.direction)
-        check_angles("heading", self.heading)
         heading = wrap(self.heading) if is_held(self.heading) else self.heading
         self._set({"direction": wrap(self.direction), "heading": heading})
         if (self.time_ns[1:] < self.time_ns[:-1]).any():  # else long columns are not copied
             order = np.argsort(self.time_ns, kind="stable")
             self._set({f.name: chosen(getattr(self, f.name), order) for f in fields(self)})
         check_not_repeated(self.track_id, self.time_ns, self.group)
-
-    @staticmethod
-    def _as_ids(value: AnyArray) -> AnyArray:
-        return as_track_ids(value)
 
     @property
     def body_direction(self) -> FloatArray:
@@ -139,19 +128,18 @@ class Tracks(ArrayTable):
         Raises:
             ValueError: as the constructor.
         """
-        ids, times = as_track_ids(track_id), as_times("time_ns", time_ns)
+        names, times = as_track_ids(np.asarray(track_id)), as_times("time_ns", time_ns)
         position = as_floats("position", position, "n 2")
-        groups = as_groups(group, ids.size)
-        check_lengths({"track_id": ids, "time_ns": times, "position": position, "group": groups})
-        sizes, headings = as_optional("size", size, ids.size, 3), as_optional("heading", heading, ids.size)
-        check_sizes(sizes)
-        check_not_repeated(ids, times, groups)
-        vehicle = vehicle_numbers(ids, groups)
+        groups = as_groups(group, names.size)
+        check_lengths({"track_id": names, "time_ns": times, "position": position, "group": groups})
+        sizes, headings = as_optional("size", size, names.size, 3), as_optional("heading", heading, names.size)
+        check_not_repeated(names, times, groups)
+        vehicle = vehicle_numbers(names, groups)
         motion = motion_of(vehicle, times, position, headings)
         measured = np.asarray(speed, dtype=np.float64)
         speeds = _where_complete(measured, motion.speed, vehicle) if measured.size else motion.speed
         known = np.isfinite(speeds) & (np.isfinite(motion.speed) | np.isfinite(headings))
-        if ids.size:
+        if names.size:
             log_motion(motion, int(known.sum()))
         if not known.all():
             logger.warning(
@@ -160,7 +148,7 @@ class Tracks(ArrayTable):
                 known.size,
             )
         return cls(
-            track_id=ids[known], time_ns=times[known], position=position[known], direction=motion.direction[known],
+            track_id=names[known], time_ns=times[known], position=position[known], direction=motion.direction[known],
             speed=speeds[known], group=groups[known], size=chosen(sizes, known), heading=chosen(headings, known),
         )  # fmt: skip
 

@@ -11,7 +11,7 @@ from situations import one_cell_map
 RNG = np.random.default_rng(0)
 STATE = {"position": (0.0, 0.0), "direction": 0.0, "speed": 5.0, "rng": RNG}
 GENERATOR = "rng: expected a Generator, such as np.random.default_rng(0), got 0"
-DEGREES = "direction: expected radians, at most a turn, got 90; np.deg2rad converts degrees"
+DEGREES = "direction: expected radians, at most a turn (np.deg2rad converts degrees), got 90.0 in row 1"
 
 
 @pytest.fixture
@@ -47,11 +47,11 @@ CALLS = {
     "step, instants": (lambda m: tracker(m).step(Detections.of(tracks())), "see Detections.frames"),
     "weigh, first": (lambda m: tracker(m).weigh(), "weigh: expected once for each frame, after predict"),
     "tracks, degrees": (lambda _: tracks(direction=[0.0, 90.0]), DEGREES),
-    "tracks, heading": (lambda _: tracks(heading=[0.0, -90.0]), DEGREES.replace("direction", "heading")),
+    "tracks, heading": (lambda _: tracks(heading=[0.0, 90.0]), DEGREES.replace("direction", "heading")),
     "forecast, path": (lambda _: forecast("m.mcap", **STATE), "expected a PrimitiveMap, as load_map reads it"),
     "forecast, rng": (lambda m: forecast(m, **STATE | {"rng": 0}), GENERATOR),
     "forecast, config": (lambda m: forecast(m, config={}, **STATE), "config: expected a FilterConfig, got {}"),
-    "forecast, degrees": (lambda m: forecast(m, **STATE | {"direction": 90.0}), DEGREES),
+    "forecast, degrees": (lambda m: forecast(m, **STATE | {"direction": 90.0}), DEGREES.replace("row 1", "row 0")),
     "sample, rng": (lambda m: m.sample(np.zeros((1, 2)), rng=0), GENERATOR),
     "save, swapped": (lambda m: save_map("m.mcap", m), "primitive_map: expected a PrimitiveMap, as load_map"),
 }

@@ -133,8 +133,7 @@ def read_filter(path: Path | None, settings: Settings, **given: Any) -> tuple[Fi
         BadParameter: a setting is neither's.
         ValueError: the file has none, or a field is unknown or out of range.
     """
-    from dirprim_filter.config import FilterConfig, TrackingConfig
-    from dirprim_filter.evaluation.tracking_experiment import config_of
+    from dirprim_filter.config import FilterConfig, TrackingConfig, from_table
 
     config = read_experiment(path, of="track")
     kinds: dict[str, type[Any]] = {"filter": FilterConfig, "tracking": TrackingConfig}
@@ -144,5 +143,5 @@ def read_filter(path: Path | None, settings: Settings, **given: Any) -> tuple[Fi
     made = []
     for (name, kind), own, known in zip(kinds.items(), deal(settings, *names), names, strict=True):
         stated = {of: value for of, value in given.items() if of in known and value is not None}
-        made.append(config_of(kind, dict(config.get(name) or {}) | stated | own, where=name))
+        made.append(from_table(kind, dict(config.get(name) or {}) | stated | own, where=name))
     return made[0], made[1]

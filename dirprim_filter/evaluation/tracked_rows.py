@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
-from dirprim_filter.columns import ArrayTable, groups, optional, required
+from dirprim_filter.columns import ArrayTable, groups, ids, optional, required
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.track_ids import as_texts, as_track_ids, check_not_repeated, vehicle_numbers
 from dirprim_filter.tracks import Tracks
@@ -31,7 +31,7 @@ class TrackedRows(ArrayTable):
         ValueError: shapes that do not fit, or a track with two rows at one time.
     """
 
-    track_id: AnyArray
+    track_id: AnyArray = ids(as_track_ids)
     time_ns: IntArray
     position: FloatArray = required(2)
     group: IntArray = groups()
@@ -43,10 +43,6 @@ class TrackedRows(ArrayTable):
     def __post_init__(self) -> None:
         ArrayTable.__post_init__(self)
         check_not_repeated(self.track_id, self.time_ns, self.group)
-
-    @staticmethod
-    def _as_ids(value: AnyArray) -> AnyArray:
-        return as_track_ids(value)
 
     @property
     def n_tracks(self) -> int:

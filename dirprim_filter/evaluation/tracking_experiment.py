@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
 
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.evaluation.rivals import METHODS, Method
@@ -70,35 +68,3 @@ class TrackingExperiment:
     def scales(self) -> Scales:
         """The lengths that the metrics need."""
         return Scales(cutoff_m=self.cutoff_m, similarity_m=self.similarity_m)
-
-    @classmethod
-    def of(cls, given: Mapping[str, Any]) -> TrackingExperiment:
-        """The experiment of a file: its names are the attributes', `filter` and `tracking` are tables.
-
-        Raises:
-            ValueError: an unknown name, or a value out of range.
-        """
-        plain = dict(given)
-        for name, kind in (("filter", FilterConfig), ("tracking", TrackingConfig)):
-            if plain.get(name) is not None:
-                plain[name] = config_of(kind, plain[name], where=name)
-        made: TrackingExperiment = config_of(cls, plain, where="experiment")
-        return made
-
-
-def config_of(kind: type[Any], given: object, *, where: str) -> Any:
-    """A configuration from the names and values of a file.
-
-    Raises:
-        ValueError: an unknown parameter, or a value of another type.
-    """
-    if not isinstance(given, Mapping):
-        raise ValueError(f"{where}: expected a table of names and values, got {given!r}")  # noqa: TRY004 - a file's, no caller's
-    known = {f.name: f.type for f in fields(kind)}
-    for name, value in given.items():
-        if name not in known:
-            raise ValueError(f"{where}: {name}: expected one of {', '.join(known)}")
-        plain = {"float": (int, float), "int": (int,), "bool": (bool,)}.get(str(known[name]), (object,))
-        if not isinstance(value, plain) or (isinstance(value, bool) and bool not in plain and object not in plain):
-            raise ValueError(f"{where}: {name}: expected a value of type {known[name]}, got {value!r}")
-    return kind(**given)

@@ -6,6 +6,7 @@ import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 
+from dirprim_filter.config import from_table
 from dirprim_filter.partial_file import PartialFile
 from dirprim_filter.sensor import Sensor
 
@@ -22,7 +23,7 @@ def load_sensor(path: str | Path) -> Sensor:
     """
     path = Path(path)
     try:
-        return Sensor.of(tomllib.loads(path.read_text(encoding="utf-8")))
+        return from_table(Sensor, tomllib.loads(path.read_text(encoding="utf-8")))
     except ValueError as error:  # what is no TOML or no UTF-8 is one as well
         raise ValueError(f"{path}: {error}") from error
 

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, FloatArray
-from dirprim_filter.config import FilterConfig
+from dirprim_filter.config import FilterConfig, from_table
 from dirprim_filter.detections import Detections
 from dirprim_filter.evaluation.forecast_cases import SCORES, Cases, score_cases
 from dirprim_filter.evaluation.forecasting import rollouts_of, rollouts_with_leaders
@@ -178,8 +178,9 @@ def lankershim(seed: int) -> Simulated:
     return Simulated(train, test, test, log, TrackingExperiment(), seed)
 
 
-DENSE = TrackingExperiment.of(
-    {"with_ids": False, "gap_s": 0.0, "miss_rate": 0.2, "false_per_frame": 10.0, "filter": {"n_particles": 300}}
+DENSE = from_table(
+    TrackingExperiment,
+    {"with_ids": False, "gap_s": 0.0, "miss_rate": 0.2, "false_per_frame": 10.0, "filter": {"n_particles": 300}},
 )
 
 

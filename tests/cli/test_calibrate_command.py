@@ -54,8 +54,8 @@ def test_a_sensor_file_reads_as_it_was_written(tmp_path):
         (f"[along]\nspread_m = 1\nhue = 1\n{OTHER}", "along: hue: expected one of spread_m"),
         (f"latency_s = -1\n[along]\nspread_m = 1\n{OTHER}", "latency_s: expected 0 to 5 seconds"),
         (f"[along]\nspread_m = nan\n{OTHER}", "spread_m: expected a positive number"),
-        ("[along]\nspread_m = 1", "across: expected a table with spread_m"),
-        (f'[along]\nspread_m = "1"\n{OTHER}', "along: spread_m: expected a number"),
+        ("[along]\nspread_m = 1", "across: expected a value, got none"),
+        (f'[along]\nspread_m = "1"\n{OTHER}', "along: spread_m: expected a value of type float"),
         ("[along", "sensor.toml"),
     ],
 )

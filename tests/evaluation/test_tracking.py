@@ -6,7 +6,7 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
-from dirprim_filter.config import FilterConfig
+from dirprim_filter.config import FilterConfig, from_table
 from dirprim_filter.estimates import EstimateList
 from dirprim_filter.evaluation.scenes import gaps
 from dirprim_filter.evaluation.splits import held_out
@@ -80,7 +80,7 @@ def test_the_same_experiment_gives_the_same_figures_and_another_seed_others(tabl
     reported = json.loads(json.dumps(asdict(table.experiment)))
     reported["methods"], reported["n_seeds"] = ["prior"], 1
     again, once_more, other = (
-        evaluate_tracking(traffic, TrackingExperiment.of(reported | seed), primitive_map=ring_map)
+        evaluate_tracking(traffic, from_table(TrackingExperiment, reported | seed), primitive_map=ring_map)
         for seed in ({}, {}, {"seed": 1})
     )
     assert once_more == again
@@ -141,7 +141,8 @@ def test_a_groups_figures_are_the_same_whatever_other_groups_the_log_holds(traff
     (found,) = together.methods
     assert (together.n_groups, together.n_vehicles) == (6, 24)
     assert [len(reports) for reports in found.by_group] == [3, 3]
-    prior = TrackingExperiment.of(json.loads(json.dumps(asdict(experiment))) | {"methods": ["prior"], "n_seeds": 1})
+    again = json.loads(json.dumps(asdict(experiment))) | {"methods": ["prior"], "n_seeds": 1}
+    prior = from_table(TrackingExperiment, again)
     of_all = evaluate_tracking(three, prior, primitive_map=ring_map).methods[0].by_group[0]
     for group in (1, 3):
         alone = evaluate_tracking(three[three.group == group], prior, primitive_map=ring_map)
@@ -193,10 +194,10 @@ def test_whole_groups_are_held_out_where_there_are_some_else_whole_vehicles(traf
 @pytest.mark.parametrize(
     ("config", "message"),
     [
-        ({"noise": 1.0}, "experiment: noise: expected one of noise_m, miss_rate"),
+        ({"noise": 1.0}, "noise: expected one of noise_m, miss_rate"),
         ({"filter": {"particles": 3}}, "filter: particles: expected one of n_particles"),
         ({"tracking": 3}, "tracking: expected a table of names and values, got 3"),
-        ({"noise_m": "much"}, "experiment: noise_m: expected a value of type float, got 'much'"),
+        ({"noise_m": "much"}, "noise_m: expected a value of type float, got 'much'"),
         ({"noise_m": -1.0}, "noise_m: expected a positive number"),
         ({"methods": ["chance"]}, "methods: expected some of prior, place-free"),
         ({"learn": 1.0}, "learn: expected a share between 0 and 1"),
@@ -206,7 +207,7 @@ def test_whole_groups_are_held_out_where_there_are_some_else_whole_vehicles(traf
 )
 def test_a_wrong_experiment_is_named(config, message):
     with pytest.raises(ValueError, match=message):
-        TrackingExperiment.of(config)
+        from_table(TrackingExperiment, config)
 
 
 def test_smoothers_stand_beside_their_filters_and_know_more(traffic, ring_map):

@@ -89,7 +89,7 @@ def tracking(
 
 def _experiment(config: Path | None, settings: Settings, options: dict[str, Any]) -> TrackingExperiment:
     """Of the file, but for what settings and options state."""
-    from dirprim_filter.config import FilterConfig, TrackingConfig
+    from dirprim_filter.config import FilterConfig, TrackingConfig, from_table
     from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
 
     tables = [[f.name for f in fields(kind)] for kind in (TrackingExperiment, FilterConfig, TrackingConfig)]
@@ -99,7 +99,7 @@ def _experiment(config: Path | None, settings: Settings, options: dict[str, Any]
     for name, own in (("filter", of_filter), ("tracking", of_tracking)):
         if own:
             configured[name] = (configured.get(name) or {}) | own
-    return TrackingExperiment.of(configured)
+    return from_table(TrackingExperiment, configured)
 
 
 def _map_of(path: Path, tracks: Tracks) -> PrimitiveMap:

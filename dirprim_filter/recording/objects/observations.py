@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
-from dirprim_filter.detections import NO_ID, Detections, is_covariance
+from dirprim_filter.columns import is_covariance
+from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.recording.container.log import Scan
 from dirprim_filter.recording.container.message_columns import MessageColumns

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray
-from dirprim_filter.columns import is_held, known_sizes
-from dirprim_filter.detections import Detections, is_covariance
+from dirprim_filter.columns import is_covariance, is_held, known_sizes
+from dirprim_filter.detections import Detections
 from dirprim_filter.recording.decoding.field_columns import NO_TIME
 from dirprim_filter.recording.errors import TableError
 from dirprim_filter.recording.losses import Losses
