@@ -139,15 +139,12 @@ def test_another_vehicle_changes_no_course_and_a_group_is_another_vehicle():
         np.testing.assert_array_equal(both.heading[both.group == k], yaw[vehicle == k])
 
 
-def test_speeds_stay_as_reported_where_a_vehicle_has_them_throughout():
+def test_speeds_stay_as_reported_throughout_and_rows_alone_in_time_where_all_is_known():
     vehicle, time_ns, position, yaw, _ = circling(speed=8.0, n_vehicles=2)
     reported = np.where((vehicle == 1) & (time_ns == 10**9), np.nan, 3.0)
     tracks = Tracks.from_positions(track_id=vehicle, time_ns=time_ns, position=position, heading=yaw, speed=reported)
     assert set(tracks.speed[tracks.track_id == 0]) == {3.0}
     np.testing.assert_allclose(tracks.speed[tracks.track_id == 1], 8.0, rtol=2e-3)
-
-
-def test_a_row_alone_in_time_is_kept_where_its_heading_and_speed_are_known():
     tracks = Tracks.from_positions(
         track_id=["a", "b", "c"], time_ns=[0, 0, 0], position=np.zeros((3, 2)), heading=[1.0, 2.0, np.nan],
         speed=[4.0, np.nan, 4.0],

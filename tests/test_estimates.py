@@ -17,14 +17,11 @@ def some(names, *, time_ns=0):
     )  # fmt: skip
 
 
-def test_concatenation_keeps_every_row_in_the_order_of_the_parts():
+def test_concatenation_keeps_every_row_in_order_and_numbers_among_names_become_text():
     whole = Estimates.concatenate(iter([some([3, 1], time_ns=9), some([2], time_ns=5)]))
     assert whole.track_id.tolist() == [3, 1, 2]
     assert whole.time_ns.tolist() == [9, 9, 5]
     assert whole.speed.tolist() == [0, 1, 0]
-
-
-def test_numbers_among_names_become_text_and_no_part_gives_no_row():
     assert Estimates.concatenate([some([3]), some(["x"])]).track_id.tolist() == ["3", "x"]
     empty = Estimates.concatenate([])
     assert len(empty) == 0

@@ -27,12 +27,11 @@ def record(maker, name, **changes):
     } | changes  # fmt: skip
 
 
-def test_the_page_is_what_the_stored_figures_say(maker):
+def test_the_page_is_what_the_stored_figures_say_with_a_place_for_every_table(maker):
     assert maker.page() == maker.PAGE.read_text(), "run `python docs/make_results.py`"
-
-
-def test_the_text_has_a_place_for_every_table(maker):
     assert sorted(maker.PLACE.findall(maker.TEXT.read_text())) == sorted(["summary", "logs", *maker.TABLES])
+    one = {"name": "a", "low": 1.0, "chosen": 2.0, "high": 4.0}
+    assert maker.settings_of({"methods": [{"settings": [[one]]}, {"x": [{"constant velocity": [one]}]}]}) == [one, one]
 
 
 def test_every_stored_figure_has_the_command_of_its_run_and_a_column(maker):
@@ -51,11 +50,6 @@ def test_no_stored_rival_lies_on_a_bound_of_what_was_searched(maker):
     settings = [setting for record in stored for setting in record.get("settings", [])]
     for setting in settings:
         assert setting["low"] < setting["chosen"] < setting["high"], setting
-
-
-def test_settings_are_found_wherever_an_output_has_them(maker):
-    one = {"name": "a", "low": 1.0, "chosen": 2.0, "high": 4.0}
-    assert maker.settings_of({"methods": [{"settings": [[one]]}, {"x": [{"constant velocity": [one]}]}]}) == [one, one]
 
 
 def test_every_log_that_a_command_names_is_made_and_after_what_it_is_made_of(maker):

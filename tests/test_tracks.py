@@ -33,13 +33,6 @@ def test_rows_are_kept_in_order_of_time_and_rows_of_one_time_in_the_order_given(
     assert tracks.n_tracks == 4
 
 
-def test_times_to_the_ends_of_int64_are_kept():
-    ends = [-(2**63), 0, 2**63 - 1]
-    for given_times in (ends, np.array(ends, object), np.array(ends, np.int64)):
-        assert Tracks(**GOOD | {"time_ns": given_times}).time_ns.tolist() == ends
-    assert Tracks(**GOOD | {"time_ns": np.array([1, 2, 2**63 - 1], np.uint64)}).time_ns.tolist() == [1, 2, 2**63 - 1]
-
-
 @pytest.mark.parametrize(
     "change",
     [{"track_id": [4, 4, 8]}, {"time_ns": [0, 11, 0]}, {"speed": [1, 1, 1 + 1e-9]}, {"size": np.ones((3, 3))}],
@@ -102,10 +95,14 @@ def test_a_body_points_where_its_heading_says_else_where_it_goes():
     np.testing.assert_array_equal(Tracks(**GOOD).body_direction, Tracks(**GOOD).direction)
 
 
-def test_directions_are_wrapped_and_groups_left_out_are_zero():
+def test_directions_are_wrapped_times_kept_to_the_ends_of_int64_and_groups_zero():
     tracks = Tracks(**GOOD | {"direction": [1.5 * np.pi, -np.pi, 0.5]})
     np.testing.assert_allclose(np.sort(tracks.direction), [-0.5 * np.pi, 0.5, np.pi])
     assert tracks.group.tolist() == [0, 0, 0]
+    ends = [-(2**63), 0, 2**63 - 1]
+    for given_times in (ends, np.array(ends, object), np.array(ends, np.int64)):
+        assert Tracks(**GOOD | {"time_ns": given_times}).time_ns.tolist() == ends
+    assert Tracks(**GOOD | {"time_ns": np.array([1, 2, 2**63 - 1], np.uint64)}).time_ns.tolist() == [1, 2, 2**63 - 1]
 
 
 @pytest.mark.parametrize(
@@ -194,7 +191,7 @@ def test_chosen_rows_by_mask_indices_and_slice(ring):
     assert len(ring[:0]) == 0
 
 
-def test_concatenation_holds_all_rows_and_numbers_among_names_become_text(ring):
+def test_concatenation_holds_all_rows_once_and_numbers_among_names_become_text(ring):
     parts = [ring[ring.track_id % 2 == i] for i in (0, 1)]
     whole = Tracks.concatenate(iter(parts))
     assert whole.track_id.dtype == np.int64
@@ -203,9 +200,6 @@ def test_concatenation_holds_all_rows_and_numbers_among_names_become_text(ring):
     named = Tracks(**GOOD | {"track_id": ["x", "x", "y"]})
     mixed = Tracks.concatenate([Tracks(**GOOD), named])
     assert sorted(set(mixed.track_id.tolist())) == ["4", "9", "x", "y"]
-
-
-def test_concatenation_refuses_nothing_and_a_vehicle_twice_at_a_time(ring):
     with pytest.raises(ValueError, match="at least one Tracks"):
         Tracks.concatenate([])
     with pytest.raises(ValueError, match="vehicle 0 has two rows at 0 ns"):
@@ -233,15 +227,12 @@ def test_a_vehicle_is_an_id_in_a_group(ring):
         replace(both, group=np.zeros(len(both), np.int64))
 
 
-def test_scenes_are_the_groups_one_after_the_other(ring):
+def test_scenes_are_the_groups_and_their_names_each_of_one_vehicle(ring):
     both = two_groups(ring)
     worlds = list(both.by_group())
     assert [set(world.group.tolist()) for world in worlds] == [{-2}, {5}]
     np.testing.assert_array_equal(worlds[0].position, ring.position)
     assert [len(world) for world in ring.by_group()] == [len(ring)]
-
-
-def test_names_of_scenes_are_each_of_one_vehicle_and_those_of_group_0_are_the_ids(ring):
     both = two_groups(ring)
     names = qualified_names(both.track_id, both.group)
     assert np.unique(names).size == both.n_tracks

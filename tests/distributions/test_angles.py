@@ -15,12 +15,9 @@ def test_wrap_keeps_the_angle_and_the_interval(angle):
     assert float(wrap(np.array(wrapped))) == wrapped
 
 
-def test_wrap_at_the_edges():
+def test_wrap_at_the_edges_and_the_short_way_round():
     wrapped = wrap(ODD_PI)
     assert (wrapped > -np.pi).all()
     assert (wrapped <= np.pi).all()
     assert wrap(np.array(-np.pi)) == np.pi
-
-
-def test_difference_is_the_short_way_round():
     assert np.isclose(difference(np.array(-3.1), np.array(3.1)), 2 * np.pi - 6.2)

@@ -42,15 +42,12 @@ def in_lanes(terms, n_lanes):
     return lanes[0] + rest
 
 
-def test_a_fused_product_is_rounded_once():
+def test_a_fused_product_is_rounded_once_and_a_polynomial_is_horners_scheme_of_them():
     rng = np.random.default_rng(0)
     for a, b, far in rng.normal(size=(2000, 3)) * 10.0 ** rng.integers(-6, 6, size=(2000, 3)):
         c = far - a * b * rng.integers(2)  # where nearly all cancels, rounding twice shows
         assert fused(a, b, c) == float(Fraction(a) * Fraction(b) + Fraction(c))
     assert fused(1.0 + 2.0**-30, 1.0 - 2.0**-30, -1.0) == -(2.0**-60)  # and 0 if the product is rounded first
-
-
-def test_a_polynomial_is_horners_scheme_of_fused_products():
     for x in np.random.default_rng(0).normal(size=100):
         assert cubic(x) == fused(fused(fused(0.3, x, -0.7), x, 1.1), x, 0.9)
 

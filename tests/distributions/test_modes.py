@@ -20,11 +20,8 @@ def test_labels_are_those_of_scikit_learn(seed):
             np.testing.assert_array_equal(dbscan(theta, eps=eps, min_samples=min_samples), expected)
 
 
-def test_one_angle():
+def test_one_angle_and_a_cluster_across_the_wrap():
     assert dbscan(np.array([2.0]), eps=0.1, min_samples=1).tolist() == [0]
     assert dbscan(np.array([2.0]), eps=0.1, min_samples=2).tolist() == [NOISE]
-
-
-def test_a_cluster_across_the_wrap_is_one():
     theta = np.array([3.1, -3.1, 3.12, -3.13, 0.0, 0.01])
     assert dbscan(theta, eps=0.1, min_samples=2).tolist() == [0, 0, 0, 0, 1, 1]

@@ -23,15 +23,12 @@ def test_speed_is_viridis_and_saturates() -> None:
     assert (speed_color(np.array(99.0), fastest=20.0) == speed_color(np.array(20.0), fastest=20.0)).all()
 
 
-def test_direction_is_cyclic_and_without_jumps() -> None:
+def test_direction_is_cyclic_without_jumps_and_tells_opposites_apart_also_for_the_colour_blind() -> None:
     circle = np.linspace(-np.pi, np.pi, 721)
     color = direction_color(circle).astype(int)
     assert (color[0] == color[-1]).all()
     assert (color == direction_color(circle + 2 * np.pi)).all()
     assert np.abs(np.diff(color, axis=0)).max() <= 4  # half a degree
-
-
-def test_opposite_directions_differ_also_for_the_colour_blind() -> None:
     circle = np.linspace(-np.pi, np.pi, 72, endpoint=False)
     seen = _as_seen_without_green(direction_color(circle))
     opposite = _as_seen_without_green(direction_color(circle + np.pi))
@@ -39,9 +36,6 @@ def test_opposite_directions_differ_also_for_the_colour_blind() -> None:
     # The test can fail: this red and green look alike.
     red_green = _as_seen_without_green(np.array([[200, 80, 60, 255], [118, 118, 40, 255]]))
     assert np.linalg.norm(red_green[0] - red_green[1]) < 40
-
-
-def test_north_is_lighter_than_south_and_east_is_warmer_than_west() -> None:
     east, north, west, south = direction_color(np.array([0.0, np.pi / 2, np.pi, -np.pi / 2]))[:, :3].astype(int)
     assert north.sum() > south.sum() + 100
     assert east[0] > east[2] + 100

@@ -39,13 +39,10 @@ def drive(x, *, time_s=None, track_id=0):
 PLAIN = street(4, [[(1.0, 0.0, 4.0)]] * 5)
 
 
-def test_a_step_is_the_middle_of_a_visit_and_the_last_row_of_the_one_before():
+def test_a_step_is_the_middle_of_a_visit_and_the_last_row_of_the_one_before_of_one_vehicle():
     steps = steps_between_cells(PLAIN, drive([1, 5, 9, 12, 15, 18, 25]))
     np.testing.assert_array_equal(steps.before, [2, 5])
     np.testing.assert_array_equal(steps.row, [4, 6])
-
-
-def test_vehicles_pauses_and_places_without_a_cell_make_no_step():
     two = Tracks.concatenate([drive([1, 5], track_id=0), drive([15, 25], track_id=1)])
     steps = steps_between_cells(PLAIN, two)
     assert two.position[steps.before, 0].tolist() == [15.0]

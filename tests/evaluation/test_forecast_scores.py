@@ -24,15 +24,12 @@ def scored(samples, truth):
     return score_cases(samples[:, :, None], truth[:, None])[:, 0]
 
 
-def test_energy_score_is_that_of_a_slow_loop_and_without_bias():
+def test_energy_and_regions_are_those_of_slow_loops():
     rng = np.random.default_rng(0)
     samples, truth = rng.normal(size=(5, 30, 2)), rng.normal(size=(5, 2))
     near = np.linalg.norm(samples - truth[:, None], axis=-1).mean(axis=1)
     apart = np.linalg.norm(samples[:, :, None] - samples[:, None], axis=-1).sum(axis=(1, 2)) / (30 * 29)
     np.testing.assert_allclose(score_of("energy", scored(samples, truth)), near - 0.5 * apart, rtol=1e-12)
-
-
-def test_regions_are_those_of_sorted_distances_to_the_fifth_nearest():
     rng = np.random.default_rng(3)
     samples, truth = rng.normal(size=(40, 30, 2)), 1.5 * rng.normal(size=(40, 2))
     points = np.concatenate([samples, truth[:, None]], axis=1)

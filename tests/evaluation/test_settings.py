@@ -26,13 +26,11 @@ def test_what_is_chosen_is_the_best_of_a_wide_grid_and_lies_inside_what_was_sear
         assert choice.high >= choice.chosen * factor * 0.9999
 
 
-def test_where_the_grid_cannot_widen_the_choice_lies_on_its_bound():  # the negative control
+def test_the_choice_lies_on_a_bound_that_cannot_widen_and_stays_where_little_is_gained():
     (choice,) = choose([SIZE._replace(most=16.0)], lambda values: -abs(np.log(values[0] / 37.0)))
     assert choice == ("size, m", 1.0, 16.0, 16.0)
     assert not choice.is_inside
 
-
-def test_what_gains_less_than_asked_is_not_taken():
     def slope(values):
         return -abs(np.log2(values[0] / 8.0))  # each step gains 1
 

@@ -10,7 +10,7 @@ from dirprim_filter.tracks import Tracks
 from oracles import leader_features, leader_of
 
 
-def test_the_leader_is_whom_the_slow_twin_finds():
+def test_the_leader_and_what_a_driver_goes_by_are_those_of_the_slow_twin():
     rng, found = np.random.default_rng(0), 0
     for _ in range(30):
         others = np.column_stack([rng.uniform(-30, 30, (40, 2)), rng.uniform(-np.pi, np.pi, 40), rng.uniform(0, 9, 40)])
@@ -23,17 +23,11 @@ def test_the_leader_is_whom_the_slow_twin_finds():
                 np.testing.assert_allclose(seen[i, :2], [gap, speed], atol=1e-12)
                 found += 1
     assert found > 50
-
-
-def test_no_vehicle_is_the_leader_of_its_own_particles():
     others = np.array([[[5.0, 0.0, 0.0, 3.0], [9.0, 0.0, 0.0, 4.0]]])
     for own, gap in ((0, 9.0), (1, 5.0), (-1, 5.0)):
         seen = np.empty((1, 3))
         _leader.behind(others, own, np.zeros((1, 2)), np.zeros(1), np.zeros(1), seen)
         assert seen[0, 0] == gap
-
-
-def test_features_are_the_slow_twins():
     rng = np.random.default_rng(1)
     speed, seen, feature = rng.uniform(0, 20, 200), rng.uniform(0, 60, (200, 3)), np.empty((200, N_FEATURES))
     _leader.descriptions(speed, seen, feature)

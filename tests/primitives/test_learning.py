@@ -120,12 +120,9 @@ def most(ring):
     return tracks, learn_primitives(tracks, rng=np.random.default_rng(5))
 
 
-def test_the_same_tracks_and_random_state_give_the_identical_map(most):
+def test_the_same_tracks_give_the_identical_map_in_any_order_and_parts(most, ring, ring_map):
     tracks, learned = most
     assert_same_map(learn_primitives(tracks, rng=np.random.default_rng(5)), learned)
-
-
-def test_neither_the_order_of_the_rows_nor_their_parts_matter(ring, ring_map):
     shuffled = ring[np.random.default_rng(0).permutation(len(ring))]
     parts = (shuffled[shuffled.track_id % 3 == i] for i in range(3))
     assert_same_map(learn_primitives(parts, tessellation="grid", cell_size=6.0, rng=np.random.default_rng(7)), ring_map)
@@ -201,13 +198,10 @@ def test_little_or_degenerate_data_give_a_finite_proper_map(tracks, modes):
         assert np.exp(learned.direction_log_density(place, fine)).mean() * 2 * np.pi == pytest.approx(1, abs=1e-9)
 
 
-def test_one_row_comes_out_as_the_likeliest_motion_of_its_cell_and_leaves_others_possible():
+def test_one_row_is_the_likeliest_motion_of_its_cell_and_who_stands_a_mode_without_direction():
     learned = learn_primitives(rows_of([2.0], [8.0]), rng=np.random.default_rng(0))
     log_p = learned.log_density(np.zeros(2), np.array([2.0, -1.0]), np.array([8.0, 8.0]))
     assert 2.0 < log_p[0] - log_p[1] < 20.0
-
-
-def test_standing_vehicles_come_out_as_a_mode_without_direction_near_speed_zero():
     learned = learn_primitives(still(30), rng=np.random.default_rng(0))
     direction, speed = learned.sample(np.tile([1.0, 1.0], (4000, 1)), rng=np.random.default_rng(1))
     assert np.mean(speed < 0.3) > 0.9  # exponential of mean 0.05 m/s
@@ -247,18 +241,15 @@ def test_n_cells_gives_about_that_many(ring, n):
     assert learned.tessellation.n_cells == pytest.approx(n, rel=0.2)
 
 
-def test_one_cell_of_a_grid_is_one_although_lines_of_grids_go_through_the_origin(ring):
-    learned = learn_primitives(ring, tessellation="grid", n_cells=1, rng=np.random.default_rng(0))
-    assert learned.tessellation.n_cells == 1
-    assert (learned.tessellation.cell_of(ring.position) == 0).all()
-
-
-def test_given_cells_are_kept_even_where_they_hold_nothing(ring):
+def test_given_cells_are_kept_and_one_cell_of_a_grid_is_one(ring):
     cells = GridTessellation.covering(np.array([[500.0, 500.0]]), cell_size=10.0)
     learned = learn_primitives(ring, tessellation=cells, rng=np.random.default_rng(0))
     assert learned.tessellation is cells
     np.testing.assert_array_equal(learned.n_rows[:-1], 0)
     assert np.isfinite(learned.log_density([505.0, 505.0], 0.0, 5.0))
+    learned = learn_primitives(ring, tessellation="grid", n_cells=1, rng=np.random.default_rng(0))
+    assert learned.tessellation.n_cells == 1
+    assert (learned.tessellation.cell_of(ring.position) == 0).all()
 
 
 def test_a_map_lives_in_any_cells(ring, ring_map):

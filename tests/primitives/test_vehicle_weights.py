@@ -42,13 +42,10 @@ def test_of_equal_weights_the_map_is_that_of_none(tmp_path):
     assert len({file.read_bytes() for file in files}) == 1
 
 
-def test_shares_follow_the_weights():
+def test_shares_transitions_and_visits_follow_the_weights():
     weight = np.where(np.arange(N) % 4 == 0, 3.0, 1.0)  # as many of either, by weight
     assert north(learned(weight)) == pytest.approx(0.5, abs=0.01)
     assert north(learned(None)) == pytest.approx(0.25, abs=0.01)  # the negative control
-
-
-def test_transitions_and_visits_follow_the_weights():
     weight = np.where(np.arange(N) % 4 == 0, 3.0, 1.0)
     motion = learned(weight).motion
     placed = slice(motion.n_placed)

@@ -87,7 +87,7 @@ def braking(stand_s):
     return np.concatenate([np.full(25, 8.0), down, np.zeros(round(stand_s / 0.1)), up, np.full(20, 8.0)])
 
 
-def test_who_stops_makes_three_visits():
+def test_who_stops_makes_three_visits_and_who_hardly_stops_one():
     visits = visits_of(eastward(braking(3.0)))
     here = visits.cell == visits.cell[visits.stands]
     assert visits.stands[here].tolist() == [False, True, False]
@@ -95,9 +95,6 @@ def test_who_stops_makes_three_visits():
     assert (np.diff(visits.cell) >= 0).all()
     assert visits.cell[0] == 0
     assert visits.follows().tolist() == [True] * (len(visits) - 1) + [False]
-
-
-def test_who_hardly_stops_makes_one_visit():
     assert len(visits_of(eastward([5.0]), eastward([5.0], start_s=90.0))) == 0  # of single rows
     visits = visits_of(eastward(braking(0.2)))
     assert not visits.stands.any()

@@ -92,13 +92,15 @@ def messages(path, topic):
         return [m for _, _, m in make_reader(file, validate_crcs=True).iter_messages(topics=topic)]
 
 
-def test_estimates_read_back_equal(estimate_log):
+def test_estimates_read_back_equal_and_a_log_that_was_not_smoothed_says_so(estimate_log):
     written = messages(estimate_log, "/dirprim/tracks")
     assert len(written) == 30
     for message in written:
         back, sent = decode_estimates(message.data), a_frame(message.log_time).estimates
         for name in COLUMNS:
             np.testing.assert_array_equal(getattr(back, name), getattr(sent, name), err_msg=name)
+    with pytest.raises(NoTracksError, match="/dirprim/smoothed"):
+        read_estimates(estimate_log, smoothed=True)
 
 
 def test_broken_estimates_are_refused():
@@ -174,8 +176,3 @@ def test_smoothed_estimates_stand_beside_the_filters_and_come_back_bit_for_bit(t
                 getattr(found, name), np.concatenate([getattr(frame.estimates, name) for frame in wanted]), name
             )
     assert [m.log_time for m in messages(path, "/dirprim/smoothed/scene")] == [i * STEP for i in range(40)]
-
-
-def test_a_log_that_was_not_smoothed_says_so(estimate_log):
-    with pytest.raises(NoTracksError, match="/dirprim/smoothed"):
-        read_estimates(estimate_log, smoothed=True)

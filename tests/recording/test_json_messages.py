@@ -56,7 +56,7 @@ def test_times_of_other_zones_read_with_and_without_a_fraction(when, minutes, is
     assert read("time", when.isoformat()) == ([exact], [])
 
 
-def test_times_in_every_shape_that_writers_give_them():
+def test_times_in_every_shape_that_writers_give_them_and_what_is_none_costs_its_message():
     times = {
         '{"sec": 5, "nsec": 7}': 5 * S + 7, '{"sec": 5, "nanosec": 7}': 5 * S + 7, '{"secs": 5, "nsecs": 7}': 5 * S + 7,
         '{"seconds": "5", "nanos": 7}': 5 * S + 7, '{"seconds": "5"}': 5 * S, '{"nanos": 7}': 7, "{}": 0,
@@ -65,9 +65,6 @@ def test_times_in_every_shape_that_writers_give_them():
         '"2024-06-01T00:00:00.1234567899Z"': 1_717_200_000 * S + 123_456_789, '{"seconds": "99999999999"}': NO_TIME,
     }  # fmt: skip
     assert read("time", *map(json.loads, times)) == (list(times.values()), [])
-
-
-def test_what_is_no_time_costs_its_message():
     none = [
         True, 1.5, [], {"second": 1}, {"sec": "1_0"}, {"sec": "\N{FULLWIDTH DIGIT FIVE}"}, {"sec": 1.5}, "", "now",
         "2024-02-30T00:00:00Z", "2024-06-01", "2024-06-01T00:00:00+99:99", "2024-06-01T00:00:00.Z",
@@ -75,13 +72,10 @@ def test_what_is_no_time_costs_its_message():
     assert read("time", *none)[1] == list(range(len(none)))
 
 
-def test_an_id_is_the_same_whether_a_writer_has_whole_numbers_or_not():
+def test_numbers_and_names_of_any_length_and_an_id_is_the_same_as_a_whole_number():
     assert read("name", 5, 5.0, "5", 1e15, -0.0, 5.5, float("nan"), float("inf")) == (
         ["5", "5", "5", "1000000000000000", "0", "", "", ""], [5, 6, 7],
     )  # fmt: skip
-
-
-def test_numbers_and_names_of_any_length():
     numbers = [1, -2.5, True, "12345678901234567890", "-1.5e3", "NaN", "-Infinity", None, HUGE, "1_0", " 1", "0x1", []]
     column, failed = read("number", *numbers)
     np.testing.assert_array_equal(column[:8], [1, -2.5, 1, 12345678901234567890, -1500, np.nan, -np.inf, np.nan])

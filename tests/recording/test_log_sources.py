@@ -34,7 +34,7 @@ def rows(log):
     return [(m.topic, m.log_time_ns, m.data) for m in log]
 
 
-def test_a_fifo(tmp_path):
+def test_pipes_are_read_as_files(tmp_path):
     fifo = tmp_path / "fifo"
     os.mkfifo(fifo)
     writer = threading.Thread(target=fifo.write_bytes, args=(log_bytes(SENT),))
@@ -42,9 +42,6 @@ def test_a_fifo(tmp_path):
     assert rows(scan(fifo)) == SENT
     writer.join()
     assert rows(scan(fifo)) == SENT  # a pipe gives its bytes once; the copy stays
-
-
-def test_the_command_line_reads_a_pipe(tmp_path):
     done = subprocess.run(
         [sys.executable, "-m", "dirprim_filter.cli", "info", "-"],
         input=log_bytes(SENT),

@@ -55,21 +55,15 @@ def test_objects_are_seen_to_move(straight):
         np.testing.assert_array_equal(frame.estimates.position, frame.detections.position)
 
 
-def test_estimates_are_those_of_the_log(tracked):
+def test_estimates_are_those_of_the_log_whole_in_part_and_damaged(tracked, straight):
     played = Estimates.concatenate([frame.estimates for frame in Playback(tracked)])
     expected = read_estimates(tracked)
     np.testing.assert_array_equal(played.time_ns, expected.time_ns)
     np.testing.assert_array_equal(played.position, expected.position)
     np.testing.assert_array_equal(played.direction, expected.direction)
-
-
-def test_a_part_of_it(straight, tracked):
     for path in (straight, tracked):
         frames = list(Playback(path, start_ns=5 * STEP_NS, end_ns=9 * STEP_NS))
         assert [frame.time_ns for frame in frames] == [i * STEP_NS for i in range(5, 9)]
-
-
-def test_damage_is_reported(tracked):
     tracked.write_bytes(tracked.read_bytes()[:-30])
     playback = Playback(tracked)
     assert len(list(playback)) == N

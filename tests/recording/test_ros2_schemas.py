@@ -155,7 +155,7 @@ def test_names_are_those_of_each_schema(tmp_path):
         assert set(read_tracks(array_log(tmp_path, schema)).track_id.tolist()) == names
 
 
-def test_a_twist_that_is_not_reported_is_no_standstill(tmp_path):
+def test_a_twist_that_is_not_reported_is_no_standstill_and_who_stands_unturned_has_no_direction(tmp_path):
     path = array_log(
         tmp_path, "autoware_perception_msgs/msg/DetectedObjects",
         lambda k, _: [detected(k, i, has_twist=i != 0) for i in range(3)],
@@ -163,9 +163,6 @@ def test_a_twist_that_is_not_reported_is_no_standstill(tmp_path):
     log = read_track_logs(path)
     assert (len(log.tracks), log.losses.dropped[ALONE]) == (2 * N_TIMES, N_TIMES)
     assert sum(len(frame) for frame in stream_detections(path)) == 3 * N_TIMES
-
-
-def test_a_standing_object_of_unknown_orientation_has_no_direction(tmp_path):
     path = array_log(
         tmp_path, "autoware_perception_msgs/msg/DetectedObjects",
         lambda k, _: [detected(k, 1, availability=0), detected(k, 2, availability=0)],

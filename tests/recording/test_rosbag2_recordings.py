@@ -50,7 +50,7 @@ def split(tmp_path):
     return described(folder, [f"run/run_{i}.mcap" for i in range(len(PARTS))])
 
 
-def test_a_split_recording_is_one_log(split):
+def test_a_split_recording_is_one_log_one_index_and_recovered_one_file(split, tmp_path):
     log = scan(split)
     assert rows(log) == sorted((m for part in PARTS for m in part), key=lambda m: m[1])  # stably: in the files' order
     assert log.damage == []
@@ -58,9 +58,10 @@ def test_a_split_recording_is_one_log(split):
     assert rows(scan(split, start_ns=90)) == PARTS[2]
     assert [channel.topic for channel in log.channels()] == ["/a", "/b", "/c"]
     assert log.end_ns == 91
-
-
-def test_the_index_of_a_split_recording_is_that_of_its_files(split):
+    recovery = recover(split, tmp_path / "one.mcap")
+    assert recovery.is_lossless
+    assert rows(scan(tmp_path / "one.mcap")) == rows(scan(split))
+    assert recovery.saved == sum(map(len, PARTS))
     summary = summarise_by_index(split, from_bytes=0)
     assert {topic.name: topic.messages for topic in summary.topics} == {"/a": 66, "/b": 2, "/c": 1}
     assert (summary.messages, summary.start_ns, summary.end_ns) == (69, 0, 91)
@@ -75,13 +76,6 @@ def test_damage_of_a_split_recording_names_the_file_and_costs_no_other(split):
     assert len(rows(log)) == sum(map(len, PARTS))
     assert {damage.kind for damage in log.damage} == {"truncated"}
     assert all(damage.detail.startswith("run_1.mcap: ") for damage in log.damage)
-
-
-def test_a_split_recording_is_recovered_into_one_file(split, tmp_path):
-    recovery = recover(split, tmp_path / "one.mcap")
-    assert recovery.is_lossless
-    assert rows(scan(tmp_path / "one.mcap")) == rows(scan(split))
-    assert recovery.saved == sum(map(len, PARTS))
 
 
 @pytest.mark.parametrize(
@@ -183,14 +177,11 @@ def test_a_bag_of_ros_1_reads_as_one_of_ros_2(tmp_path):
         read_tracks(path)
 
 
-def test_a_bag_without_definitions_is_read_by_those_of_ros(tmp_path):
+def test_a_bag_without_definitions_is_read_and_a_broken_one_says_how_to_save_what_is_left(tmp_path):
     file = next(write_bag(tmp_path / "old", StoragePlugin.SQLITE3).glob("*.db3"))
     with sqlite3.connect(file) as database:
         database.execute("DELETE FROM message_definitions")
     assert len(read_tracks(file)) == 20
-
-
-def test_a_broken_bag_says_how_to_save_what_is_left(tmp_path):
     file = next(write_bag(tmp_path / "long", StoragePlugin.SQLITE3, n=200).glob("*.db3"))
     data = bytearray(file.read_bytes())
     data[len(data) // 2 : len(data) // 2 + 20_000] = bytes(20_000)

@@ -89,16 +89,13 @@ def test_bad_rows_are_dropped_and_counted_and_good_ones_kept(tmp_path):
     assert found.tracks.position[:4, 0].tolist() == [0.0, 1.0, 7.0, 2.0]
 
 
-def test_an_id_in_two_groups_is_two_vehicles(tmp_path):
+def test_groups_are_of_several_columns_and_an_id_in_two_is_two_vehicles(tmp_path):
     rows = ["0.0,7,1,0,0,1,1", "0.0,7,2,0,0,1,2", "0.1,8,3,0,0,1,2"]
     found = read(tmp_path, f"{HEADER},group", rows)
     assert found.tracks.track_id.tolist() == ["1/7", "2/7", "2/8"]
     assert list(found.losses.notes.values()) == [1]
     apart = read(tmp_path, f"{HEADER},group", [rows[0], rows[2]])
     assert (apart.tracks.track_id.tolist(), apart.losses.notes) == ([7, 8], {})
-
-
-def test_several_columns_make_the_group(tmp_path):
     rows = [f"{t},v,{t},0,{site},{day}" for site in ("north", "south") for day in (1, 2) for t in (0, 1)]
     path = table(tmp_path, "\n".join([f"{PLACES},site,day", *rows]))
     for group, groups in (("site+day", [0, 1, 2, 3]), ("day", [1, 2])):

@@ -105,16 +105,12 @@ def test_traffic_keeps_to_the_right_on_every_arm(observed: dict[str, Tracks], sc
 
 
 @needs_sumo
-def test_the_same_seed_gives_the_same_tracks_and_another_does_not(observed: dict[str, Tracks]) -> None:
+def test_the_same_seed_gives_the_same_tracks_and_a_lower_rate_a_subset(observed: dict[str, Tracks]) -> None:
     again = simulate("roundabout", duration_s=DURATION_S, seed=5)
     for name in ("track_id", "time_ns", "position", "direction", "speed"):
         np.testing.assert_array_equal(getattr(again, name), getattr(observed["roundabout"], name))
     other = simulate("roundabout", duration_s=DURATION_S, seed=6)
     assert len(other) != len(again) or not np.allclose(other.position, again.position)
-
-
-@needs_sumo
-def test_a_lower_rate_is_a_subset_of_the_rows(observed: dict[str, Tracks]) -> None:
     thin = simulate("roundabout", duration_s=DURATION_S, seed=5, rate_hz=2.0)
     full = observed["roundabout"]
     kept = full[full.time_ns % 500_000_000 == 0]

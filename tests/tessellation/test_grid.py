@@ -6,10 +6,14 @@ from hypothesis import strategies as st
 from tessellation import OUTSIDE, GridTessellation
 
 
-def test_outside_is_said_and_never_clipped():
+def test_outside_is_said_and_far_outliers_do_not_allocate_the_plane_between():
     grid = GridTessellation.covering(np.array([[0.5, 0.5], [10.5, 0.5]]), cell_size=1.0)
     away = np.array([[5.5, 0.5], [-0.5, 0.5], [0.5, 1.5], [1e12, -1e12]])
     assert (grid.cell_of(away) == OUTSIDE).all()
+    with pytest.raises(ValueError, match="outliers"):
+        GridTessellation.covering(np.array([[0.0, 0.0], [1e9, 1e9]]), cell_size=1.0)
+    with pytest.raises(ValueError, match="finite"):
+        GridTessellation.covering(np.array([[0.0, np.nan]]), cell_size=1.0)
 
 
 @given(st.floats(-1e6, 1e6), st.floats(-1e6, 1e6), st.floats(0.01, 1e3))
@@ -35,10 +39,3 @@ def test_a_grid_that_cannot_be_is_refused(arguments, message):
     good = {"origin": np.zeros(2), "cell_size": 1.0, "n_x": 2, "n_y": 2, "square": np.array([0, 3])}
     with pytest.raises(ValueError, match=message):
         GridTessellation(**(good | arguments))
-
-
-def test_far_outliers_do_not_allocate_the_plane_between():
-    with pytest.raises(ValueError, match="outliers"):
-        GridTessellation.covering(np.array([[0.0, 0.0], [1e9, 1e9]]), cell_size=1.0)
-    with pytest.raises(ValueError, match="finite"):
-        GridTessellation.covering(np.array([[0.0, np.nan]]), cell_size=1.0)

@@ -71,22 +71,23 @@ def test_where_all_is_alike_one_cell_is_found():
         assert learned(position, value, seed=seed).tessellation.n_cells == 1
 
 
-def test_the_trace_never_rises_and_ends_with_the_cells(found):
+def test_the_trace_never_rises_is_reported_and_is_that_of_the_seed(found):
     assert found.trace.size == found.n_cells.size > 3
     assert (np.diff(found.trace) <= 0).all()
     assert found.trace[-1] < found.trace[0] - 0.1
     assert found.n_cells[-1] >= found.tessellation.n_cells  # empty ones are dropped
     nearest = cKDTree(found.tessellation.generators).query(sample()[0])[1]
     assert np.bincount(nearest, minlength=found.tessellation.n_cells).min() > 0
-
-
-def test_a_seed_decides_everything(found):
     again = learned(*sample()[:2])
     np.testing.assert_array_equal(again.tessellation.generators, found.tessellation.generators)
     other = learned(*sample()[:2], seed=1)
     assert other.tessellation.generators.shape != found.tessellation.generators.shape or not np.array_equal(
         other.tessellation.generators, found.tessellation.generators
     )
+    reported = []
+    found = learned(*sample(600)[:2], progress=lambda n, objective: reported.append((n, objective)))
+    assert [n for n, _ in reported] == found.n_cells.tolist()
+    assert [objective for _, objective in reported] == found.trace.tolist()
 
 
 def turned(position):
@@ -123,13 +124,6 @@ def test_a_sample_lays_out_the_cells_when_there_are_many_data():
     position, value, _ = sample(6000)
     some = learned(position, value, max_rows=2000)
     assert held_out(some, *sample(20_000, seed=9)[:2]) > -1.42 - 0.2
-
-
-def test_progress_is_reported_step_by_step():
-    reported = []
-    found = learned(*sample(600)[:2], progress=lambda n, objective: reported.append((n, objective)))
-    assert [n for n, _ in reported] == found.n_cells.tolist()
-    assert [objective for _, objective in reported] == found.trace.tolist()
 
 
 ODD = {

@@ -40,13 +40,10 @@ def test_rasters_are_as_large_however_near_generators_are(apart_m):
     assert np.isfinite(cells.area).all()
 
 
-def test_squares_too_scattered_for_memory_are_refused():
+def test_squares_too_scattered_or_too_many_for_memory_are_refused():
     square = np.arange(0, 1 << 33, 8191, dtype=np.int64)[: 1 << 21]
     with pytest.raises(ValueError, match=r"blocks of 16 x 16 pixels take .* remove far outliers"):
         in_blocks(np.zeros(2), 3.0, (1 << 13, 1 << 20), Pixels(*np.divmod(square, 1 << 20), square))
-
-
-def test_extents_beyond_what_rasters_hold_are_refused_before_memory_is_taken():
     for n_x, n_y in ((1 << 31, 1), (1 << 18, 1 << 17), (1 << 62, 1 << 62)):
         with pytest.raises(ValueError, match="squares, more than 8589934592 in blocks"):
             GridTessellation(origin=np.zeros(2), cell_size=1.0, n_x=n_x, n_y=n_y, square=np.empty(0, np.int64))

@@ -127,15 +127,12 @@ def test_polygons_of_a_filled_region_are_those_of_qhull():
     assert cells.area.sum() == pytest.approx(100.0)
 
 
-def test_a_generator_far_from_the_data_owns_nothing():
+def test_no_generator_makes_no_cell_and_one_far_from_the_data_owns_nothing():
     data = np.zeros((1, 2))
     cells = VoronoiTessellation.covering(data, generators=np.array([[0.0, 0.0], [1000.0, 0.0]]), reach=5.0)
     assert cells.n_cells == 2
     assert cells.area[1] == 0.0
     assert cells.polygons()[1].shape == (0, 2)
-
-
-def test_no_generator_makes_no_cell():
     cells = VoronoiTessellation.covering(np.zeros((1, 2)), generators=np.empty((0, 2)), reach=5.0)
     assert cells.n_cells == 0
     assert cells.polygons() == []
