@@ -4,17 +4,14 @@ import math
 
 import numpy as np
 
-from dirprim_filter.arrays import BoolArray, FloatArray
 from dirprim_filter.detections import Detections
-from dirprim_filter.sensor import AxisError, Sensor
 from dirprim_filter.simulation.sensor import with_false
-from dirprim_filter.tracks import Tracks
 
 OUTLIER_EXTENT_M = 100.0
 """Side of the square about a vehicle in which an outlier lies anywhere."""
 
 
-def sense(tracks: Tracks, sensor: Sensor, *, rng: np.random.Generator) -> Detections:
+def sense(tracks, sensor, *, rng):
     """What a sensor of such a model reports of vehicles whose true motion is known, in order of time.
 
     Detections are named as by `detect`. A vehicle is not reported until its first row is a latency old, nor out of
@@ -41,7 +38,7 @@ def sense(tracks: Tracks, sensor: Sensor, *, rng: np.random.Generator) -> Detect
     return with_false(tracks, seen, position[seen], (sensor.clutter_density or 0.0) * area, rng)
 
 
-def _late(track: Tracks, sensor: Sensor, rng: np.random.Generator) -> tuple[FloatArray, BoolArray]:
+def _late(track, sensor, rng):
     """Of one vehicle (n,) rows: (n, 2) reported positions, and (n,) whether it was there then."""
     time_s = (track.time_ns - track.time_ns[0]) * 1e-9
     at = time_s - sensor.latency_s
@@ -54,7 +51,7 @@ def _late(track: Tracks, sensor: Sensor, rng: np.random.Generator) -> tuple[Floa
     return reported, at >= 0.0
 
 
-def _errors(axis: AxisError, time_s: FloatArray, rng: np.random.Generator) -> FloatArray:
+def _errors(axis, time_s, rng):
     """(n,) metres at times (n,): the bias, a first-order Gauss-Markov process, and white noise."""
     kept = np.exp(-np.diff(time_s, prepend=-np.inf) / axis.correlation_s)
     correlated = np.sqrt(1.0 - kept**2) * rng.standard_normal(time_s.size)

@@ -20,22 +20,22 @@ from dirprim_filter.distributions.highest_density import (
 SHARES = (0.9, 0.5)
 
 
-def region_triangles(paths: np.ndarray, shares: tuple[float, ...]) -> list[np.ndarray]:
+def region_triangles(paths, shares):
     """The corners of the triangles of each region, (n, 3, 2)."""
     return [fan.vertex[fan.triangle] for fan in highest_density_regions(paths, shares)]
 
 
-def area_of(triangles: np.ndarray) -> np.ndarray:
+def area_of(triangles):
     (ax, ay), (bx, by) = (triangles[:, 1] - triangles[:, 0]).T, (triangles[:, 2] - triangles[:, 0]).T
     return 0.5 * (ax * by - ay * bx)
 
 
-def holds(triangles: np.ndarray, points: np.ndarray) -> np.ndarray:
+def holds(triangles, points):
     """(n,) whether each point lies in one of the triangles, by matplotlib."""
     return np.any([Outline(t).contains_points(points, radius=1e-6) for t in triangles], axis=0)
 
 
-def fork(n: int, *, seed: int) -> np.ndarray:
+def fork(n, *, seed):
     """Rollouts that go on to the east or turn off to the north, at 10 m/s; (n, 16, 2)."""
     rng = np.random.default_rng(seed)
     turn = np.where(rng.random(n) < 0.5, 0.0, 0.35)[:, None] + rng.normal(0, 0.03, (n, 1))
@@ -44,20 +44,20 @@ def fork(n: int, *, seed: int) -> np.ndarray:
     return np.cumsum(step, axis=1)
 
 
-def test_at_every_instant_the_fan_holds_its_share_of_the_rollouts() -> None:
+def test_at_every_instant_the_fan_holds_its_share_of_the_rollouts():
     paths = fork(60, seed=1)
     for share, fan in zip(SHARES, region_triangles(paths, SHARES), strict=True):
         for step in range(paths.shape[1]):  # straight edges between nodes cost a sample or two
             assert holds(fan, paths[:, step]).mean() >= share - 0.05
 
 
-def test_a_smaller_share_is_a_smaller_area_within_the_larger() -> None:
+def test_a_smaller_share_is_a_smaller_area_within_the_larger():
     wide, narrow = region_triangles(fork(60, seed=2), SHARES)
     assert 0.0 < area_of(narrow).sum() < 0.8 * area_of(wide).sum()
     assert holds(wide, narrow.mean(axis=1)).mean() > 0.98
 
 
-def test_triangles_do_not_overlap_and_all_turn_one_way() -> None:
+def test_triangles_do_not_overlap_and_all_turn_one_way():
     (fan,) = region_triangles(fork(40, seed=3), (0.9,))
     assert (area_of(fan) >= -1e-9).all()
     rng = np.random.default_rng(4)
@@ -68,7 +68,7 @@ def test_triangles_do_not_overlap_and_all_turn_one_way() -> None:
     assert inside.mean() * box == pytest.approx(area_of(fan).sum(), rel=0.1)
 
 
-def test_a_fan_splits_where_rollouts_do() -> None:
+def test_a_fan_splits_where_rollouts_do():
     (fan,) = region_triangles(fork(60, seed=5), (0.9,))
     ends = fork(60, seed=5)[:, -1]
     north = ends[:, 1] > 10
@@ -77,7 +77,7 @@ def test_a_fan_splits_where_rollouts_do() -> None:
     assert not holds(fan, between[None]).any()  # where an ellipse around all would lie
 
 
-def test_the_area_is_that_of_the_highest_density_region() -> None:
+def test_the_area_is_that_of_the_highest_density_region():
     rng = np.random.default_rng(6)
     cloud = np.array([40.0, 25.0]) + 12.0 * rng.normal(size=(4000, 1, 2))
     kernel = KERNEL_SQUARES * np.ptp(cloud, axis=0).max() / N_SQUARES
@@ -88,14 +88,14 @@ def test_the_area_is_that_of_the_highest_density_region() -> None:
 
 
 @pytest.mark.parametrize("paths", [np.full((5, 3, 2), 7.0), np.zeros((1, 1, 2)), np.arange(4.0).reshape(1, 2, 2)])
-def test_rollouts_that_agree_have_a_small_fan(paths: np.ndarray) -> None:
+def test_rollouts_that_agree_have_a_small_fan(paths):
     for fan in region_triangles(paths, SHARES):
         assert 0.0 < area_of(fan).sum() < 40.0
         away = np.linalg.norm(fan.reshape(-1, 1, 2) - paths[0], axis=-1)
         assert (away.min(axis=0) < FINEST_M).all()
 
 
-def test_densities_are_sums_of_normal_ones() -> None:
+def test_densities_are_sums_of_normal_ones():
     rng = np.random.default_rng(7)
     place, shares = rng.uniform(6, [24, 34], (5, 40, 2)), np.array([0.9, 0.5])
     found = highest_densities(place, shares, (30, 40))
@@ -113,7 +113,7 @@ def test_densities_are_sums_of_normal_ones() -> None:
 
 
 @pytest.mark.parametrize("shape", [(9, 14), (1, 5), (3, 1), (12, 12)])
-def test_triangles_cover_what_is_high_and_nothing_twice(shape: tuple[int, int]) -> None:
+def test_triangles_cover_what_is_high_and_nothing_twice(shape):
     rng = np.random.default_rng(9)
     for _ in range(20):
         height = np.full(shape, -1.0)

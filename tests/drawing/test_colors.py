@@ -11,19 +11,19 @@ DEUTERANOPIA = np.array(
 """What a viewer without green cones sees of linear RGB (Machado, Oliveira and Fernandes, 2009)."""
 
 
-def _as_seen_without_green(rgba: np.ndarray) -> np.ndarray:
+def _as_seen_without_green(rgba):
     linear = np.clip((rgba[..., :3] / 255.0) ** 2.2 @ DEUTERANOPIA.T, 0.0, 1.0)
     return 255.0 * linear ** (1 / 2.2)
 
 
-def test_speed_is_viridis_and_saturates() -> None:
+def test_speed_is_viridis_and_saturates():
     speed = np.linspace(0.0, 20.0, 101)
     expected = 255.0 * mpl.colormaps["viridis"](speed / 20.0)
     assert np.abs(speed_color(speed, fastest=20.0) - expected).max() < 5  # 17 anchors of 256
     assert (speed_color(np.array(99.0), fastest=20.0) == speed_color(np.array(20.0), fastest=20.0)).all()
 
 
-def test_direction_is_cyclic_without_jumps_and_tells_opposites_apart_also_for_the_colour_blind() -> None:
+def test_direction_is_cyclic_without_jumps_and_tells_opposites_apart_also_for_the_colour_blind():
     circle = np.linspace(-np.pi, np.pi, 721)
     color = direction_color(circle).astype(int)
     assert (color[0] == color[-1]).all()
@@ -42,7 +42,7 @@ def test_direction_is_cyclic_without_jumps_and_tells_opposites_apart_also_for_th
     assert west[2] > west[0] + 50
 
 
-def test_a_vehicle_keeps_its_colour_whoever_else_is_there() -> None:
+def test_a_vehicle_keeps_its_colour_whoever_else_is_there():
     alone, together = track_color(np.array([7])), track_color(np.array([3, 7, 9]))
     assert (alone[0] == together[1]).all()
     assert (track_color(np.array(["7"])) == alone).all()  # an id is the same as number and as text

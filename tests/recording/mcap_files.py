@@ -1,14 +1,10 @@
 """MCAP files for tests, written by the stock writer and pulled apart record by record."""
 
-from __future__ import annotations
-
 import io
 import json
 import struct
-from collections.abc import Iterable, Iterator
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
@@ -22,13 +18,7 @@ RECORD = struct.Struct("<BQ")
 CHUNK = 6
 
 
-def log_bytes(
-    messages: Iterable[tuple[str, int, bytes]],
-    *,
-    compression: CompressionType = CompressionType.ZSTD,
-    chunk_size: int = 1 << 20,
-    **options: Any,
-) -> bytes:
+def log_bytes(messages, *, compression=CompressionType.ZSTD, chunk_size=1 << 20, **options):
     """A log of (topic, log time, data); publish time is log time + 1, sequence counts all messages."""
     buffer = io.BytesIO()
     writer = Writer(buffer, compression=compression, chunk_size=chunk_size, **options)
@@ -43,7 +33,7 @@ def log_bytes(
     return buffer.getvalue()
 
 
-def records(data: bytes) -> list[tuple[int, int, int]]:
+def records(data):
     """(opcode, start, end) of each record of an intact file."""
     at, found = 8, []
     while at < len(data) - 8:
@@ -53,7 +43,7 @@ def records(data: bytes) -> list[tuple[int, int, int]]:
     return found
 
 
-def scene(objects: Iterable[tuple[str, float, float]], stamp_s: int = 0) -> SceneUpdate:
+def scene(objects, stamp_s=0):
     """A scene by the nuScenes convention: an entity with one cube for each (id, x, y)."""
     update = SceneUpdate()
     for name, x, y in objects:
@@ -66,15 +56,15 @@ def scene(objects: Iterable[tuple[str, float, float]], stamp_s: int = 0) -> Scen
 
 
 @cache
-def protobuf_schema(kind: Any) -> tuple[str, str, bytes]:
+def protobuf_schema(kind):
     """Name, encoding and definition of a message's schema."""
     return kind.DESCRIPTOR.full_name, "protobuf", build_file_descriptor_set(kind).SerializeToString()
 
 
-def write_protobuf_log(path: Path, messages: Iterable[tuple[str, int, Any]], **options: Any) -> Path:
+def write_protobuf_log(path, messages, **options):
     """A log of (topic, log time, protobuf message or raw bytes of a SceneUpdate) by the stock writer."""
 
-    def parts() -> Iterator[tuple[str, int, bytes, tuple[str, str, bytes]]]:
+    def parts():
         for topic, time_ns, message in messages:
             kind = SceneUpdate if isinstance(message, bytes) else type(message)
             data = message if isinstance(message, bytes) else message.SerializeToString()
@@ -83,20 +73,18 @@ def write_protobuf_log(path: Path, messages: Iterable[tuple[str, int, Any]], **o
     return _written(path, parts(), "protobuf", **options)
 
 
-def write_log(
-    path: Path, messages: Iterable[tuple[str, int, bytes]], schema: tuple[str, str, bytes], encoding: str
-) -> Path:
+def write_log(path, messages, schema, encoding):
     """A log of (topic, log time, data) of one schema: name, encoding of the definition, and the definition."""
     return _written(path, ((*message, schema) for message in messages), encoding)
 
 
-def json_log(path: Path, schema: str, messages: Iterable[tuple[int, Any]]) -> Path:
+def json_log(path, schema, messages):
     """A log of (log time, message) in JSON on /objects."""
     sent = (("/objects", time_ns, json.dumps(message).encode()) for time_ns, message in messages)
     return write_log(path, sent, (schema, "jsonschema", b'{"type": "object"}'), "json")
 
 
-def _written(path: Path, messages: Iterable[tuple[str, int, bytes, Any]], encoding: str, **options: Any) -> Path:
+def _written(path, messages, encoding, **options):
     with path.open("wb") as file:
         writer = Writer(file, **options)
         writer.start()

@@ -4,10 +4,6 @@ Those of ROS itself come with rosbags. Sources of the others: vision_msgs, autow
 Foxglove SDK; comments and what no test fills are left out where the layout of the rest does not depend on it.
 """
 
-from __future__ import annotations
-
-from collections.abc import Iterable
-from pathlib import Path
 from typing import Any
 
 from mcap_ros2.writer import Writer
@@ -62,7 +58,7 @@ BASIC = {
 }
 
 
-def autoware(package: str) -> dict[str, str]:
+def autoware(package):
     """Definitions of Autoware's perception messages, by the name of their package."""
     p = package
     return {
@@ -101,14 +97,14 @@ _PLAIN = {f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)} 
 ROS = get_typestore(Stores.ROS2_JAZZY)
 
 
-def definition(name: str) -> str:
+def definition(name):
     """Of package/Name alone."""
     if name in DEFINITIONS:
         return DEFINITIONS[name]
     return ROS.generate_msgdef(name.replace("/", "/msg/"), ros_version=2)[0].partition("=" * 80)[0].rstrip()
 
 
-def full_definition(name: str) -> str:
+def full_definition(name):
     """The ros2msg definition of package/Name with all that it depends on, as rosbag2 writes it."""
     pending, parts = [name], {}
     while pending:
@@ -124,7 +120,7 @@ def full_definition(name: str) -> str:
     return parts[name] + rest
 
 
-def write_ros2_log(path: Path, messages: Iterable[tuple[str, int, str, Any]]) -> Path:
+def write_ros2_log(path, messages):
     """A log of (topic, log time, package/msg/Name, message as a dictionary), by mcap-ros2-support's writer."""
     with path.open("wb") as file:
         writer = Writer(file)
@@ -137,6 +133,6 @@ def write_ros2_log(path: Path, messages: Iterable[tuple[str, int, str, Any]]) ->
     return path
 
 
-def header(time_ns: int, frame: str = "map") -> dict[str, Any]:
+def header(time_ns, frame="map"):
     """A std_msgs/Header."""
     return {"stamp": {"sec": time_ns // 10**9, "nanosec": time_ns % 10**9}, "frame_id": frame}

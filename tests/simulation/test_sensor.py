@@ -15,12 +15,12 @@ NOISE_M, MISS_RATE, FALSE_PER_FRAME = 0.7, 0.1, 1.5
 
 
 @pytest.fixture
-def rng() -> np.random.Generator:
+def rng():
     return np.random.default_rng(20)
 
 
 @pytest.fixture(scope="module")
-def truth() -> Tracks:
+def truth():
     source = np.random.default_rng(3)
     n = N_FRAMES * N_VEHICLES
     return Tracks(
@@ -32,13 +32,13 @@ def truth() -> Tracks:
     )
 
 
-def errors(truth: Tracks, rng: np.random.Generator, noise_m: float) -> np.ndarray:
+def errors(truth, rng, noise_m):
     seen = detect(truth, noise_m=noise_m, miss_rate=0.0, false_per_frame=0.0, rng=rng)
     np.testing.assert_array_equal(seen.track_id, truth.track_id.astype(str))
     return np.asarray(seen.position - truth.position)
 
 
-def noise_holds(error: np.ndarray) -> bool:
+def noise_holds(error):
     """Standard deviation of each axis, their correlation and mean, as for isotropic noise of NOISE_M."""
     n = len(error)
     deviation = np.abs(error.std(axis=0) / NOISE_M - 1) < Z / np.sqrt(2 * n)
@@ -46,13 +46,13 @@ def noise_holds(error: np.ndarray) -> bool:
     return bool(deviation.all() and mean.all() and abs(np.corrcoef(error.T)[0, 1]) < Z / np.sqrt(n))
 
 
-def misses_hold(truth: Tracks, rng: np.random.Generator, miss_rate: float) -> bool:
+def misses_hold(truth, rng, miss_rate):
     seen = detect(truth, miss_rate=miss_rate, false_per_frame=0.0, rng=rng)
     n = len(truth)
     return bool(abs(n - len(seen) - n * MISS_RATE) < Z * np.sqrt(n * MISS_RATE * (1 - MISS_RATE)))
 
 
-def clutter(truth: Tracks, rng: np.random.Generator, false_per_frame: float) -> np.ndarray:
+def clutter(truth, rng, false_per_frame):
     """Positions of the false detections, whose ids are unique and of their own."""
     seen = detect(truth, false_per_frame=false_per_frame, rng=rng)
     false = np.char.startswith(seen.track_id, "false-")
@@ -62,7 +62,7 @@ def clutter(truth: Tracks, rng: np.random.Generator, false_per_frame: float) -> 
     return np.asarray(seen.position[false])
 
 
-def clutter_holds(truth: Tracks, position: np.ndarray) -> bool:
+def clutter_holds(truth, position):
     """A Poisson number, uniform over the bounding box (by mean and variance of a uniform law)."""
     n, expected = len(position), N_FRAMES * FALSE_PER_FRAME
     low, high = truth.position.min(axis=0), truth.position.max(axis=0)
@@ -96,7 +96,7 @@ def test_what_is_stated_holds_and_a_little_more_does_not(truth, rng, holds, stat
     assert not holds(truth, rng, other)
 
 
-def test_a_perfect_sensor_reports_the_truth(truth: Tracks, rng: np.random.Generator) -> None:
+def test_a_perfect_sensor_reports_the_truth(truth, rng):
     assert not errors(truth, rng, 0.0).any()
 
 
@@ -104,6 +104,6 @@ def test_a_perfect_sensor_reports_the_truth(truth: Tracks, rng: np.random.Genera
     "wrong",
     [{"noise_m": -1.0}, {"miss_rate": 1.5}, {"false_per_frame": float("nan")}, {"noise_m": float("inf")}],
 )
-def test_parameters_out_of_range_are_named(truth: Tracks, rng: np.random.Generator, wrong: dict[str, float]) -> None:
+def test_parameters_out_of_range_are_named(truth, rng, wrong):
     with pytest.raises(ValueError, match=next(iter(wrong))):
         detect(truth, rng=rng, **wrong)

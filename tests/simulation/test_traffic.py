@@ -3,7 +3,6 @@
 import importlib.util
 import shutil
 import xml.etree.ElementTree as ET
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +10,6 @@ import pytest
 from dirprim_filter.distributions.angles import difference
 from dirprim_filter.simulation import traffic
 from dirprim_filter.simulation.traffic import DRIVERS, FOLDER, SCENES, SimulationError, simulate
-from dirprim_filter.tracks import Tracks
 
 needs_sumo = pytest.mark.skipif(
     importlib.util.find_spec("sumo") is None, reason='needs Eclipse SUMO: pip install "dirprim-filter[sim]"'
@@ -26,11 +24,11 @@ def attributes(path, tag):
 
 
 @pytest.fixture(scope="module")
-def observed() -> dict[str, Tracks]:
+def observed():
     return {scene: simulate(scene, duration_s=DURATION_S, seed=5) for scene in SCENES}
 
 
-def motion(tracks: Tracks) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def motion(tracks):
     """Rows (but each vehicle's last), and the displacement to the vehicle's next row, 0.1 s later."""
     order = np.lexsort((tracks.time_ns, tracks.track_id))
     same = np.diff(tracks.track_id[order]) == 0
@@ -41,7 +39,7 @@ def motion(tracks: Tracks) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 @needs_sumo
 @pytest.mark.parametrize("scene", SCENES)
-def test_direction_and_speed_are_those_of_the_displacements(observed: dict[str, Tracks], scene: str) -> None:
+def test_direction_and_speed_are_those_of_the_displacements(observed, scene):
     tracks = observed[scene]
     rows, following, moved = motion(tracks)
     step = np.hypot(moved[:, 0], moved[:, 1])
@@ -60,7 +58,7 @@ def test_direction_and_speed_are_those_of_the_displacements(observed: dict[str, 
 
 
 @needs_sumo
-def test_position_is_the_centre_of_the_vehicle(observed: dict[str, Tracks]) -> None:
+def test_position_is_the_centre_of_the_vehicle(observed):
     """A vehicle that enters has its rear on the end of the road, so its centre is half a length inside."""
     tracks = observed["highway"]
     _, first = np.unique(tracks.track_id, return_index=True)  # rows are in order of time
@@ -73,7 +71,7 @@ def test_position_is_the_centre_of_the_vehicle(observed: dict[str, Tracks]) -> N
 
 
 @needs_sumo
-def test_roundabout_is_driven_counter_clockwise(observed: dict[str, Tracks]) -> None:
+def test_roundabout_is_driven_counter_clockwise(observed):
     tracks = observed["roundabout"]
     x, y = tracks.position.T
     radius = np.hypot(x, y)
@@ -88,7 +86,7 @@ def test_roundabout_is_driven_counter_clockwise(observed: dict[str, Tracks]) -> 
 
 @needs_sumo
 @pytest.mark.parametrize("scene", ["roundabout", "intersection"])
-def test_traffic_keeps_to_the_right_on_every_arm(observed: dict[str, Tracks], scene: str) -> None:
+def test_traffic_keeps_to_the_right_on_every_arm(observed, scene):
     tracks = observed[scene]
     x, y = tracks.position.T
     for arm in range(4):
@@ -105,7 +103,7 @@ def test_traffic_keeps_to_the_right_on_every_arm(observed: dict[str, Tracks], sc
 
 
 @needs_sumo
-def test_the_same_seed_gives_the_same_tracks_and_a_lower_rate_a_subset(observed: dict[str, Tracks]) -> None:
+def test_the_same_seed_gives_the_same_tracks_and_a_lower_rate_a_subset(observed):
     again = simulate("roundabout", duration_s=DURATION_S, seed=5)
     for name in ("track_id", "time_ns", "position", "direction", "speed"):
         np.testing.assert_array_equal(getattr(again, name), getattr(observed["roundabout"], name))
@@ -120,7 +118,7 @@ def test_the_same_seed_gives_the_same_tracks_and_a_lower_rate_a_subset(observed:
 
 
 @needs_sumo
-def test_demand_makes_traffic_that_queues(observed: dict[str, Tracks]) -> None:
+def test_demand_makes_traffic_that_queues(observed):
     usual, dense = observed["intersection"], simulate("intersection", duration_s=20.0, seed=5, demand=2.2)
     at_once = [np.unique(tracks.time_ns, return_counts=True)[1] for tracks in (usual, dense)]
     assert at_once[0].max() < 30 <= at_once[1].max() <= 80
@@ -130,7 +128,7 @@ def test_demand_makes_traffic_that_queues(observed: dict[str, Tracks]) -> None:
 
 
 @needs_sumo
-def test_failure_of_sumo_is_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_failure_of_sumo_is_one_line(monkeypatch, tmp_path):
     monkeypatch.setattr(traffic, "FOLDER", shutil.copytree(FOLDER, tmp_path / "scenes"))
     (tmp_path / "scenes/drive.sumocfg").write_text('<configuration><no-such-option value="1" /></configuration>')
     with pytest.raises(SimulationError, match=r"^sumo failed with status \d+: .+") as caught:
@@ -138,7 +136,7 @@ def test_failure_of_sumo_is_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: 
     assert "\n" not in str(caught.value)
 
 
-def test_without_sumo_the_error_names_the_way_out(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_sumo_the_error_names_the_way_out(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda _name: None)
     with pytest.raises(SimulationError, match=r'pip install "dirprim-filter\[sim\]"'):
         simulate("roundabout", duration_s=1.0, seed=1)
@@ -159,14 +157,14 @@ def test_without_sumo_the_error_names_the_way_out(monkeypatch: pytest.MonkeyPatc
         ({"demand": float("inf")}, "demand"),
     ],
 )
-def test_arguments_out_of_range_are_named(wrong: dict[str, object], message: str) -> None:
+def test_arguments_out_of_range_are_named(wrong, message):
     arguments = {"scene": "roundabout", "duration_s": 10.0, "seed": 1} | wrong
     with pytest.raises(ValueError, match=message):
         simulate(**arguments)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("scene", SCENES)
-def test_roads_connections_and_flows_name_what_exists(scene: str) -> None:
+def test_roads_connections_and_flows_name_what_exists(scene):
     files = sorted((FOLDER / scene).glob("*.xml"))
     named = {
         tag: [of for path in files for of in attributes(path, tag)] for tag in ("node", "edge", "connection", "flow")

@@ -1,6 +1,5 @@
 """One small scene for all tests of the viewer: three cells along a road to the north-east, two vehicles on it."""
 
-from collections.abc import Iterator
 from dataclasses import fields
 
 import numpy as np
@@ -20,7 +19,7 @@ N_PARTICLES = 50
 
 
 @pytest.fixture(autouse=True)
-def strict() -> Iterator[None]:
+def strict():
     """Without it the SDK turns every mistake into a warning."""
     rr.set_strict_mode(True)
     yield
@@ -28,7 +27,7 @@ def strict() -> Iterator[None]:
 
 
 @pytest.fixture
-def scene_map() -> PrimitiveMap:
+def scene_map():
     """Three cells of 10 m; two own modes, then one background mode; the third cell holds no data."""
     cells = GridTessellation.covering(np.array([[5.0, 5.0], [15.0, 15.0], [25.0, 25.0]]), cell_size=10.0)
     return PrimitiveMap(
@@ -45,7 +44,7 @@ def scene_map() -> PrimitiveMap:
 
 
 @pytest.fixture
-def scene_tracks() -> Tracks:
+def scene_tracks():
     """Two vehicles, five rows each, to the north-east at 10 m/s."""
     step = np.arange(5)
     position = np.concatenate([5.0 + 0.7071 * step[:, None], 15.0 + 0.7071 * step[:, None]]) * np.ones(2)
@@ -59,7 +58,7 @@ def scene_tracks() -> Tracks:
 
 
 @pytest.fixture
-def scene_frames(scene_tracks: Tracks) -> list[TrackedFrame]:
+def scene_frames(scene_tracks):
     """What a filter could say of `scene_tracks`; the last frame has lost all vehicles."""
     rng = np.random.default_rng(1)
     frames = []
@@ -86,7 +85,7 @@ def scene_frames(scene_tracks: Tracks) -> list[TrackedFrame]:
     return [*frames, _nothing_at(frames[-1], frames[-1].time_ns + STEP_NS)]
 
 
-def _nothing_at(frame: TrackedFrame, time_ns: int) -> TrackedFrame:
+def _nothing_at(frame, time_ns):
     none = slice(0, 0)
     return TrackedFrame(
         time_ns=time_ns,

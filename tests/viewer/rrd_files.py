@@ -1,14 +1,12 @@
 """What stands in an .rrd file, as arrays."""
 
-from pathlib import Path
-
 import numpy as np
 from rerun.chunk import RrdReader
 
 from dirprim_filter.viewer.stream import TIMELINE
 
 
-def rows_of(path: Path, entity: str, column: str) -> list[tuple[int | None, np.ndarray]]:
+def rows_of(path, entity, column):
     """(time, values) of each row of one entity, ascending in time; None is static."""
     rows: list[tuple[int | None, np.ndarray]] = []
     for chunk in RrdReader(path).stream():

@@ -4,12 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from dirprim_filter.estimates import TrackedFrame
 from dirprim_filter.viewer.texts import Events
 
 
-def test_a_life_is_reported_from_its_first_estimate_to_its_end(scene_frames: list[TrackedFrame]) -> None:
-    def frame_of(unseen_s: list[float], *anew: str) -> TrackedFrame:
+def test_a_life_is_reported_from_its_first_estimate_to_its_end(scene_frames):
+    def frame_of(unseen_s, *anew):
         estimates = scene_frames[0].estimates[: len(unseen_s)]
         return replace(
             scene_frames[0], estimates=replace(estimates, unseen_s=np.array(unseen_s)), reinitialised=anew

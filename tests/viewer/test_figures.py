@@ -3,22 +3,18 @@
 import subprocess
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from matplotlib.collections import LineCollection, PolyCollection
 
 from dirprim_filter.drawing import shapes
-from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
 from dirprim_filter.viewer.figures import map_figure, save_figure
 from tessellation import GridTessellation
 
 
-def test_the_map_shows_every_petal_with_north_up_and_equal_scales(
-    scene_map: PrimitiveMap, scene_tracks: Tracks
-) -> None:
+def test_the_map_shows_every_petal_with_north_up_and_equal_scales(scene_map, scene_tracks):
     figure = map_figure(scene_map, tracks=scene_tracks)
     axes, *_, color_bar = figure.axes
     (petals,) = [c for c in axes.collections if isinstance(c, PolyCollection)]
@@ -32,7 +28,7 @@ def test_the_map_shows_every_petal_with_north_up_and_equal_scales(
     assert explained == ["cells", "roots, where petals start", "tracks"]
 
 
-def test_a_long_road_gets_a_close_up_of_its_busy_part(scene_map: PrimitiveMap) -> None:
+def test_a_long_road_gets_a_close_up_of_its_busy_part(scene_map):
     road = np.column_stack([np.arange(0.0, 300.0, 5.0), np.zeros(60)])
     cells, n = GridTessellation.covering(road, cell_size=5.0), 60
     mixture, speed = scene_map.direction, scene_map.speed
@@ -54,7 +50,7 @@ def test_a_long_road_gets_a_close_up_of_its_busy_part(scene_map: PrimitiveMap) -
     assert len(map_figure(long, extent=np.array([[0.0, -9.0], [300.0, 9.0]])).axes) == 2  # asked for: no close-up
 
 
-def test_a_vehicle_is_one_line_for_each_time_it_is_in_sight(scene_map: PrimitiveMap) -> None:
+def test_a_vehicle_is_one_line_for_each_time_it_is_in_sight(scene_map):
     time_ns = np.array([0, 1, 2, 100, 101, 0, 1]) * 1_000_000_000
     tracks = Tracks(
         track_id=np.array([1, 1, 1, 1, 1, 2, 2]), time_ns=time_ns, position=np.arange(14.0).reshape(7, 2),
@@ -66,7 +62,7 @@ def test_a_vehicle_is_one_line_for_each_time_it_is_in_sight(scene_map: Primitive
 
 
 @pytest.mark.parametrize("name", ["map.png", "map.svg", "map.pdf"])
-def test_a_figure_is_whole_and_is_not_overwritten(tmp_path: Path, scene_map: PrimitiveMap, name: str) -> None:
+def test_a_figure_is_whole_and_is_not_overwritten(tmp_path, scene_map, name):
     figure = map_figure(scene_map)
     path = tmp_path / "figures" / name
     save_figure(figure, path)
@@ -79,6 +75,6 @@ def test_a_figure_is_whole_and_is_not_overwritten(tmp_path: Path, scene_map: Pri
     assert [p.name for p in path.parent.iterdir()] == [name]
 
 
-def test_pyplot_is_never_imported() -> None:
+def test_pyplot_is_never_imported():
     program = "import sys, dirprim_filter.viewer.figures; sys.exit('matplotlib.pyplot' in sys.modules)"
     subprocess.run([sys.executable, "-c", program], check=True)

@@ -6,23 +6,21 @@ import numpy as np
 import pytest
 
 from dirprim_filter.detections import Detections
-from dirprim_filter.estimates import TrackedFrame
-from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.viewer.focus import KEPT_S, Focus, Look, polar_curves
 
 EVERYWHERE = np.array([[-1e3, -1e3], [1e3, 1e3]])
 
 
-def looks_of(focus: Focus, frames: list[TrackedFrame], box: np.ndarray = EVERYWHERE) -> list[str | None]:
+def looks_of(focus, frames, box=EVERYWHERE):
     looks = [focus.see(frame, box=box) for frame in frames]
     return [None if look is None else look.track_id for look in looks]
 
 
-def with_evidence(frame: TrackedFrame, seven: float, eight: float) -> TrackedFrame:
+def with_evidence(frame, seven, eight):
     return replace(frame, estimates=replace(frame.estimates, log_evidence=np.array([seven, eight])))
 
 
-def test_the_vehicle_that_is_least_expected_is_looked_at_for_a_while(scene_frames: list[TrackedFrame]) -> None:
+def test_the_vehicle_that_is_least_expected_is_looked_at_for_a_while(scene_frames):
     frames = [with_evidence(frame, -1.0, -5.0) for frame in scene_frames[:3]]
     frames += [with_evidence(frame, -50.0, -5.0) for frame in scene_frames[3:5]]
     assert looks_of(Focus("7"), frames) == ["7"] * 5
@@ -35,17 +33,17 @@ def test_the_vehicle_that_is_least_expected_is_looked_at_for_a_while(scene_frame
     assert looks_of(Focus(None), frames[:1], seven_alone) == ["7"]
 
 
-def look_at(position: tuple[float, float], *, cue: tuple[float, float] = (0.0, 0.0)) -> Look:
+def look_at(position, *, cue=(0.0, 0.0)):
     return Look("a", np.array(position), cue, np.full(72, 1 / 72))
 
 
-def density_of(line: np.ndarray, theta: np.ndarray) -> np.ndarray:
+def density_of(line, theta):
     """What a closed polar line says of the density at angles, to a factor: its radius squared."""
     angle, radius = np.arctan2(line[:-1, 1], line[:-1, 0]), np.hypot(*line[:-1].T)
     return np.interp(theta, angle, radius**2, period=2 * np.pi)
 
 
-def test_the_posterior_is_the_product_of_the_prior_and_the_cue(scene_map: PrimitiveMap) -> None:
+def test_the_posterior_is_the_product_of_the_prior_and_the_cue(scene_map):
     look = look_at((15.0, 15.0), cue=(1.2, 6.0))
     curves = {name: lines[0] for name, lines in polar_curves([look], scene_map).items()}
     theta = np.linspace(-np.pi, np.pi, 721)
@@ -62,8 +60,8 @@ def test_the_posterior_is_the_product_of_the_prior_and_the_cue(scene_map: Primit
     assert np.ptp(density_of(blind["cue"][0], theta)) < 1e-9
 
 
-def test_a_turn_signal_is_the_cue(scene_frames: list[TrackedFrame]) -> None:
-    def cue_of(turn: list[list[float]]) -> tuple[float, float]:
+def test_a_turn_signal_is_the_cue(scene_frames):
+    def cue_of(turn):
         seen = scene_frames[0].detections
         signalled = Detections(
             track_id=seen.track_id, time_ns=seen.time_ns, position=seen.position, cue=np.array(turn)

@@ -1,26 +1,23 @@
 """Each layer of an .rrd holds what it says, where and when it says, to the nanosecond."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from rrd_files import rows_of
 
 from dirprim_filter.drawing import colors, shapes
-from dirprim_filter.estimates import EstimateList, TrackedFrame
+from dirprim_filter.estimates import EstimateList
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
 from dirprim_filter.evaluation.tracking_report import Scales, TrackingReport
 from dirprim_filter.forecasting import Forecasts
-from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.tracks import Tracks
 from dirprim_filter.viewer import marks, sink
 from dirprim_filter.viewer.sink import open_stream
 from dirprim_filter.viewer.texts import run_report
 
 
 @pytest.fixture
-def tracked(scene_frames: list[TrackedFrame]) -> list[TrackedFrame]:
+def tracked(scene_frames):
     """The frames, half a metre off, with innovations; vehicle 8 is out of sight from the second on."""
     frames = []
     for i, frame in enumerate(scene_frames[:-1]):
@@ -30,7 +27,7 @@ def tracked(scene_frames: list[TrackedFrame]) -> list[TrackedFrame]:
     return [*frames, scene_frames[-1]]
 
 
-def write(path: Path, frames: list[TrackedFrame], primitives: PrimitiveMap, **options: object) -> Path:
+def write(path, frames, primitives, **options):
     with open_stream(save=path, **options) as sink:  # type: ignore[arg-type]
         sink.log_map(primitives)
         for frame in frames:
@@ -38,9 +35,7 @@ def write(path: Path, frames: list[TrackedFrame], primitives: PrimitiveMap, **op
     return path
 
 
-def test_every_layer_follows_the_frames_and_empties_with_them(
-    tmp_path: Path, scene_map: PrimitiveMap, tracked: list[TrackedFrame]
-) -> None:
+def test_every_layer_follows_the_frames_and_empties_with_them(tmp_path, scene_map, tracked):
     """Rows of each frame; vehicle 8 coasts: it is drawn darker, and its ellipse in a layer of its own."""
     path = write(tmp_path / "run.rrd", tracked, scene_map, focus="8")
     for entity, column, n_each in [
@@ -76,9 +71,7 @@ def test_every_layer_follows_the_frames_and_empties_with_them(
     assert diary == ["7 initialised", "8 initialised", "8 coasts", "7 ended", "8 ended"]
 
 
-def test_nees_is_the_scores_and_nis_the_trackers(
-    tmp_path: Path, tracked: list[TrackedFrame], scene_tracks: Tracks
-) -> None:
+def test_nees_is_the_scores_and_nis_the_trackers(tmp_path, tracked, scene_tracks):
     kept = EstimateList()
     with open_stream(save=tmp_path / "run.rrd") as shown:
         shown.log_truth(scene_tracks)
@@ -91,9 +84,7 @@ def test_nees_is_the_scores_and_nis_the_trackers(
     assert [row[1:].tolist() for row in rows] == [[4.0, 2.0]] * 5
 
 
-def test_an_ellipse_has_the_half_axes_of_its_covariance(
-    tmp_path: Path, scene_map: PrimitiveMap, scene_frames: list[TrackedFrame]
-) -> None:
+def test_an_ellipse_has_the_half_axes_of_its_covariance(tmp_path, scene_map, scene_frames):
     matrix = np.array([[4.0, 1.5], [1.5, 1.0]])
     frame = replace(scene_frames[0], estimates=replace(scene_frames[0].estimates, covariance=np.stack([matrix] * 2)))
     path = write(tmp_path / "run.rrd", [frame], scene_map)
@@ -105,7 +96,7 @@ def test_an_ellipse_has_the_half_axes_of_its_covariance(
     assert rebuilt == pytest.approx(matrix, rel=1e-5)
 
 
-def test_the_map_is_static_and_its_petals_are_those_of_the_shapes(tmp_path: Path, scene_map: PrimitiveMap) -> None:
+def test_the_map_is_static_and_its_petals_are_those_of_the_shapes(tmp_path, scene_map):
     path = write(tmp_path / "map.rrd", [], scene_map)
     ((time_ns, vertices),) = rows_of(path, "/map/roses", "Mesh3D:vertex_positions")
     assert time_ns is None
@@ -114,7 +105,7 @@ def test_the_map_is_static_and_its_petals_are_those_of_the_shapes(tmp_path: Path
     assert len(outlines) == scene_map.tessellation.n_cells
 
 
-def test_truth_ends_with_the_last_row(tmp_path: Path, scene_tracks: Tracks) -> None:
+def test_truth_ends_with_the_last_row(tmp_path, scene_tracks):
     rng = np.random.default_rng(0)
     with open_stream(save=tmp_path / "truth.rrd") as shown:
         shown.log_truth(scene_tracks[rng.permutation(len(scene_tracks))])
@@ -125,10 +116,8 @@ def test_truth_ends_with_the_last_row(tmp_path: Path, scene_tracks: Tracks) -> N
         assert [len(shown) for _, shown in rows] == [2] * 5 + [0]
 
 
-def test_a_frame_shows_the_same_whether_it_is_sent_alone_or_in_a_batch(
-    tmp_path: Path, scene_map: PrimitiveMap, scene_frames: list[TrackedFrame], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def shown(name: str, batch: int) -> list[tuple[int | None, np.ndarray]]:
+def test_a_frame_shows_the_same_whether_it_is_sent_alone_or_in_a_batch(tmp_path, scene_map, scene_frames, monkeypatch):
+    def shown(name, batch):
         monkeypatch.setattr(sink, "BATCH_FRAMES", batch)
         path = write(tmp_path / name, scene_frames, scene_map)
         columns = [("/tracks/particles", "Points3D:colors"), ("/tracks/ids", "Points3D:labels"),
@@ -143,9 +132,7 @@ def test_a_frame_shows_the_same_whether_it_is_sent_alone_or_in_a_batch(
             assert np.array_equal(a, b, equal_nan=a.dtype.kind == "f")
 
 
-def test_forecasts_are_shown_until_they_are_old_but_of_no_vehicle_that_coasts(
-    tmp_path: Path, tracked: list[TrackedFrame]
-) -> None:
+def test_forecasts_are_shown_until_they_are_old_but_of_no_vehicle_that_coasts(tmp_path, tracked):
     rollouts = np.arange(72.0).reshape(3, 12, 2)  # with where the vehicle is, 13 instants, of which seven are shown
     start, at = tracked[1].estimates.position, tracked[1].time_ns
     later = replace(tracked[-1], time_ns=at + 1_300_000_000)
@@ -168,7 +155,7 @@ def test_forecasts_are_shown_until_they_are_old_but_of_no_vehicle_that_coasts(
         assert set((packed >> 8).tolist()) == {red << 16 | green << 8 | blue}
 
 
-def test_a_report_is_a_table_whatever_stands_in_it() -> None:
+def test_a_report_is_a_table_whatever_stands_in_it():
     text = run_report({"a|b": "x\ny", "long": "z" * 200, "broken": "{no json", "config": '{"n": 50}'}, {"frames": "5"})
     assert "| a\\|b | x y |" in text
     assert max(map(len, text.splitlines())) < 90

@@ -13,13 +13,13 @@ from tessellation import GridTessellation
 COVARIANCE = np.array([[4.0, 1.5], [1.5, 1.0]])
 
 
-def area_of(polygon: np.ndarray) -> float:
+def area_of(polygon):
     """The shoelace formula."""
     x, y = polygon.T
     return 0.5 * abs(float(x @ np.roll(y, 1) - y @ np.roll(x, 1)))
 
 
-def test_a_petal_points_where_its_mode_goes(scene_map: PrimitiveMap) -> None:
+def test_a_petal_points_where_its_mode_goes(scene_map):
     petals = shapes.rose_petals(scene_map)
     north = petals.polygon[petals.cell == 0][0] - scene_map.tessellation.centers[0]
     tip = north[np.argmax(np.hypot(*north.T))]
@@ -28,9 +28,7 @@ def test_a_petal_points_where_its_mode_goes(scene_map: PrimitiveMap) -> None:
     assert (np.hypot(*north.T) <= shapes.REACH * 5.0 + 1e-9).all()
 
 
-def test_a_petals_area_is_its_weight_times_the_root_of_the_traffic_whatever_its_concentration(
-    scene_map: PrimitiveMap,
-) -> None:
+def test_a_petals_area_is_its_weight_times_the_root_of_the_traffic_whatever_its_concentration(scene_map):
     petals = shapes.rose_petals(scene_map)
     of_cell = petals.weight * np.sqrt(scene_map.n_rows[petals.cell])
     area = np.array([area_of(p) for p in petals.polygon])
@@ -40,8 +38,8 @@ def test_a_petals_area_is_its_weight_times_the_root_of_the_traffic_whatever_its_
     assert np.ptp(length / of_cell) > 0.3 * (length / of_cell).max()
 
 
-def test_a_rose_grows_with_traffic_more_than_with_its_cell(scene_map: PrimitiveMap) -> None:
-    def reach(n_rows: list[int]) -> dict[int, float]:
+def test_a_rose_grows_with_traffic_more_than_with_its_cell(scene_map):
+    def reach(n_rows):
         petals = shapes.rose_petals(replace(scene_map, n_rows=np.array([*n_rows, 0, sum(n_rows)])))
         return dict(zip(petals.cell.tolist(), petals.reach.tolist(), strict=True))
 
@@ -50,7 +48,7 @@ def test_a_rose_grows_with_traffic_more_than_with_its_cell(scene_map: PrimitiveM
     assert reach([10**6, 1])[1] == pytest.approx(shapes.TRAFFIC[0] ** 0.25 * reach([10**6, 1])[0])
 
 
-def test_vehicles_that_stand_are_a_disc_and_leave_the_petals_of_the_others_as_large(scene_map: PrimitiveMap) -> None:
+def test_vehicles_that_stand_are_a_disc_and_leave_the_petals_of_the_others_as_large(scene_map):
     speed = replace(scene_map.speed, rate=np.where(np.arange(3) == 0, 100.0, scene_map.speed.rate))  # mode 1 stands
     petals = shapes.rose_petals(replace(scene_map, speed=speed))
     assert petals.is_disc.tolist() == [True, True, False]  # beneath what moves
@@ -62,10 +60,10 @@ def test_vehicles_that_stand_are_a_disc_and_leave_the_petals_of_the_others_as_la
     assert (rim[2, 0] != rim[2, 1]).any()
 
 
-def test_where_most_of_the_traffic_is_leaves_out_who_is_far_away() -> None:
+def test_where_most_of_the_traffic_is_leaves_out_who_is_far_away():
     """A thousandth of the rows lies a kilometre off; control: a tenth is shown."""
 
-    def width(n_far: int) -> float:
+    def width(n_far):
         cells = GridTessellation.covering(np.array([[5.0, 5.0], [15.0, 5.0], [1005.0, 5.0]]), cell_size=10.0)
         n_rows = np.zeros(cells.n_cells + 1, np.int64)
         n_rows[cells.cell_of(np.array([[5.0, 5.0], [15.0, 5.0], [1005.0, 5.0]]))] = 500, 500, n_far
@@ -80,7 +78,7 @@ def test_where_most_of_the_traffic_is_leaves_out_who_is_far_away() -> None:
     assert width(100) > 1000.0
 
 
-def test_only_a_cells_own_modes_are_drawn_the_heaviest_first(scene_map: PrimitiveMap) -> None:
+def test_only_a_cells_own_modes_are_drawn_the_heaviest_first(scene_map):
     petals = shapes.rose_petals(scene_map)
     assert petals.cell.tolist() == [0, 1, 1]  # cell 2 holds no data; the last mode is the background's
     assert petals.weight == pytest.approx([1.0, 2 / 3, 1 / 3])
@@ -89,11 +87,11 @@ def test_only_a_cells_own_modes_are_drawn_the_heaviest_first(scene_map: Primitiv
 
 
 @pytest.mark.parametrize("probability", [0.5, 0.9])
-def test_the_ellipse_holds_its_probability(probability: float) -> None:
+def test_the_ellipse_holds_its_probability(probability):
     """Binomial count within 4 standard deviations: a false alarm in 16,000 runs; the seed is fixed."""
     n, sample = 20_000, np.random.default_rng(2).multivariate_normal(np.zeros(2), COVARIANCE, 20_000)
 
-    def inside(probability: float) -> int:
+    def inside(probability):
         half, angle = shapes.covariance_axes(COVARIANCE, probability=probability)
         turned = sample @ np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
         return int((((turned / half) ** 2).sum(axis=1) <= 1.0).sum())
@@ -103,7 +101,7 @@ def test_the_ellipse_holds_its_probability(probability: float) -> None:
     assert abs(inside(probability - 0.05) - n * probability) > 4 * sigma
 
 
-def test_arrows_and_outlines_point_along_the_direction() -> None:
+def test_arrows_and_outlines_point_along_the_direction():
     direction = np.array([0.0, np.pi / 2, -3 * np.pi / 4])
     arrow = shapes.motion_arrow(direction, np.array([2.0, 3.0, 4.0]), duration_s=0.5)
     assert arrow == pytest.approx(np.array([[1, 0], [0, 1.5], [-np.sqrt(2), -np.sqrt(2)]]), abs=1e-12)
@@ -114,13 +112,13 @@ def test_arrows_and_outlines_point_along_the_direction() -> None:
     assert (outline[:, 0] == outline[:, -1]).all()
 
 
-def test_a_map_without_traffic_is_shown_whole(scene_map: PrimitiveMap) -> None:
+def test_a_map_without_traffic_is_shown_whole(scene_map):
     for quiet in (scene_map.without_places(), replace(scene_map, n_rows=np.zeros(4, np.int64))):
         assert (shapes.map_extent(quiet, share=0.5) == shapes.map_extent(quiet)).all()
         assert (shapes.busy_square(quiet) == shapes.map_extent(quiet)).all()
 
 
-def test_a_petal_bends_as_its_mode_does_and_keeps_its_area(scene_map: PrimitiveMap) -> None:
+def test_a_petal_bends_as_its_mode_does_and_keeps_its_area(scene_map):
     bend = np.zeros((4, 3, 2))
     bend[0, 0] = [0.3, 0.06]  # the mode of the first cell heads north: 0.06 rad in each metre along its way
     straight = shapes.rose_petals(scene_map).polygon[0]

@@ -9,13 +9,13 @@ import pytest
 from dirprim_filter.viewer import process as program
 
 
-def test_it_is_a_new_one_reported_to_listen_here_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_is_a_new_one_reported_to_listen_here_alone(monkeypatch):
     """A program that listens as the viewer would, and is left running."""
     commands: list[list[str]] = []
     running: list[subprocess.Popen[bytes]] = []
     start = subprocess.Popen
 
-    def started(command: list[str], **options: object) -> subprocess.Popen[bytes]:
+    def started(command, **options):
         commands.append(command)
         listens = f"import socket, time; s = socket.create_server(('127.0.0.1', {command[4]})); time.sleep(60)"
         running.append(start([sys.executable, "-c", listens], **options))  # type: ignore[call-overload]
@@ -35,7 +35,7 @@ def test_it_is_a_new_one_reported_to_listen_here_alone(monkeypatch: pytest.Monke
 
 
 @pytest.mark.parametrize("viewer", ["false", "/no/such/viewer"])
-def test_without_a_screen_the_error_says_what_to_do(monkeypatch: pytest.MonkeyPatch, viewer: str) -> None:
+def test_without_a_screen_the_error_says_what_to_do(monkeypatch, viewer):
     monkeypatch.setattr(program, "viewer_program", lambda: viewer)
     with pytest.raises(ConnectionError, match=r"use --save FILE.rrd, and `rerun --serve-web --bind 127.0.0.1"):
         program.spawn_viewer()

@@ -5,7 +5,6 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -13,15 +12,13 @@ import pytest
 from rerun.chunk import RrdReader
 from rrd_files import rows_of
 
-from dirprim_filter.estimates import TrackedFrame
-from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.viewer import process as viewer_room
 from dirprim_filter.viewer import stream
 from dirprim_filter.viewer.sink import open_stream
 from dirprim_filter.viewer.stream import TIMELINE
 
 
-def write_all(path: Path, frames: list[TrackedFrame], primitives: PrimitiveMap, **options: int) -> Path:
+def write_all(path, frames, primitives, **options):
     with open_stream(save=path, **options) as sink:
         sink.log_map(primitives)
         sink.log_report("# Run")
@@ -30,9 +27,7 @@ def write_all(path: Path, frames: list[TrackedFrame], primitives: PrimitiveMap, 
     return path
 
 
-def test_the_file_verifies_and_holds_one_blueprint(
-    tmp_path: Path, scene_map: PrimitiveMap, scene_frames: list[TrackedFrame]
-) -> None:
+def test_the_file_verifies_and_holds_one_blueprint(tmp_path, scene_map, scene_frames):
     path = write_all(tmp_path / "run.rrd", scene_frames, scene_map)
     subprocess.run([Path(sys.executable).with_name("rerun"), "rrd", "verify", path], check=True, capture_output=True)
     reader = RrdReader(path)
@@ -44,8 +39,8 @@ def test_the_file_verifies_and_holds_one_blueprint(
     assert not columns & {"log_time", "log_tick"}  # the log's own time alone
 
 
-def test_the_same_file_has_the_same_identity_in_every_run(tmp_path: Path, scene_map: PrimitiveMap) -> None:
-    def identity(name: str) -> str:
+def test_the_same_file_has_the_same_identity_in_every_run(tmp_path, scene_map):
+    def identity(name):
         path = write_all(tmp_path / name, [], scene_map, force=True)
         (recording,) = RrdReader(path).recordings()
         return str(recording.recording_id)
@@ -54,8 +49,8 @@ def test_the_same_file_has_the_same_identity_in_every_run(tmp_path: Path, scene_
     assert identity("a.rrd") != identity("b.rrd")
 
 
-def test_ctrl_c_leaves_a_whole_file(tmp_path: Path, scene_frames: list[TrackedFrame]) -> None:
-    def interrupt() -> None:
+def test_ctrl_c_leaves_a_whole_file(tmp_path, scene_frames):
+    def interrupt():
         with open_stream(save=tmp_path / "run.rrd") as sink:
             sink.write(scene_frames[0])
             raise KeyboardInterrupt
@@ -65,7 +60,7 @@ def test_ctrl_c_leaves_a_whole_file(tmp_path: Path, scene_frames: list[TrackedFr
     assert len(rows_of(tmp_path / "run.rrd", "/detections", "Points3D:positions")) == 1
 
 
-def test_a_stream_needs_a_place_to_go_and_a_viewer_that_answers() -> None:
+def test_a_stream_needs_a_place_to_go_and_a_viewer_that_answers():
     with pytest.raises(ValueError, match=r"^expected at least one place to stream to"):
         open_stream()
     with socket.socket() as free:
@@ -78,7 +73,7 @@ def test_a_stream_needs_a_place_to_go_and_a_viewer_that_answers() -> None:
 
 
 @pytest.fixture
-def running_viewer() -> Iterator[tuple[subprocess.Popen[bytes], str]]:
+def running_viewer():
     """A viewer without a window that takes streams, and its address."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
@@ -100,9 +95,8 @@ def running_viewer() -> Iterator[tuple[subprocess.Popen[bytes], str]]:
 
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP, None])
 def test_a_viewer_that_goes_away_or_freezes_ends_alone(
-    tmp_path: Path, scene_frames: list[TrackedFrame], scene_map: PrimitiveMap, running_viewer: tuple,
-    monkeypatch: pytest.MonkeyPatch, *, how: signal.Signals | None,
-) -> None:  # fmt: skip
+    tmp_path, scene_frames, scene_map, running_viewer, monkeypatch, *, how
+):
     """The file beside it is whole; control: a viewer that stays is no failure."""
     monkeypatch.setattr(stream, "FROZEN_S", 1.0)
     viewer, address = running_viewer
@@ -135,7 +129,7 @@ print(len(shown.stream.failures))
 
 
 @pytest.mark.slow
-def test_a_disk_that_is_full_is_a_failure_and_a_part_never_takes_the_name(tmp_path: Path) -> None:
+def test_a_disk_that_is_full_is_a_failure_and_a_part_never_takes_the_name(tmp_path):
     ended = subprocess.run(
         [sys.executable, "-c", FULL_DISK, tmp_path / "run.rrd"], capture_output=True, text=True, check=True
     )

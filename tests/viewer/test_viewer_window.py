@@ -3,7 +3,6 @@
 import io
 import socket
 import time
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,10 +13,7 @@ from rerun.experimental import ViewerClient
 
 from dirprim_filter.detections import Detections
 from dirprim_filter.drawing.colors import track_color
-from dirprim_filter.estimates import TrackedFrame
 from dirprim_filter.forecasting import Forecasts
-from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.tracks import Tracks
 from dirprim_filter.viewer.curves import PLOTS
 from dirprim_filter.viewer.process import viewer_program
 from dirprim_filter.viewer.sink import open_stream
@@ -27,20 +23,20 @@ DRIVERS = [icd for folder in ("/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d") fo
 pytestmark = pytest.mark.skipif(not DRIVERS, reason="no Vulkan driver: apt-get install mesa-vulkan-drivers")
 
 
-def free_port() -> int:
+def free_port():
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         return int(free.getsockname()[1])
 
 
 @pytest.fixture
-def viewer() -> Iterator[ViewerClient]:
+def viewer():
     client = ViewerClient.spawn(headless=True, port=free_port(), executable_path=viewer_program())
     yield client
     client.quit()
 
 
-def settled_picture(client: ViewerClient, *, at_least_s: float = 0.0) -> np.ndarray:
+def settled_picture(client, *, at_least_s=0.0):
     """The window once two pictures in a row agree: data arrive lazily."""
     time.sleep(at_least_s)
     before = None
@@ -53,33 +49,31 @@ def settled_picture(client: ViewerClient, *, at_least_s: float = 0.0) -> np.ndar
     pytest.fail("the viewer's picture never came to rest")
 
 
-def place_of(picture: np.ndarray, rgb: np.ndarray, *, tolerance: int = 12) -> np.ndarray:
+def place_of(picture, rgb, *, tolerance=12):
     """(right, up) mean place in pixels of what has the colour."""
     row, column = np.nonzero(np.abs(255.0 * picture[..., :3] - rgb).max(axis=-1) < tolerance)
     assert row.size > 20, "nothing of this colour is to be seen"
     return np.array([column.mean(), -row.mean()])
 
 
-def shown_at(client: ViewerClient, time_ns: int) -> np.ndarray:
+def shown_at(client, time_ns):
     client.set_time(TIMELINE, timestamp=np.datetime64(time_ns, "ns"), play_state="paused")
     time.sleep(0.5)
     return settled_picture(client)
 
 
-def map_area(picture: np.ndarray) -> np.ndarray:
+def map_area(picture):
     """The part of the window where the map is: the plots beside have its colours."""
     return picture[: int(0.95 * len(picture)), : int(0.58 * picture.shape[1])]
 
 
-def reports_of(client: ViewerClient) -> list[object]:
+def reports_of(client):
     views = client.get_state().views
     assert views
     return [report for view in views for report in view.reports]
 
 
-def test_a_vehicle_heading_north_east_goes_up_and_right(
-    tmp_path: Path, scene_map: PrimitiveMap, scene_frames: list[TrackedFrame], viewer: ViewerClient
-) -> None:
+def test_a_vehicle_heading_north_east_goes_up_and_right(tmp_path, scene_map, scene_frames, viewer):
     with open_stream(save=tmp_path / "run.rrd", connect=viewer.url) as sink:
         sink.log_map(scene_map)
         for frame in scene_frames:
@@ -96,10 +90,7 @@ def test_a_vehicle_heading_north_east_goes_up_and_right(
 
 
 @pytest.mark.slow
-def test_every_kind_of_recording_opens_without_a_complaint(
-    tmp_path: Path, scene_map: PrimitiveMap, scene_frames: list[TrackedFrame], scene_tracks: Tracks,
-    viewer: ViewerClient,
-) -> None:  # fmt: skip
+def test_every_kind_of_recording_opens_without_a_complaint(tmp_path, scene_map, scene_frames, scene_tracks, viewer):
     first = scene_frames[0]
     with open_stream(save=tmp_path / "run.rrd") as sink:
         sink.log_map(scene_map)
