@@ -28,15 +28,6 @@ def pytest_sessionstart(session):
 
 
 @pytest.fixture(scope="session")
-def real_data():
-    """The folder of real data beside the project; tests of it skip where it is absent."""
-    folder = ROOT.parent / "shared" / "data"
-    if not folder.is_dir():
-        pytest.skip(f"real data absent: {folder}")
-    return folder
-
-
-@pytest.fixture(scope="session")
 def ring():
     """Forty vehicles on a ring of 20 m radius."""
     return ring_traffic(np.random.default_rng(7))

@@ -175,20 +175,3 @@ def test_simulate_writes_what_the_demo_reads(here):
         assert dirprim(f"simulate intersection -o {name} --duration 20 --seed 1") == DONE
     assert read_tracks("s").n_tracks > 0
     assert Path("again").read_bytes() == Path("s").read_bytes()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "name",
-    [
-        "MovingHostWith3DModel", "MovingHostWithStopLine", "disappearingVehicle", "testBrakeAndIndicatorLights",
-        "omega_prime/osi_centerline_example",
-    ],
-)  # fmt: skip
-def test_logs_of_asam_osi_straight_away(name, real_data, here, capsys):
-    log = real_data / "mcap_osi" / f"{name}.mcap"
-    assert dirprim("info", log) == DONE
-    assert "tracks in: " in capsys.readouterr().out
-    assert dirprim("learn -o own.mcap --tessellation grid", log) == DONE
-    assert dirprim("track --map own.mcap -o out.mcap", log) == DONE
-    assert set(read_estimates("out.mcap").track_id) == set(read_tracks(log).track_id)

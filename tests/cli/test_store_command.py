@@ -5,13 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import typer
 
 from cli.commands import DONE, FAILED, GRID, INPUT_LOST, dirprim
 from dirprim_filter import load_map, write_tracks
-from dirprim_filter.cli.main import app
-from dirprim_filter.recording.reader import ReadOptions
-from dirprim_filter.store.config import StoreConfig
 from situations import ring_traffic
 
 
@@ -95,16 +91,3 @@ def test_of_a_damaged_store_the_rest_is_learned_from_and_the_exit_code_says_so(l
     assert output.startswith("error: ")
     assert ".mcap is damaged in the store" in output
     assert load_map("map").tessellation.n_cells > 0
-
-
-def test_what_several_commands_take_is_one_option_and_logs_are_read_as_everywhere():
-    program = typer.main.get_command(app).commands
-    commands = program["store"].commands
-    learn, of_store = program["learn"], commands["learn"]
-    for one, other in ((learn, of_store), (commands["add"], of_store), (commands["update"], of_store)):
-        ours, theirs = ({p.name: (p.opts, p.help, p.default) for p in each.params if p.param_type_name == "option"}
-                        for each in (one, other))  # fmt: skip
-        shared = ours.keys() & theirs.keys() - {"output"}  # of `update` in the place of the map
-        assert len(shared) >= 2
-        assert {name: ours[name] for name in shared} == {name: theirs[name] for name in shared}
-    assert StoreConfig().reading == ReadOptions()

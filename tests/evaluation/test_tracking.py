@@ -127,34 +127,6 @@ def in_groups(n_groups):
     return Tracks.concatenate(copies)
 
 
-@pytest.mark.slow
-def test_a_groups_figures_are_the_same_whatever_other_groups_the_log_holds(traffic, ring_map):
-    experiment = TrackingExperiment(
-        n_seeds=2, gap_s=2.0, with_ids=False, miss_rate=0.1, false_per_frame=1.0, methods=("constant velocity",),
-    )  # fmt: skip
-    three = in_groups(3)
-
-    def evaluated(tracks):
-        return evaluate_tracking(tracks, experiment, primitive_map=ring_map)
-
-    together = evaluated(three)
-    (found,) = together.methods
-    assert (together.n_groups, together.n_vehicles) == (6, 24)
-    assert [len(reports) for reports in found.by_group] == [3, 3]
-    again = json.loads(json.dumps(asdict(experiment))) | {"methods": ["prior"], "n_seeds": 1}
-    prior = from_table(TrackingExperiment, again)
-    of_all = evaluate_tracking(three, prior, primitive_map=ring_map).methods[0].by_group[0]
-    for group in (1, 3):
-        alone = evaluate_tracking(three[three.group == group], prior, primitive_map=ring_map)
-        assert alone.methods[0].by_group[0][0] == of_all[group - 1]
-    # groups that drive in the same places at the same times do not meet, unless they are laid over each other
-    twice = [replace(traffic, track_id=traffic.track_id + 100 * i, group=np.full(len(traffic), i)) for i in range(2)]
-    apart = Tracks.concatenate(twice)
-    laid = replace(apart, group=np.zeros(len(apart), np.int64))
-    met, unmet = (evaluated(tracks).methods[0].mean("hota") for tracks in (laid, apart))
-    assert met < unmet - 0.05
-
-
 def test_pooled_figures_count_every_row_and_frame_alike(ring_map):
     experiment = TrackingExperiment(n_seeds=1, gap_s=2.0, with_ids=False, methods=("constant velocity",))
     (found,) = evaluate_tracking(in_groups(3), experiment, primitive_map=ring_map).methods

@@ -1,94 +1,24 @@
 """ROS 2 definitions of the messages that tests write, and a log of them by independent writers.
 
-Those of ROS itself come with rosbags. Sources of the others: vision_msgs, autoware_msgs, astuff_sensor_msgs and the
-Foxglove SDK; comments and what no test fills are left out where the layout of the rest does not depend on it.
+Those of ROS itself come with rosbags, the others from `data/ros2_messages.msg`. Their sources: vision_msgs,
+autoware_msgs, astuff_sensor_msgs and the Foxglove SDK; comments and what no test fills are left out where the layout of
+the rest does not depend on it.
 """
 
+from pathlib import Path
 from typing import Any
 
 from mcap_ros2.writer import Writer
 from rosbags.typesys import Stores, get_typestore
 
-BASIC = {
-    "visualization_msgs/Marker": (
-        "std_msgs/Header header\nstring ns\nint32 id\nint32 type\nint32 action\ngeometry_msgs/Pose pose\n"
-        "geometry_msgs/Vector3 scale\nstd_msgs/ColorRGBA color\nbuiltin_interfaces/Duration lifetime\n"
-        "bool frame_locked\ngeometry_msgs/Point[] points\nstd_msgs/ColorRGBA[] colors\nstring text\n"
-        "string mesh_resource\nbool mesh_use_embedded_materials"
-    ),
-    "vision_msgs/ObjectHypothesis": "string class_id\nfloat64 score",
-    "vision_msgs/ObjectHypothesisWithPose": "ObjectHypothesis hypothesis\ngeometry_msgs/PoseWithCovariance pose",
-    "vision_msgs/BoundingBox3D": "geometry_msgs/Pose center\ngeometry_msgs/Vector3 size",
-    "vision_msgs/Detection3D": (
-        "std_msgs/Header header\nObjectHypothesisWithPose[] results\nvision_msgs/BoundingBox3D bbox\nstring id"
-    ),
-    "vision_msgs/Detection3DArray": "std_msgs/Header header\nvision_msgs/Detection3D[] detections",
-    "derived_object_msgs/Object": (
-        "std_msgs/Header header\nuint32 id\nuint8 detection_level\nbool object_classified\ngeometry_msgs/Pose pose\n"
-        "geometry_msgs/Twist twist\ngeometry_msgs/Accel accel\ngeometry_msgs/Polygon polygon\n"
-        "shape_msgs/SolidPrimitive shape\nuint8 classification\nuint8 classification_certainty\n"
-        "uint32 classification_age"
-    ),
-    "derived_object_msgs/ObjectArray": "std_msgs/Header header\nderived_object_msgs/Object[] objects",
-    "foxglove_msgs/PoseInFrame": "builtin_interfaces/Time timestamp\nstring frame_id\ngeometry_msgs/Pose pose",
-    "foxglove_msgs/PosesInFrame": "builtin_interfaces/Time timestamp\nstring frame_id\ngeometry_msgs/Pose[] poses",
-    "foxglove_msgs/Odometry": (
-        "builtin_interfaces/Time timestamp\nstring frame_id\nstring body_frame_id\ngeometry_msgs/Pose pose\n"
-        "geometry_msgs/Vector3 linear_velocity\ngeometry_msgs/Vector3 angular_velocity"
-    ),
-    "foxglove_msgs/FrameTransform": (
-        "builtin_interfaces/Time timestamp\nstring parent_frame_id\nstring child_frame_id\n"
-        "geometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation"
-    ),
-    "foxglove_msgs/LocationFix": (
-        "builtin_interfaces/Time timestamp\nstring frame_id\nfloat64 latitude\nfloat64 longitude\nfloat64 altitude\n"
-        "float64[9] position_covariance\nuint8 position_covariance_type"
-    ),
-    "foxglove_msgs/KeyValuePair": "string key\nstring value",
-    "foxglove_msgs/CubePrimitive": ("geometry_msgs/Pose pose\ngeometry_msgs/Vector3 size\nstd_msgs/ColorRGBA color"),
-    "foxglove_msgs/SceneEntity": (  # what no test fills is an array of something
-        "builtin_interfaces/Time timestamp\nstring frame_id\nstring id\nbuiltin_interfaces/Duration lifetime\n"
-        "bool frame_locked\nKeyValuePair[] metadata\nKeyValuePair[] arrows\nCubePrimitive[] cubes\n"
-        "KeyValuePair[] spheres\nKeyValuePair[] cylinders\nKeyValuePair[] lines\nKeyValuePair[] triangles\n"
-        "KeyValuePair[] texts\nKeyValuePair[] models"
-    ),
-    "foxglove_msgs/SceneUpdate": "KeyValuePair[] deletions\nSceneEntity[] entities",
-    "acme/Detection": "uint8 kind\nfloat32[2] place\nstring id",
-    "acme/Detections": "string frame\nacme/Detection[] detections",
+PERCEPTION = "autoware_perception_msgs", "autoware_auto_perception_msgs"
+"""Autoware's package, and its former name."""
+PARTS = (Path(__file__).parents[1] / "data" / "ros2_messages.msg").read_text().split(f"{'=' * 80}\nMSG: ")[1:]
+DEFINITIONS = {
+    name.replace(*rename): text.strip().replace(*rename)
+    for name, _, text in (part.partition("\n") for part in PARTS)
+    for rename in (("", ""), PERCEPTION)
 }
-
-
-def autoware(package):
-    """Definitions of Autoware's perception messages, by the name of their package."""
-    p = package
-    return {
-        f"{p}/ObjectClassification": "uint8 UNKNOWN = 0\nuint8 CAR = 1\nuint8 label\nfloat32 probability",
-        f"{p}/Shape": "uint8 type\ngeometry_msgs/Polygon footprint\ngeometry_msgs/Vector3 dimensions",
-        f"{p}/TrackedObjectKinematics": (
-            "uint8 UNAVAILABLE=0\nuint8 SIGN_UNKNOWN=1\nuint8 AVAILABLE=2\n"
-            "geometry_msgs/PoseWithCovariance pose_with_covariance\nuint8 orientation_availability\n"
-            "geometry_msgs/TwistWithCovariance twist_with_covariance\n"
-            "geometry_msgs/AccelWithCovariance acceleration_with_covariance\nbool is_stationary"
-        ),
-        f"{p}/TrackedObject": (
-            f"unique_identifier_msgs/UUID object_id\nfloat32 existence_probability\n"
-            f"{p}/ObjectClassification[] classification\n{p}/TrackedObjectKinematics kinematics\n{p}/Shape shape"
-        ),
-        f"{p}/TrackedObjects": f"std_msgs/Header header\n{p}/TrackedObject[] objects",
-        f"{p}/DetectedObjectKinematics": (
-            "geometry_msgs/PoseWithCovariance pose_with_covariance\nbool has_position_covariance\n"
-            "uint8 orientation_availability\ngeometry_msgs/TwistWithCovariance twist_with_covariance\n"
-            "bool has_twist\nbool has_twist_covariance"
-        ),
-        f"{p}/DetectedObject": (
-            f"float32 existence_probability\n{p}/ObjectClassification[] classification\n"
-            f"{p}/DetectedObjectKinematics kinematics\n{p}/Shape shape"
-        ),
-        f"{p}/DetectedObjects": f"std_msgs/Header header\n{p}/DetectedObject[] objects",
-    }
-
-
-DEFINITIONS = BASIC | autoware("autoware_perception_msgs") | autoware("autoware_auto_perception_msgs")
 _PLAIN = {f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)} | {
     "bool", "byte", "char", "float32", "float64", "string", "time", "duration",
 }  # fmt: skip
