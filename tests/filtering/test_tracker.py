@@ -284,24 +284,6 @@ def test_who_is_back_where_no_belief_reaches_is_reinitialised_at_once():
 
 
 @on_either_filter
-def test_out_of_sight_a_labelled_vehicle_is_reported_until_it_is_likelier_gone(ring_map, filter_of):
-    frames = [*round_the_ring("a", 0.1 * np.arange(15)), *round_the_ring("b", 1.53 + 0.1 * np.arange(60), -1.47)]
-    off_the_map_one_has_left_at_once = {"max_gap_s": 20.0, "own_way_rate": 0.0}
-    unseen, _ = track(
-        ring_map, frames, filter_of=filter_of, seed=0, n_particles=200, tracking=TrackingConfig(),
-        **off_the_map_one_has_left_at_once,
-    )  # fmt: skip
-    unseen = unseen[(unseen.track_id == "a") & (unseen.unseen_s > 0)]
-    np.testing.assert_allclose(np.diff(unseen.unseen_s), 0.1, atol=1e-9)
-    assert (np.diff(unseen.existence) < 0).all()
-    assert (unseen.existence >= 0.5).all()
-    assert 3.0 < unseen.unseen_s.max() < 6.0
-    spread = np.trace(unseen.covariance, axis1=1, axis2=2)
-    assert spread[20] > spread[0]
-    assert (unseen.log_evidence == 0).all()
-
-
-@on_either_filter
 def test_out_of_sight_a_vehicle_is_the_same_whenever_others_are_seen(ring_map, filter_of):
     """Frames at odd times cut the gap in odd pieces; its estimate must not depend on them.
 
