@@ -224,7 +224,7 @@ def level(seeds: list[dict[str, Outcome]], name: str, figure: str) -> float | No
 
 
 def main() -> None:
-    """Run, and print a table for each scene."""
+    """Run, and print the rows of each scene, as JSON."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scene", action="append", choices=list(SCENES), help="may be repeated; default: all")
     parser.add_argument("--part", action="append", choices=PARTS, help="may be repeated; default: both")
@@ -252,22 +252,8 @@ def main() -> None:
             if found:
                 done.setdefault(scene, []).append(found)
     table = {scene: dict(rows(seeds)) for scene, seeds in done.items()}
-    if given.json:
-        sys.stdout.write(json.dumps({"seeds": given.seeds, "processor_s": total, "rows": table}) + "\n")
-        return
-    for scene, found_rows in table.items():
-        print(f"\n{scene}: without it, worse by (95 %)")
-        for name, row in found_rows.items():
-            known = {figure: value for figure, value in row.items() if value is not None}
-            print(f"{name:34}" + "  ".join(f"{figure} {shown(value)}" for figure, value in known.items()))
-
-
-def shown(value: Any) -> str:
-    """A level, or a change with its interval; a star where that does not hold 0."""
-    if not isinstance(value, Mapping):
-        return f"{value:.3f}"
-    star = "*" if value["low"] > 0 or value["high"] < 0 else " "
-    return f"{value['value']:+.3f} ({value['low']:+.3f} to {value['high']:+.3f}){star}"
+    result = {"seeds": given.seeds, "processor_s": total, "rows": table}
+    print(json.dumps(result, indent=None if given.json else 1))
 
 
 if __name__ == "__main__":
