@@ -17,6 +17,16 @@ TRUSTING = TrackingConfig(clutter_density=1e-12)
 """Of a sensor without false detections: whatever it reports is a vehicle from its first detection on."""
 
 
+def tracks_of(position, **columns):
+    """Vehicles at places (vehicles, rows, 2), a row each 0.1 s; they head east at 1 m/s but for the columns given."""
+    position = np.asarray(position, np.float64)
+    shape = position.shape[:-1]
+    usual = {"track_id": np.arange(shape[0])[:, None], "time_ns": 10**8 * np.arange(shape[1])}
+    given = usual | {"direction": 0.0, "speed": 1.0} | columns
+    filled = {name: np.broadcast_to(column, shape).ravel() for name, column in given.items()}
+    return Tracks(position=position.reshape(-1, 2), **filled)
+
+
 def ring_traffic(rng, *, n_vehicles=40, radius=20.0, speed=8.0, n_rows=100, dt_s=0.1):
     """Vehicles that drive counter-clockwise around the origin, at speeds and radii of their own."""
     start = rng.uniform(0, 2 * np.pi, n_vehicles)
@@ -25,25 +35,14 @@ def ring_traffic(rng, *, n_vehicles=40, radius=20.0, speed=8.0, n_rows=100, dt_s
     t = np.arange(n_rows) * dt_s
     angle = start[:, None] + pace[:, None] / r[:, None] * t
     position = np.stack([r[:, None] * np.cos(angle), r[:, None] * np.sin(angle)], axis=-1)
-    return Tracks(
-        track_id=np.repeat(np.arange(n_vehicles), n_rows),
-        time_ns=np.tile((t * 1e9).round().astype(np.int64), n_vehicles),
-        position=position.reshape(-1, 2),
-        direction=wrap(angle + np.pi / 2).ravel(),
-        speed=np.repeat(pace, n_rows),
-    )
+    time_ns = (t * 1e9).round().astype(np.int64)
+    return tracks_of(position, time_ns=time_ns, direction=wrap(angle + np.pi / 2), speed=pace[:, None])
 
 
 def rows_of(direction, speed, *, position=(0.0, 0.0), time_ns=0, first_id=0):
     """Tracks of one row for each vehicle, all at one time."""
-    n = len(direction)
-    return Tracks(
-        track_id=first_id + np.arange(n),
-        time_ns=np.broadcast_to(np.asarray(time_ns, np.int64), n),
-        position=np.broadcast_to(position, (n, 2)),
-        direction=direction,
-        speed=speed,
-    )
+    track_id, place = first_id + np.arange(len(direction)), np.broadcast_to(position, (1, len(direction), 2))
+    return tracks_of(place, track_id=track_id, time_ns=time_ns, direction=direction, speed=speed)
 
 
 def one_cell(direction, speed, *, weight=None, n_vehicles, position=None):

@@ -8,6 +8,7 @@ import pytest
 from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.faults import find_faults
 from dirprim_filter.tracks import Tracks
+from situations import tracks_of
 
 
 def driven(n_rows=120, *, name, seed, start_s=0.0, lane=0.0, group=0, speed=10.0, accelerating=1.0):
@@ -34,11 +35,8 @@ def bent(**changes):
     """A vehicle on a circle of 30 m at 10 m/s beside the traffic, all with positions that err by half a metre."""
     rng = np.random.default_rng(8)
     angle = np.arange(120) / 30.0
-    circle = Tracks(
-        track_id=np.full(120, "bent"), time_ns=100_000_000 * np.arange(120),
-        position=30.0 * np.column_stack([np.cos(angle), np.sin(angle)]), direction=angle + np.pi / 2,
-        speed=np.full(120, 10.0),
-    )  # fmt: skip
+    way = 30.0 * np.column_stack([np.cos(angle), np.sin(angle)])
+    circle = tracks_of(way[None], track_id="bent", direction=angle + np.pi / 2, speed=10.0)
     parts = [replace(part, position=part.position + rng.normal(0, 0.5, part.position.shape)) for part in traffic()[:3]]
     whole = Tracks.concatenate([*parts, circle])
     return find_faults(replace(whole, **{name: change(whole) for name, change in changes.items()}))

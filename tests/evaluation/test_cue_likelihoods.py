@@ -11,6 +11,7 @@ from dirprim_filter.evaluation.cues import (
 )
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.tracks import Tracks
+from situations import tracks_of
 from tessellation import GridTessellation
 
 
@@ -86,13 +87,11 @@ def test_on_a_bend_the_prior_adds_to_the_cell_before_and_less_to_the_own_course(
 
 def test_a_prior_that_knows_nothing_adds_nothing():  # the negative control of the test above
     rng = np.random.default_rng(4)
-    course = np.repeat(rng.uniform(-np.pi, np.pi, 60), 40)
-    distance = np.tile(np.arange(40) * 2.0 - 40.0, 60)
-    tracks = Tracks(
-        track_id=np.repeat(np.arange(60), 40), time_ns=np.tile(np.arange(40) * 250_000_000, 60),
-        position=distance[:, None] * np.column_stack([np.cos(course), np.sin(course)])
-        + np.repeat(rng.uniform(-30, 30, (60, 2)), 40, axis=0),
-        direction=course + rng.normal(0, 0.05, 2400), speed=np.full(2400, 8.0) + rng.random(2400),
+    course = rng.uniform(-np.pi, np.pi, (60, 1))
+    way = (np.arange(40) * 2.0 - 40.0)[:, None] * np.stack([np.cos(course), np.sin(course)], axis=-1)
+    tracks = tracks_of(
+        way + rng.uniform(-30, 30, (60, 1, 2)), time_ns=np.arange(40) * 250_000_000,
+        direction=course + rng.normal(0, 0.05, (60, 40)), speed=8.0 + rng.random((60, 40)),
     )  # fmt: skip
     table = evaluate_cues(tracks, n_folds=2, tessellation="grid", rng=np.random.default_rng(5))
     assert table.own_course.log_gain.value < 0.05

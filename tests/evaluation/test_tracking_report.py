@@ -8,6 +8,7 @@ import pytest
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
 from dirprim_filter.evaluation.tracking_report import Scales, TrackingReport
 from dirprim_filter.tracks import Tracks
+from situations import tracks_of
 
 N = 40
 TIMES = np.arange(N) * 100_000_000
@@ -114,9 +115,7 @@ def test_an_id_is_the_same_as_a_number_a_text_and_with_its_group(names):
 def test_a_filter_that_states_the_truth_of_its_errors_has_a_nees_of_two():
     rng = np.random.default_rng(0)
     n = 20_000
-    truth = Tracks(
-        track_id=np.arange(n), time_ns=np.arange(n), position=np.zeros((n, 2)), direction=np.zeros(n), speed=np.ones(n)
-    )
+    truth = tracks_of(np.zeros((n, 1, 2)), time_ns=np.arange(n)[:, None])
     found = TrackedRows(
         track_id=np.arange(n), time_ns=np.arange(n), position=rng.normal(0, 0.5, (n, 2)),
         covariance=np.tile(0.25 * np.eye(2), (n, 1, 1)),

@@ -5,8 +5,7 @@ import pytest
 
 from dirprim_filter.evaluation.baselines.trajectory_memory import States, TrajectoryMemory
 from dirprim_filter.evaluation.forecast_cases import Cases
-from dirprim_filter.tracks import Tracks
-from situations import ring_traffic
+from situations import ring_traffic, tracks_of
 
 RADIUS, SPEED = 20.0, 8.0
 
@@ -50,10 +49,7 @@ def test_a_vehicle_never_follows_itself():
 
 
 def test_of_tracks_of_one_row_there_is_nothing_to_remember_and_all_go_straight_on():
-    lone = Tracks(
-        track_id=np.arange(3), time_ns=np.zeros(3, np.int64), position=np.zeros((3, 2)), direction=np.zeros(3),
-        speed=np.ones(3),
-    )  # fmt: skip
+    lone = tracks_of(np.zeros((3, 1, 2)))
     memory = TrajectoryMemory.of(lone)
     memory, found = memory.chosen(Cases.of(lone, horizons_s=(2.0,)), (2.0,), rng=np.random.default_rng(0))
     assert not found

@@ -13,8 +13,7 @@ from dirprim_filter.primitives.background import learn_background
 from dirprim_filter.primitives.motion_learning import label_visits, learn_motion
 from dirprim_filter.primitives.rows import TrackRows
 from dirprim_filter.primitives.visits import Visits
-from dirprim_filter.tracks import Tracks
-from situations import junction_traffic, ring_traffic
+from situations import junction_traffic, ring_traffic, tracks_of
 
 LAGS_S = [1.0, 2.0, 3.0]
 
@@ -126,13 +125,8 @@ def test_the_manoeuvres_of_a_junction_tell_who_turns(junction):
 def test_who_creeps_goes_on_and_who_stands_stays():
     """A queue that rolls at 0.2 m/s, as real ones do for seconds, is not taken for one that stands."""
     east, pace = np.tile(np.linspace(0.0, 20.0, 11), 2), np.repeat([0.2, 0.0], 11)
-    queue = Tracks(
-        track_id=np.repeat(np.arange(22), 40),
-        time_ns=np.tile(np.arange(40) * 100_000_000, 22),
-        position=np.column_stack([(east[:, None] + 0.1 * pace[:, None] * np.arange(40)).ravel(), np.repeat(pace, 40)]),
-        direction=np.zeros(880),
-        speed=np.repeat(pace, 40),
-    )
+    way = east[:, None] + 0.1 * pace[:, None] * np.arange(40)
+    queue = tracks_of(np.stack(np.broadcast_arrays(way, pace[:, None]), axis=-1), speed=pace[:, None])
     learned = learn_primitives(queue, tessellation="grid", cell_size=10.0, rng=np.random.default_rng(0))
     paths = forecast_states(
         learned, position=[[10.0, 0.2], [10.0, 0.0]], direction=[0.0, 0.0], speed=[0.2, 0.0], time_s=[3.0],
@@ -151,13 +145,7 @@ def braking_traffic(rng, *, n_vehicles, length_m=60.0, end=6.0):
     braked_s = np.minimum(time_s, (begin - end) / braking)
     x = begin * braked_s - 0.5 * braking * braked_s**2 + end * (time_s - braked_s)
     y = np.broadcast_to(rng.normal(0.0, 0.3, (n_vehicles, 1)), x.shape)
-    return Tracks(
-        track_id=np.repeat(np.arange(n_vehicles), time_s.size),
-        time_ns=np.tile((time_s * 1e9).round().astype(np.int64), n_vehicles),
-        position=np.stack([x, y], axis=-1).reshape(-1, 2),
-        direction=np.zeros(x.size),
-        speed=(begin - braking * braked_s).ravel(),
-    )
+    return tracks_of(np.stack([x, y], axis=-1), speed=begin - braking * braked_s)
 
 
 def test_who_is_faster_brakes_harder_for_the_same_place(monkeypatch):

@@ -6,16 +6,11 @@ import numpy as np
 import pytest
 
 from dirprim_filter.primitives.rows import TrackRows
-from dirprim_filter.tracks import Tracks
-from situations import ring_traffic
+from situations import ring_traffic, tracks_of
 
 
 def alone(time_s):
-    n = len(time_s)
-    return Tracks(
-        track_id=np.zeros(n, np.int64), time_ns=np.round(np.asarray(time_s) * 1e9).astype(np.int64),
-        position=np.zeros((n, 2)), direction=np.zeros(n), speed=np.ones(n),
-    )  # fmt: skip
+    return tracks_of(np.zeros((1, len(time_s), 2)), time_ns=np.round(np.asarray(time_s) * 1e9).astype(np.int64))
 
 
 def test_a_clock_that_jitters_by_a_millisecond_thins_to_the_same_rows():

@@ -9,13 +9,14 @@ from mcap_files import scene, write_protobuf_log
 from ros_messages import header, write_ros2_log
 from test_ros2_schemas import ARRAYS, N_TIMES, array_log, point, quaternion
 
-from dirprim_filter import Tracks, write_tracks
+from dirprim_filter import write_tracks
 from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.recording.losses import REPEATED
 from dirprim_filter.recording.playback import Playback
 from dirprim_filter.recording.reader import read_tracks, stream_detections
 from dirprim_filter.recording.schemas import decoders as decoding
 from dirprim_filter.recording.schemas import dirprim_pb2
+from situations import tracks_of
 
 N = 40
 COLUMNS = ("track_id", "time_ns", "position", "direction", "speed", "covariance", "size")
@@ -40,11 +41,7 @@ def seen(*, named=True):
 
 
 def written(path, detections):
-    tracks = Tracks(
-        track_id=np.zeros(N, np.int64), time_ns=np.arange(N) * 100_000_000, position=np.zeros((N, 2)),
-        direction=np.zeros(N), speed=np.zeros(N),
-    )  # fmt: skip
-    write_tracks(tracks, path, detections=detections)
+    write_tracks(tracks_of(np.zeros((1, N, 2))), path, detections=detections)
     return path
 
 

@@ -22,7 +22,7 @@ from dirprim_filter.recording.reader import (
     stream_detections,
 )
 from dirprim_filter.recording.writer import write_tracks
-from dirprim_filter.tracks import Tracks
+from situations import tracks_of
 
 OSI_LOGS = [
     "MovingHostWith3DModel",
@@ -128,11 +128,7 @@ def test_several_logs_keep_their_vehicles_and_groups_apart(tmp_path):
 
 
 def straight(n=20, noise=0.0):
-    return Tracks(
-        track_id=np.full(n, 5), time_ns=np.arange(n) * STEP_NS,
-        position=np.stack([np.arange(n) * 1.0, np.full(n, noise)], -1),
-        direction=np.zeros(n), speed=np.full(n, 10.0),
-    )  # fmt: skip
+    return tracks_of([[(x, noise) for x in range(n)]], track_id=5, speed=10.0)
 
 
 def test_tracks_come_from_our_own_topic_and_detections_from_theirs(tmp_path):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from dirprim_filter.simulation.sensor import detect
-from dirprim_filter.tracks import Tracks
+from situations import tracks_of
 
 Z = 4.5
 N_FRAMES, N_VEHICLES = 400, 25
@@ -22,14 +22,8 @@ def rng():
 @pytest.fixture(scope="module")
 def truth():
     source = np.random.default_rng(3)
-    n = N_FRAMES * N_VEHICLES
-    return Tracks(
-        track_id=np.tile(np.arange(N_VEHICLES), N_FRAMES),
-        time_ns=np.repeat(np.arange(N_FRAMES), N_VEHICLES) * 100_000_000,
-        position=source.uniform((-50.0, -20.0), (50.0, 20.0), (n, 2)),
-        direction=np.zeros(n),
-        speed=np.ones(n),
-    )
+    place = source.uniform((-50.0, -20.0), (50.0, 20.0), (N_FRAMES, N_VEHICLES, 2))
+    return tracks_of(place, track_id=np.arange(N_VEHICLES), time_ns=100_000_000 * np.arange(N_FRAMES)[:, None])
 
 
 def errors(truth, rng, noise_m):

@@ -10,7 +10,7 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.tracks import Tracks
+from situations import tracks_of
 from tessellation import GridTessellation
 
 START_NS = 1_700_000_000_123_456_789
@@ -46,15 +46,9 @@ def scene_map():
 @pytest.fixture
 def scene_tracks():
     """Two vehicles, five rows each, to the north-east at 10 m/s."""
-    step = np.arange(5)
-    position = np.concatenate([5.0 + 0.7071 * step[:, None], 15.0 + 0.7071 * step[:, None]]) * np.ones(2)
-    return Tracks(
-        track_id=np.repeat([7, 8], 5),
-        time_ns=START_NS + STEP_NS * np.tile(step, 2),
-        position=position,
-        direction=np.full(10, np.pi / 4),
-        speed=np.full(10, 10.0),
-    )
+    way = np.add.outer([5.0, 15.0], 0.7071 * np.arange(5))
+    time_ns, track_id = START_NS + STEP_NS * np.arange(5), np.array([[7], [8]])
+    return tracks_of(way[..., None] * np.ones(2), track_id=track_id, time_ns=time_ns, direction=np.pi / 4, speed=10.0)
 
 
 @pytest.fixture
