@@ -67,7 +67,6 @@ class MotionTable(NamedTuple):
     count: FloatArray  # type: ignore[assignment]  # (t,), not the method of tuples
     most: int  # eights of a cell, or of background ones
     course_rate: float
-    push_rate: float
     background_visits: float
     own_way_rate: float  # 1/s, at which vehicles leave what they follow and go their own way
     step_s: float

@@ -38,7 +38,7 @@ from dirprim_filter.primitives._manoeuvres import (
     offset_from,
     take_up,
 )
-from dirprim_filter.primitives.motion import JUMP_S
+from dirprim_filter.primitives.motion import JUMP_S, PUSH_RATE
 from tessellation._compiling import UNCOUNTED
 from tessellation._kernels import locate
 
@@ -92,7 +92,7 @@ class Due(NamedTuple):
 @njit(**EXACT)
 def step_of(table: MotionTable, h: float) -> Step:
     """A step of `h` seconds."""
-    course_kept, push_kept = math.exp(-table.course_rate * h), math.exp(-table.push_rate * h)
+    course_kept, push_kept = math.exp(-table.course_rate * h), math.exp(-PUSH_RATE * h)
     turned_by, pushed_by = math.sqrt(1.0 - course_kept * course_kept), math.sqrt(1.0 - push_kept * push_kept)
     return Step(h, course_kept, push_kept, turned_by, pushed_by, math.sqrt(h))
 

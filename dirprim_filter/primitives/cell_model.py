@@ -43,16 +43,10 @@ class PrimitiveCells(NamedTuple):
         self, cell: IntArray, position: FloatArray, direction: FloatArray, speed: FloatArray, standing_rate: float
     ) -> FloatArray:
         """Of direction and speed of rows in cells, (n,) each, by the cells' own modes and that of standing."""
-        standing = self.standing[:, None]
-        still = (
-            standing,
-            *np.zeros((2, *standing.shape)),
-            np.ones_like(standing),
-            np.full_like(standing, standing_rate),
-        )
-        modes = self.modes
-        modes = modes._replace(weight=(1.0 - standing) * modes.weight)
-        every = Modes(*map(np.hstack, zip(modes, (*still, *np.zeros((4, *standing.shape))), strict=True)))
+        modes, standing = self.modes, self.standing[:, None]
+        moving, none = modes._replace(weight=(1.0 - standing) * modes.weight), np.zeros(standing.shape)
+        still = Modes(standing, none, none, none + 1.0, none + standing_rate, none, none, none, none)
+        every = Modes(*map(np.hstack, zip(moving, still, strict=True)))
         return ModeTable.of(every, self.center).log_density(cell, position, direction, speed)
 
 

@@ -45,11 +45,6 @@ MOST_STARTS = 0.95
 """Of those that stand, within `AHEAD_S`."""
 
 
-def learn_leader(tracks: Tracks) -> LeaderResponse | None:
-    """The response to leaders of the drivers of a log, see `LeaderSums.response`."""
-    return LeaderSums.of(tracks).response()
-
-
 class LeaderSums(NamedTuple):
     """What the response is learned from; sums of two logs are the sums of both."""
 

@@ -22,7 +22,7 @@ from dirprim_filter.primitives._modes import Bounds
 from dirprim_filter.primitives.background import Background, learn_background
 from dirprim_filter.primitives.cell_model import LEAST_SPEED, Layout, PrimitiveModel, assemble, fit_cells
 from dirprim_filter.primitives.fitting import ROUGH, bounds_of
-from dirprim_filter.primitives.leader_learning import learn_leader
+from dirprim_filter.primitives.leader_learning import LeaderSums
 from dirprim_filter.primitives.motion_learning import learn_motion
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.rows import TrackRows
@@ -122,7 +122,7 @@ def learn_primitives(
     begin(3)
     return replace(
         learned,
-        motion=replace(learn_motion(learned, rows, background, rng=rng), leader=learn_leader(tracks)),
+        motion=replace(learn_motion(learned, rows, background, rng=rng), leader=LeaderSums.of(tracks).response()),
         n_rows=np.append(np.diff(n_rows), len(rows)),
     )
 

@@ -73,14 +73,7 @@ def learn_motion(
 def label_visits(
     primitives: PrimitiveMap, visits: Visits, *, detail: float = DETAIL, rng: np.random.Generator
 ) -> Labels:  # fmt: skip
-    """Group the visits of each mode of each cell.
-
-    Args:
-        primitives: the map.
-        visits: of its vehicles.
-        detail: see `DETAIL`.
-        rng: the order in which visits are grouped.
-    """
+    """Group the visits of each mode of each cell, in an order that is drawn; see `DETAIL`."""
     inside = np.flatnonzero(visits.cell >= 0)
     mode, feature = modes_of(primitives, visits), visits.features(primitives.centers)
     n_modes = primitives.direction.weight.shape[1]
@@ -124,14 +117,7 @@ def modes_of(primitives: PrimitiveMap, visits: Visits) -> IntArray:
 
 
 def motion_of(sums: MotionSums, labels: Labels, primitives: PrimitiveMap, background: Background) -> Motion:
-    """Motion from sums over visits.
-
-    Args:
-        sums: of z manoeuvres.
-        labels: of which cells and modes they are.
-        primitives: what the sums deviate from.
-        background: of the same vehicles.
-    """
+    """Motion from sums over visits, where it deviates from the primitives, and the background of the same vehicles."""
     cell, mode = labels.cell, labels.mode
     beta = {name: getattr(sums, name).solved(ridge) for name, ridge in _ridges(labels, primitives).items()}
     course, pace, acceleration = beta["course"], beta["log_pace"], beta["acceleration"]
@@ -149,7 +135,7 @@ def motion_of(sums: MotionSums, labels: Labels, primitives: PrimitiveMap, backgr
         "path": beta["path"], "path_direction": direction, "acceleration": acceleration,
         "stretch": beta["stretch"][:, 0],
         "start_rate": np.where(stands, (sums.left + 0.1) / (sums.seconds + 1.0), 0.0),
-        "turn_ahead": sums.turned / np.maximum(sums.turns, 1e-9),
+        "turn_ahead": sums.turn.xy[:, 0] / np.maximum(sums.turn.weight, 1e-9),
         **_spreads(np.stack(square), sums.visits, stands),
     }  # fmt: skip
     transition = csr_array(block_diag([sums.transition, background.following], format="csr"))

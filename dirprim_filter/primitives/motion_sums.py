@@ -87,8 +87,7 @@ class MotionSums(NamedTuple):
     visits: FloatArray  # (z,)
     seconds: FloatArray  # (z,)
     left: FloatArray  # (z,) visits whose end was seen
-    turned: FloatArray  # (z,) radians, sum over the instants whose course `AHEAD_S` later is known
-    turns: FloatArray  # (z,) how many these are, by weight
+    turn: Regression  # by 1: radians in `AHEAD_S`
     course: Regression  # by 1, east, north: off the mode's own field
     log_pace: Regression  # by 1, east, north: off the mode's own field
     path: Regression  # by 1, u, u^2
@@ -138,7 +137,7 @@ def _changes(visits: Visits) -> FloatArray:
 def _of_instants(
     visits: Visits, labels: Labels, primitives: PrimitiveMap, *, at: IntArray, of: IntArray, changes: FloatArray
 ) -> tuple[Any, ...]:  # fmt: skip
-    """Sums of the instants `at` (i,) of visits `of`, `MotionSums` from `turned` to `stretch`; see `_changes`."""
+    """Sums of the instants `at` (i,) of visits `of`, `MotionSums` from `turn` to `stretch`; see `_changes`."""
     share, z = (visits.weight / (visits.end - visits.begin))[of], labels.label[of]
     n, speed, there = labels.cell.size, visits.speed[at], (labels.cell[z], labels.mode[z])
     driven = share * np.clip(speed, SLOWEST_COURSE, 1.0)
@@ -157,7 +156,7 @@ def _of_instants(
     state = np.column_stack([place, speed - mean_speed])
     turn, acceleration, pushed, stretch = changes
     return (
-        _totals(z, np.nan_to_num(driven * turn), n), _totals(z, np.where(np.isfinite(turn), driven, 0.0), n),
+        Regression.of(one[:, None], turn, driven, z, n),
         Regression.of(place, off_course, driven, z, n), Regression.of(place, off_pace, share, z, n),
         Regression.of(np.column_stack([one, along, along**2]), across, driven, z, n),
         Regression.of(state, acceleration, share, z, n), Regression.of(state, pushed, share, z, n),

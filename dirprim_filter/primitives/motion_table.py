@@ -8,7 +8,7 @@ import numpy as np
 
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.primitives._manoeuvres import LANES, N_FIELDS, OWN_WAY, PUSH, TURNING, Candidates, MotionTable
-from dirprim_filter.primitives.motion import ANYWHERE_PUSH, ANYWHERE_TURNING, COURSE_RATE, PUSH_RATE
+from dirprim_filter.primitives.motion import ANYWHERE_PUSH, ANYWHERE_TURNING, COURSE_RATE
 
 if TYPE_CHECKING:
     from dirprim_filter.primitives.primitive_map import PrimitiveMap
@@ -31,7 +31,10 @@ def motion_table(primitives: PrimitiveMap, *, step_s: float = 0.1, own_way_rate:
             the noise of vehicles of which no log says how they move.
     """
     motion, cells, may = primitives.motion, primitives.tessellation, _candidates(primitives)
-    row = _rows(primitives)
+    row = np.column_stack([
+        _centers(primitives)[motion.cell], motion.course, motion.bend, motion.acceleration,
+        motion.push, motion.course_spread, motion.cell < 0, motion.stretch, motion.start_rate, motion.curvature,
+    ])  # fmt: skip
     if own_way_rate > 0.0:
         row[OWN_WAY, [PUSH, TURNING]] = ANYWHERE_PUSH, ANYWHERE_TURNING
     of_cell = motion.cell[: motion.n_placed]
@@ -46,20 +49,10 @@ def motion_table(primitives: PrimitiveMap, *, step_s: float = 0.1, own_way_rate:
         count=motion.count,
         most=max(int(np.diff(may.begin).max(initial=0)), may.free.shape[1]),
         course_rate=COURSE_RATE,
-        push_rate=PUSH_RATE,
         background_visits=motion.background_visits,
         own_way_rate=own_way_rate,
         step_s=step_s,
     )
-
-
-def _rows(primitives: PrimitiveMap) -> FloatArray:
-    """(z, 16), see `_manoeuvres`."""
-    motion = primitives.motion
-    return np.column_stack([
-        _centers(primitives)[motion.cell], motion.course, motion.bend, motion.acceleration,
-        motion.push, motion.course_spread, motion.cell < 0, motion.stretch, motion.start_rate, motion.curvature,
-    ])  # fmt: skip
 
 
 def _centers(primitives: PrimitiveMap) -> FloatArray:

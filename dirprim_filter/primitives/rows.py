@@ -169,13 +169,9 @@ class CellRows:
 
     @classmethod
     def of(cls, rows: TrackRows, members: Members, position: FloatArray, *, standing_speed: float) -> CellRows:
-        """Separate the moving members of each cell from those that stand.
+        """Separate the moving members of each cell from those that are slower and stand.
 
-        Args:
-            rows: observations sorted by vehicle and time.
-            members: which of them each cell has.
-            position: (n, 2) metres, of the rows, from the same origin as the members' centres.
-            standing_speed: m/s; slower rows stand.
+        The positions (n, 2) of the rows are from the same origin as the members' centres.
         """
         moves = rows.speed[members.row] >= standing_speed
         start = np.concatenate([[0], np.cumsum(moves)])[members.start]

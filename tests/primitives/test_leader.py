@@ -5,7 +5,7 @@ import pytest
 
 from dirprim_filter.primitives import _leader
 from dirprim_filter.primitives.leader import N_FEATURES, LeaderResponse
-from dirprim_filter.primitives.leader_learning import LeaderSums, learn_leader
+from dirprim_filter.primitives.leader_learning import LeaderSums
 from dirprim_filter.tracks import Tracks
 from oracles import leader_features, leader_of
 
@@ -58,13 +58,13 @@ def pairs(rng, n, *, responds, group=0):
 
 def test_a_law_that_drivers_follow_is_learned_and_none_where_they_follow_none():
     rng = np.random.default_rng(2)
-    response = learn_leader(pairs(rng, 80, responds=True))
+    response = LeaderSums.of(pairs(rng, 80, responds=True)).response()
     assert response.trust == pytest.approx(80 / 130)
     for own, lead in ((6.0, 10.0), (10.0, 6.0), (8.0, 8.0)):
         expected = (lead - own) * (1.0 - np.exp(-0.4))  # gained in one second
         assert leader_features(own, 25.0, lead) @ response.gain == pytest.approx(expected, abs=0.15)
     assert response.push < 0.2
-    assert learn_leader(pairs(rng, 80, responds=False)) is None
+    assert LeaderSums.of(pairs(rng, 80, responds=False)).response() is None
 
 
 def test_who_stands_starts_as_often_as_it_did_behind_such_a_leader():
@@ -104,7 +104,7 @@ def test_who_knows_nothing_of_leaders_heeds_none():
         pairs(np.random.default_rng(4), 1, responds=True)[:1],
         pairs(np.random.default_rng(4), 1, responds=True),
     ):
-        assert learn_leader(tracks) is None
+        assert LeaderSums.of(tracks).response() is None
 
 
 @pytest.mark.parametrize("wrong", [{"trust": 1.1}, {"push": -1.0}, {"gain": np.zeros(3)}, {"start_rate": -np.ones(3)}])
