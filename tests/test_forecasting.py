@@ -66,7 +66,7 @@ def forecasts(ring_map, detections, **settings):
     return kept
 
 
-def test_a_vehicles_rollouts_are_the_same_to_the_byte_without_the_others(ring_map, ring):
+def test_a_vehicles_rollouts_are_the_same_to_the_byte_without_the_others_as_often_as_asked_for(ring_map, ring):
     crowd = Detections.of(ring[(ring.track_id < 6) & (ring.time_ns < 2_500_000_000)])
     rows = crowd.track_id == "4"
     alone = Detections(track_id=crowd.track_id[rows], time_ns=crowd.time_ns[rows], position=crowd.position[rows])
@@ -77,9 +77,6 @@ def test_a_vehicles_rollouts_are_the_same_to_the_byte_without_the_others(ring_ma
         assert paths.shape == (6, 4, 20, 2)
         assert paths[names.index("4")].tobytes() == path[0].tobytes()
         assert paths[names.index("3")].tobytes() != path[0].tobytes()
-
-
-def test_forecasts_come_as_often_as_asked_for(ring_map, ring):
     crowd = Detections.of(ring[(ring.track_id < 2) & (ring.time_ns < 1_000_000_000)])
     assert [time_ns for time_ns, *_ in forecasts(ring_map, crowd, every_s=0.3)] == [k * 300_000_000 for k in range(4)]
     assert len(forecasts(ring_map, crowd, every_s=1e-3)) == 10

@@ -28,16 +28,13 @@ def test_there_are_two_set_up_commands_of_one_line_each():
     assert setups[0].rstrip().endswith(".venv/bin/dirprim demo")
 
 
-def test_the_python_example_runs(beside_recordings, capsys):
+def test_the_python_example_and_the_commands_run(beside_recordings, capsys):
     (code,) = [body for language, _, body in BLOCKS if language == "python"]
     assert len(code.splitlines()) <= 10
     exec(compile(code, "README.md", "exec"), {})  # noqa: S102 (our own text)
     assert "cells" in capsys.readouterr().out
     (written,) = re.findall(r'save_map\(m, "([^"]+)"\)', code)
     assert Path(written).exists()
-
-
-def test_the_commands_run(beside_recordings):
     (commands,) = [body for language, kind, body in BLOCKS if kind == "commands"]
     for line in commands.splitlines():
         program, *arguments = shlex.split(line)

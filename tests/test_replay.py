@@ -28,7 +28,7 @@ def detections(ring):
     return Detections.of(ring[ring.time_ns < 1_000_000_000])
 
 
-def test_sinks_see_every_frame_in_order_and_in_the_order_of_the_sinks(ring_map, detections):
+def test_sinks_see_every_frame_in_order_of_a_stream_that_is_read_one_at_a_time(ring_map, detections):
     seen = []
     tracker = Tracker(ring_map, config=FilterConfig(n_particles=20), tracking=TRUSTING, rng=np.random.default_rng(0))
     n_frames = replay(detections.frames(), tracker, [Witness("first", seen), Witness("second", seen)])
@@ -40,9 +40,6 @@ def test_sinks_see_every_frame_in_order_and_in_the_order_of_the_sinks(ring_map, 
         np.testing.assert_array_equal(frame.detections.position, reported.position)
         assert frame.estimates.track_id.astype(str).tolist() == reported.track_id.tolist()
         assert (frame.estimates.time_ns == frame.time_ns).all()
-
-
-def test_a_stream_is_read_one_frame_at_a_time(ring_map, detections):
     asked, seen = [], []
 
     def stream():

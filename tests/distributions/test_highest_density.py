@@ -44,14 +44,11 @@ def fork(n, *, seed):
     return np.cumsum(step, axis=1)
 
 
-def test_at_every_instant_the_fan_holds_its_share_of_the_rollouts():
+def test_at_every_instant_the_fan_holds_its_share_and_a_smaller_one_lies_within():
     paths = fork(60, seed=1)
     for share, fan in zip(SHARES, region_triangles(paths, SHARES), strict=True):
         for step in range(paths.shape[1]):  # straight edges between nodes cost a sample or two
             assert holds(fan, paths[:, step]).mean() >= share - 0.05
-
-
-def test_a_smaller_share_is_a_smaller_area_within_the_larger():
     wide, narrow = region_triangles(fork(60, seed=2), SHARES)
     assert 0.0 < area_of(narrow).sum() < 0.8 * area_of(wide).sum()
     assert holds(wide, narrow.mean(axis=1)).mean() > 0.98

@@ -71,24 +71,18 @@ def test_no_interval_is_wide_enough_for_another_sensor():
         assert abs(found.numbers()[name] - WHITE.numbers()[name]) > found.uncertainty[name], name
 
 
-def test_clocks_apart_are_found_and_are_no_latency():
+def test_what_the_detections_do_not_show_is_said():
     late = sense(TRUTH, WHITE, rng=np.random.default_rng(1))
     found = calibrate(replace(late, time_ns=late.time_ns + 7_300_000_000), TRUTH)
     assert found.clock_offset_s == pytest.approx(7.3, abs=0.05)
     assert found.sensor.latency_s == 0.0
     assert "latency_s" not in found.sensor.uncertainty
     assert any(line.startswith("latency_s: the clocks differ") for line in found.unknown)
-
-
-def test_a_truth_of_some_vehicles_serves_without_names():
     some = TRUTH[np.isin(TRUTH.track_id, ["v0", "v3", "v7", "v9"])]
     found = calibrate(sense(TRUTH, WHITE, rng=np.random.default_rng(1)).without_ids(), some)
     assert {line.partition(":")[0] for line in found.unknown} == {"outlier_share", "clutter_density"}
     assert found.sensor.clutter_density is None
     assert abs(found.sensor.along.spread_m - WHITE.along.spread_m) <= found.sensor.uncertainty["along.spread_m"]
-
-
-def test_vehicles_that_drive_alike_do_not_tell_latency_from_bias():
     alike = circling(n_vehicles=4, speeds=(8.0, 8.0001))
     found = calibrate(sense(alike, replace(WHITE, latency_s=0.2), rng=np.random.default_rng(1)), alike)
     assert any(line.startswith("latency_s: vehicles drive too alike") for line in found.unknown)

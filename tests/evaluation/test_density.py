@@ -100,12 +100,24 @@ def test_on_a_ring_all_that_knows_the_place_beats_what_does_not(on_the_ring):
     assert without.joint.behind.n_clusters == 40
 
 
-def test_no_rival_lies_on_a_bound(on_the_ring):
+def test_no_rival_lies_on_a_bound_and_the_conclusion_says_what_the_map_gains(on_the_ring):
     settings = {row.name: row.settings for row in on_the_ring.methods if row.settings}
     assert set(settings) == {"CLiFF-map", "STeF-map", "DGM", "GP"}
     for of_folds in settings.values():
         assert len(of_folds) == 2
         assert all(choice.is_inside for fold in of_folds for choice in fold)
+    name = {row.name: row for row in on_the_ring.methods}
+    words = conclusion(on_the_ring)
+    value, low, high, _ = name["without the map"].joint.behind
+    assert words.startswith(f"the map gives held-out motion {value:+.2f} nat ({low:.2f} to {high:.2f}) over the same")
+    behind = name["CLiFF-map"].joint.behind
+    assert f"{behind.value:+.2f} nat" in words
+    assert "the best rival, CLiFF-map" in words
+    assert "in direction alone" in words
+    assert words.endswith("(95 % over vehicles)")
+    score = name["without the map"]
+    unsure = replace(score, joint=replace(score.joint, behind=Interval(0.1, -0.1, 0.3, 40)))
+    assert "+0.10 nat (-0.10 to 0.30, not distinguishable)" in conclusion(replace(on_the_ring, methods=(unsure,)))
 
 
 def test_settings_are_chosen_without_the_held_out_rows():
@@ -123,21 +135,6 @@ def test_settings_are_chosen_without_the_held_out_rows():
     assert (len(whole), len(whole) + len(inner)) == (3, len(seen))
     assert all(any(few < train for train in whole) for few in inner)
     assert [fold[0].chosen for fold in row.settings] == [4.0, 4.0, 4.0]
-
-
-def test_the_conclusion_says_what_the_map_gains_and_when_nothing_can_be_told(on_the_ring):
-    name = {row.name: row for row in on_the_ring.methods}
-    words = conclusion(on_the_ring)
-    value, low, high, _ = name["without the map"].joint.behind
-    assert words.startswith(f"the map gives held-out motion {value:+.2f} nat ({low:.2f} to {high:.2f}) over the same")
-    behind = name["CLiFF-map"].joint.behind
-    assert f"{behind.value:+.2f} nat" in words
-    assert "the best rival, CLiFF-map" in words
-    assert "in direction alone" in words
-    assert words.endswith("(95 % over vehicles)")
-    score = name["without the map"]
-    unsure = replace(score, joint=replace(score.joint, behind=Interval(0.1, -0.1, 0.3, 40)))
-    assert "+0.10 nat (-0.10 to 0.30, not distinguishable)" in conclusion(replace(on_the_ring, methods=(unsure,)))
 
 
 def test_where_the_place_says_nothing_the_primitive_gains_nothing():  # the negative control of the test above

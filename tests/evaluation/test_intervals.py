@@ -15,13 +15,20 @@ from dirprim_filter.evaluation.intervals import (
 )
 
 
-def test_of_a_mean_of_paired_differences_it_is_the_paired_t_test():
+def test_of_a_mean_of_paired_differences_it_is_the_paired_t_test_and_of_one_cluster_none():
     a, b = np.random.default_rng(0).normal(size=(2, 9))
     ones = np.ones(9)
     found = interval(np.column_stack([a, ones, b, ones]), difference_of_means)
     expected = stats.ttest_rel(a, b).confidence_interval(0.95)
     assert found.value == pytest.approx((a - b).mean())
     assert (found.low, found.high) == pytest.approx((expected.low, expected.high))
+    found = interval(np.array([[2.0, 1.0, 1.0, 1.0]]), difference_of_means)
+    assert found.value == 1.0
+    assert np.isnan(found.low)
+    assert not found.is_apart
+    assert Interval(1.0, 0.5, 1.5, 3).is_apart
+    assert Interval(-1.0, -1.5, -0.5, 3).is_apart
+    assert not Interval(1.0, -0.5, 2.5, 3).is_apart
 
 
 def test_sums_are_of_clusters_and_the_statistics_are_what_a_loop_says():
@@ -37,16 +44,6 @@ def test_sums_are_of_clusters_and_the_statistics_are_what_a_loop_says():
     assert interval(sums, reduction_of_rmse).value == pytest.approx(1 - rmse / of_other)
     assert interval(sums, reduction_of_mean).value == pytest.approx(1 - (rmse / of_other) ** 2)
     assert interval(sums[:, :2], mean).value == pytest.approx(rmse**2)
-
-
-def test_a_single_cluster_has_no_interval_and_is_not_told_apart():
-    found = interval(np.array([[2.0, 1.0, 1.0, 1.0]]), difference_of_means)
-    assert found.value == 1.0
-    assert np.isnan(found.low)
-    assert not found.is_apart
-    assert Interval(1.0, 0.5, 1.5, 3).is_apart
-    assert Interval(-1.0, -1.5, -0.5, 3).is_apart
-    assert not Interval(1.0, -0.5, 2.5, 3).is_apart
 
 
 def coverage(n_clusters, *, by_row, n_trials=400):

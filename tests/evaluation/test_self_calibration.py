@@ -124,7 +124,7 @@ def test_errors_that_last_are_not_taken_for_white():
     assert found.along.spread_m == pytest.approx(0.5, rel=0.3)  # what lasts is partly taken for the way
 
 
-def test_pieces_hold_all_but_the_strays():
+def test_pieces_hold_all_but_the_strays_and_are_unrolled_along_a_bend():
     seen = sense(DRIVEN, replace(SENSOR, clutter_density=None), rng=np.random.default_rng(1))
     order = np.argsort(seen.time_ns, kind="stable")
     rows = order[40 : len(seen) - 40 : 90]
@@ -137,10 +137,6 @@ def test_pieces_hold_all_but_the_strays():
     for one, other in zip(kept, clean, strict=True):
         np.testing.assert_array_equal(one, other)
     assert clean.length.sum() == without.size
-
-
-def test_pieces_are_unrolled_along_a_bend():
-    """On a circle a vehicle of constant speed goes straight on; what is off to the left is across, to the left."""
     time_s, off = 0.1 * np.arange(40), np.random.default_rng(0).normal(0, 0.2, 40)
     place = (30.0 - off)[:, None] * np.column_stack([np.cos(0.3 * time_s), np.sin(0.3 * time_s)])
     seen = Detections(track_id=np.full(40, "a"), time_ns=np.round(1e9 * time_s).astype(np.int64), position=place)

@@ -77,15 +77,12 @@ def test_joined_samples_are_those_of_the_estimates_that_they_are_given_to(ring, 
         frame.particles.of(8)
 
 
-def test_a_tracker_takes_one_group_at_a_time(ring, ring_map):
+def test_a_tracker_takes_one_group_at_a_time_also_one_in_which_nothing_is_seen(ring, ring_map):
     both = Detections.concatenate([reported(ring, group, ids=False) for group in (1, 3)])
     with pytest.raises(ValueError, match="rows of one group, for each is tracked by itself"):
         tracker(ring_map).predict(next(both.frames()))
     with pytest.raises(ValueError, match="expected that of at least one group"):
         GroupTracker(lambda _: tracker(ring_map)).frame()
-
-
-def test_a_group_in_which_nothing_is_seen_has_a_frame_where_it_is_asked_for(ring, ring_map):
     tracker_of_all = GroupTracker(lambda _: tracker(ring_map))
     first, *_ = reported(ring, 3, ids=True).frames()
     tracker_of_all.predict(first)

@@ -263,7 +263,7 @@ def test_one_step_is_predict_weigh_estimate_and_resample(ring_map, traffic):
     assert Estimates.concatenate(found) == track(ring_map, frames)[0]
 
 
-def test_a_lone_outlier_moves_no_belief_and_is_no_recovery(ring_map):
+def test_a_lone_outlier_in_sight_begins_nothing_anew_and_who_is_back_out_of_reach_does(ring_map):
     times = 0.1 * np.arange(20)
     path = np.array([on_the_ring(t) for t in times])
     seen = path + np.where(np.arange(20)[:, None] == 12, [60.0, -80.0], 0.0)
@@ -273,10 +273,6 @@ def test_a_lone_outlier_moves_no_belief_and_is_no_recovery(ring_map):
     assert np.abs(found.position - path).max() < 2.0
     _, hasty = track(ring_map, frames, tracking=replace(TRUSTING, lost_after=1))
     assert hasty.recoveries == 2  # there and back
-
-
-def test_who_is_back_where_no_belief_reaches_is_reinitialised_at_once():
-    """After three seconds out of sight 100 m farther than expected: a lone outlier in sight begins nothing anew."""
     frames = [*(one("a", 0.1 * i, i, 0.0) for i in range(20)), one("a", 5.0, 150.0, 0.0)]
     found, tracker = track(one_cell_map(concentration=1e3, shape=100.0), frames)
     assert tracker.recoveries == 1

@@ -177,16 +177,12 @@ def test_who_fits_no_manoeuvre_of_the_cell_entered_keeps_its_own_until_it_looks_
     assert shares[0] - 0.02 < kept / followed.sum() < shares[1] + 0.02
 
 
-def test_who_drives_by_no_place_keeps_its_direction_in_the_next_cell():
+def test_in_the_next_cell_who_drives_by_no_place_keeps_its_direction_and_all_their_own_pace():
     ahead = squares(2, 1, motion_by_hand([1], course=[0.5], turning=0.0))
     found = moved(ahead, 0.4, n=3, place=(17.0, 10.0), direction=0.05, step_s=0.4, course_rate=1e-9)
     assert (found.cell == 1).all()
     assert (found.manoeuvre == 0).all()
     np.testing.assert_allclose(found.direction, 0.05, rtol=1e-9)
-
-
-def test_a_vehicles_own_pace_outlives_the_change_of_manoeuvre():
-    """Pushes are kept across cells: who gained speed in one cell by its own push goes on to gain in the next."""
     ahead = squares(2, 1, motion_by_hand([0, 1], push=1.0))
     found = moved(ahead, 0.4, n=N, place=(17.0, 10.0))
     later = moved(ahead, 0.6, n=N, place=(17.0, 10.0))  # the same numbers, two steps more

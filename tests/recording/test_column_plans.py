@@ -136,7 +136,7 @@ def test_an_idl_definition_reads_as_its_msg_twin():
         assert math.isnan(alone.numbers("third")[0])
 
 
-def test_cdr2_aligns_to_four_bytes():
+def test_cdr2_aligns_to_four_bytes_and_a_length_that_a_message_claims_is_not_allocated():
     plan = cdr_plan("p/M", "ros2msg", b"uint8 a\nfloat64 b", {"b": Field(path=".b")})
     packed = struct.pack("<BxxxI", 7, 0)[:4] + struct.pack("<d", 2.5)
     read = run(
@@ -144,6 +144,19 @@ def test_cdr2_aligns_to_four_bytes():
     )
     assert read.numbers("b")[:2].tolist() == [2.5, 3.5]
     assert read.failures == {2: "an encapsulation other than plain CDR or CDR2"}
+    plan = cdr_plan("p/M", "ros2msg", b"p/I[] a\n" + b"=" * 80 + b"\nMSG: p/I\nuint8 x", {"x": Field(path=".a[].x")})
+    head = b"\x00\x01\x00\x00"
+    read = run(
+        plan,
+        [
+            head + b"\xff\xff\xff\x7f" + bytes(8),
+            head + struct.pack("<I", 1 << 18) + bytes(1 << 18),
+            head + b"\x02\0\0\0ab",
+        ],
+    )
+    assert sorted(read.failures) == [0, 1]
+    assert read.numbers("x").tolist() == [97.0, 98.0]
+    assert read.message_of(".a[]").tolist() == [2, 2]
 
 
 @pytest.mark.parametrize(
@@ -164,22 +177,6 @@ def test_a_ros2_schema_that_cannot_be_read_says_why(definition, path, reported):
         cdr_plan("p/M", "ros2msg", definition, {"b": Field(path=path)})
     assert reported in str(error.value)
     assert "\n" not in str(error.value)
-
-
-def test_a_length_that_a_message_claims_is_not_allocated():
-    plan = cdr_plan("p/M", "ros2msg", b"p/I[] a\n" + b"=" * 80 + b"\nMSG: p/I\nuint8 x", {"x": Field(path=".a[].x")})
-    head = b"\x00\x01\x00\x00"
-    read = run(
-        plan,
-        [
-            head + b"\xff\xff\xff\x7f" + bytes(8),
-            head + struct.pack("<I", 1 << 18) + bytes(1 << 18),
-            head + b"\x02\0\0\0ab",
-        ],
-    )
-    assert sorted(read.failures) == [0, 1]
-    assert read.numbers("x").tolist() == [97.0, 98.0]
-    assert read.message_of(".a[]").tolist() == [2, 2]
 
 
 # ------------------------------------------------------------------------------------------ protobuf

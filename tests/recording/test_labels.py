@@ -43,18 +43,7 @@ def test_labels_choose_objects(tmp_path, schema):
     assert len(list(stream_detections(path, labels="bus"))) == 0
 
 
-def test_an_object_without_a_label_is_matched_by_none(tmp_path):
-    path = array_log(
-        tmp_path, "autoware_perception_msgs/msg/TrackedObjects",
-        lambda k, _: [tracked(k, 0) | {"classification": []}, tracked(k, 1) | {"classification": guesses(0)}],
-    )  # fmt: skip
-    assert [len(frame) for frame in stream_detections(path, labels="car")] == [1] * N_TIMES
-    assert [len(frame) for frame in stream_detections(path, labels="car|")] == [2] * N_TIMES
-    with pytest.raises(ValueError, match="labels: expected a name or a regular expression"):
-        list(stream_detections(path, labels="("))
-
-
-def test_scenes_tell_by_their_metadata(tmp_path):
+def test_scenes_tell_by_their_metadata_and_what_has_no_label_is_matched_by_none(tmp_path):
     messages = []
     for k in range(5):
         update = scene([("a", k, 0.0), ("b", k, 5.0), ("c", k, 9.0)])
@@ -64,6 +53,14 @@ def test_scenes_tell_by_their_metadata(tmp_path):
     path = write_protobuf_log(tmp_path / "log.mcap", messages)
     assert set(read_tracks(path, labels=r"vehicle\..*").track_id) == {"a"}
     assert inspect(path).labels == {"/markers": {"vehicle.car": 5, "human.pedestrian.adult": 5, "": 5}}
+    path = array_log(
+        tmp_path, "autoware_perception_msgs/msg/TrackedObjects",
+        lambda k, _: [tracked(k, 0) | {"classification": []}, tracked(k, 1) | {"classification": guesses(0)}],
+    )  # fmt: skip
+    assert [len(frame) for frame in stream_detections(path, labels="car")] == [1] * N_TIMES
+    assert [len(frame) for frame in stream_detections(path, labels="car|")] == [2] * N_TIMES
+    with pytest.raises(ValueError, match="labels: expected a name or a regular expression"):
+        list(stream_detections(path, labels="("))
 
 
 def test_the_command_line_tells_and_chooses(tmp_path, capsys):

@@ -92,15 +92,12 @@ def test_a_map_loads_equal(tmp_path, n_cells, voronoi):
     assert n_messages == dict.fromkeys(("/dirprim/map", "/dirprim/map/scene", "/tf"), 1)
 
 
-def test_what_was_learned_loads_equal_and_an_equal_map_has_equal_bytes(tmp_path, ring_map):
+def test_what_was_learned_loads_equal_in_equal_bytes_that_any_reader_of_arrow_opens(tmp_path, ring_map):
     assert ring_map.motion.count.size > 0
     for name, sent in (("a", ring_map), ("b", ring_map), ("some", some_map(33))):
         save_map(sent, tmp_path / name)
         assert_equal(load_map(tmp_path / name), sent)
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
-
-
-def test_any_reader_of_arrow_opens_a_map(tmp_path):
     sent = some_map(20)
     save_map(sent, tmp_path / "map.mcap")
     (message,) = (message for message in scan(tmp_path / "map.mcap") if message.topic == "/dirprim/map")

@@ -282,7 +282,14 @@ def spoiled(path, spoil, **options):
     return path
 
 
-def test_transforms_that_cannot_be_decoded_are_counted_and_strict_refuses_them(tmp_path):
+def test_transforms_that_are_none_or_cannot_be_decoded_are_counted_and_strict_refuses_them(tmp_path):
+    objects = [("base_link", [carla(k, 1)]) for k in range(N)]
+    whole = read_tracks(write_ros(tmp_path / "log.mcap", objects))
+    path = write_ros(tmp_path / "log.mcap", objects, more=[(START_NS + k, broken_transform(k)) for k in range(5)])
+    log = read_track_logs(path)
+    assert (log.losses.dropped[TRANSFORMS], log.losses.dropped.total()) == (5, 5)
+    assert "5 transforms" in str(log.losses)
+    np.testing.assert_array_equal(log.tracks.position, whole.position)
     whole = read_tracks(spoiled(tmp_path / "log.mcap", lambda _, data: data))
     path = spoiled(tmp_path / "log.mcap", lambda k, data: data[:20] if k in (3, 9) else data)
     log = read_track_logs(path)
@@ -294,16 +301,6 @@ def test_transforms_that_cannot_be_decoded_are_counted_and_strict_refuses_them(t
     with pytest.raises(DecodeError, match="topic /tf, message at"):
         list(stream_detections(path, strict=True))
     assert len(read_tracks(path, strict=True, frame="base_link")) == N  # these transforms are not needed
-
-
-def test_transforms_that_are_none_are_counted(tmp_path):
-    objects = [("base_link", [carla(k, 1)]) for k in range(N)]
-    whole = read_tracks(write_ros(tmp_path / "log.mcap", objects))
-    path = write_ros(tmp_path / "log.mcap", objects, more=[(START_NS + k, broken_transform(k)) for k in range(5)])
-    log = read_track_logs(path)
-    assert (log.losses.dropped[TRANSFORMS], log.losses.dropped.total()) == (5, 5)
-    assert "5 transforms" in str(log.losses)
-    np.testing.assert_array_equal(log.tracks.position, whole.position)
 
 
 def test_damage_among_the_transforms_is_reported_once_and_strict_refuses_it(tmp_path):

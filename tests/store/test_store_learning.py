@@ -94,12 +94,20 @@ def test_rows_are_read_once_and_those_near_borders_twice_and_a_log_may_be_forgot
     assert map_bytes(store, tmp_path, **options) == map_bytes(others, tmp_path, **options)
 
 
-def test_places_of_few_vehicles_are_left_out(tmp_path):
+def test_places_of_few_vehicles_are_left_out_and_what_cannot_be_learned_is_said(tmp_path):
     few = street(2, north=200.0, n_vehicles=2, back=0.0)
     store = rows_stored(tmp_path / "store", a=street(1, n_vehicles=8, back=0.0), quiet=few)
     maps = [learn_from_store(store, min_vehicles=n, **GRID).primitive_map for n in (1, 3)]
     at = np.array([[0.0, 0.0], [0.0, 200.0]])
     assert [(m.tessellation.cell_of(at) >= 0).tolist() for m in maps] == [[True, True], [True, False]]
+    store = rows_stored(tmp_path / "store", **THREE)
+    for options, because in (
+        ({"tessellation": "grid", "n_cells": 10}, "give --cell-size"), ({"min_vehicles": 0}, "expected at least 1"),
+    ):  # fmt: skip
+        with pytest.raises(ValueError, match=because):
+            learn_from_store(store, **options)
+    with pytest.raises(ValueError, match="the store is empty"):
+        learn_from_store(rows_stored(tmp_path / "empty"), **GRID)
 
 
 @pytest.mark.parametrize(("hours", "days"), [("23-2", "ab"), ("2-23", "c"), ("0-24", "abc"), ("5-5", "abc")])
@@ -133,14 +141,3 @@ def test_older_vehicles_count_half_after_the_half_life(tmp_path):
     assert map_bytes(store, tmp_path, half_life_s=1e6, now_ns=0) == map_bytes(store, tmp_path)
     ageing = Ageing(half_life_s=10.0, now_ms=20_000)
     assert ageing.weight(np.array([20_000, 10_000, 0, 99_000])) == pytest.approx([1.0, 0.5, 0.25, 1.0])
-
-
-def test_what_cannot_be_learned_is_said(tmp_path):
-    store = rows_stored(tmp_path / "store", **THREE)
-    for options, because in (
-        ({"tessellation": "grid", "n_cells": 10}, "give --cell-size"), ({"min_vehicles": 0}, "expected at least 1"),
-    ):  # fmt: skip
-        with pytest.raises(ValueError, match=because):
-            learn_from_store(store, **options)
-    with pytest.raises(ValueError, match="the store is empty"):
-        learn_from_store(rows_stored(tmp_path / "empty"), **GRID)

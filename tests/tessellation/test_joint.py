@@ -65,10 +65,16 @@ def test_borders_lie_where_the_true_ones_are(found):
     assert 1.0 - table.max(axis=1).sum() / len(position) > 0.2
 
 
-def test_where_all_is_alike_one_cell_is_found():
+def test_one_cell_is_found_where_all_is_alike_and_as_many_as_asked_for():
     for seed in range(5):
         position, value, _ = sample(1500, seed=seed, generators=TRUE[:1], level=LEVEL[:1])
         assert learned(position, value, seed=seed).tessellation.n_cells == 1
+    position, value, _ = sample(1000)
+    for n in (1, 2, 7, 20):  # but for one that may starve
+        assert n - (n > 7) <= learned(position, value, n_cells=n, softness=0.25).tessellation.n_cells <= n
+    position, value, _ = sample(6000)
+    some = learned(position, value, max_rows=2000)
+    assert held_out(some, *sample(20_000, seed=9)[:2]) > -1.42 - 0.2
 
 
 def test_the_trace_never_rises_is_reported_and_is_that_of_the_seed(found):
@@ -104,12 +110,6 @@ def test_data_that_are_moved_or_turned_have_the_same_cells(found, moved):
     np.testing.assert_allclose(there.trace, found.trace, atol=1e-6)
 
 
-def test_as_many_cells_as_asked_for():
-    position, value, _ = sample(1000)
-    for n in (1, 2, 7, 20):  # but for one that may starve
-        assert n - (n > 7) <= learned(position, value, n_cells=n, softness=0.25).tessellation.n_cells <= n
-
-
 def test_groups_are_held_out_whole():
     """Rows that repeat each other say nothing of others: by single rows each vehicle would have cells of its own."""
     rng = np.random.default_rng(2)
@@ -118,12 +118,6 @@ def test_groups_are_held_out_whole():
     value = rng.normal(0, 3, 60)[group] + rng.normal(0, 0.1, 1800)
     assert learned(position, value, group=group).tessellation.n_cells <= 8
     assert learned(position, value).tessellation.n_cells > 20
-
-
-def test_a_sample_lays_out_the_cells_when_there_are_many_data():
-    position, value, _ = sample(6000)
-    some = learned(position, value, max_rows=2000)
-    assert held_out(some, *sample(20_000, seed=9)[:2]) > -1.42 - 0.2
 
 
 ODD = {

@@ -65,12 +65,17 @@ def test_every_twin_is_a_tessellation(twin):
 
 
 @pytest.mark.parametrize("twin", TWINS)
-def test_a_center_belongs_to_its_cell(twin):
-    cells = twin(data())
+def test_centers_belong_to_their_cells_data_are_covered_and_what_is_far_is_outside(twin):
+    position = data()
+    cells = twin(position)
     found = cells.cell_of(cells.centers)
     covered = found != OUTSIDE
     assert covered.mean() > 0.9
     np.testing.assert_array_equal(found[covered], np.flatnonzero(covered))
+    assert (cells.cell_of(position) != OUTSIDE).all()
+    far = position + np.array([300.0, 0.0])
+    assert (cells.cell_of(far) == OUTSIDE).all()
+    assert (cells.cell_of(np.array([[1e300, 0.0], [0.0, -1e300]])) == OUTSIDE).all()
 
 
 @pytest.mark.parametrize("offset", [np.zeros(2), np.array([1e7, -1e7])])
@@ -84,16 +89,6 @@ def test_a_position_lies_in_the_polygon_of_its_cell_and_in_no_other(twin, offset
         assert inside(polygon, position[cell == c], 1e-6).all()
         within = cell[inside(polygon, position, -1e-6)]
         assert ((within == c) | (within == OUTSIDE)).all()
-
-
-@pytest.mark.parametrize("twin", TWINS)
-def test_data_are_covered_and_what_is_far_is_outside(twin):
-    position = data()
-    cells = twin(position)
-    assert (cells.cell_of(position) != OUTSIDE).all()
-    far = position + np.array([300.0, 0.0])
-    assert (cells.cell_of(far) == OUTSIDE).all()
-    assert (cells.cell_of(np.array([[1e300, 0.0], [0.0, -1e300]])) == OUTSIDE).all()
 
 
 @pytest.mark.parametrize("twin", TWINS)

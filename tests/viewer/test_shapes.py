@@ -19,13 +19,17 @@ def area_of(polygon):
     return 0.5 * abs(float(x @ np.roll(y, 1) - y @ np.roll(x, 1)))
 
 
-def test_a_petal_points_where_its_mode_goes(scene_map):
+def test_petals_point_where_a_cells_own_modes_go_the_heaviest_first(scene_map):
     petals = shapes.rose_petals(scene_map)
     north = petals.polygon[petals.cell == 0][0] - scene_map.tessellation.centers[0]
     tip = north[np.argmax(np.hypot(*north.T))]
     assert tip[1] > 0
     assert abs(tip[0]) < 0.05 * tip[1]
     assert (np.hypot(*north.T) <= shapes.REACH * 5.0 + 1e-9).all()
+    assert petals.cell.tolist() == [0, 1, 1]  # cell 2 holds no data; the last mode is the background's
+    assert petals.weight == pytest.approx([1.0, 2 / 3, 1 / 3])
+    assert petals.mean_speed.tolist() == [8.0, 8.0, 4.0]
+    assert shapes.fastest_speed(petals) == 8.0
 
 
 def test_a_petals_area_is_its_weight_times_the_root_of_the_traffic_whatever_its_concentration(scene_map):
@@ -60,7 +64,7 @@ def test_vehicles_that_stand_are_a_disc_and_leave_the_petals_of_the_others_as_la
     assert (rim[2, 0] != rim[2, 1]).any()
 
 
-def test_where_most_of_the_traffic_is_leaves_out_who_is_far_away():
+def test_most_of_the_traffic_leaves_out_who_is_far_away_and_without_traffic_all_is_shown(scene_map):
     """A thousandth of the rows lies a kilometre off; control: a tenth is shown."""
 
     def width(n_far):
@@ -76,14 +80,9 @@ def test_where_most_of_the_traffic_is_leaves_out_who_is_far_away():
 
     assert width(1) < 50.0
     assert width(100) > 1000.0
-
-
-def test_only_a_cells_own_modes_are_drawn_the_heaviest_first(scene_map):
-    petals = shapes.rose_petals(scene_map)
-    assert petals.cell.tolist() == [0, 1, 1]  # cell 2 holds no data; the last mode is the background's
-    assert petals.weight == pytest.approx([1.0, 2 / 3, 1 / 3])
-    assert petals.mean_speed.tolist() == [8.0, 8.0, 4.0]
-    assert shapes.fastest_speed(petals) == 8.0
+    for quiet in (scene_map.without_places(), replace(scene_map, n_rows=np.zeros(4, np.int64))):
+        assert (shapes.map_extent(quiet, share=0.5) == shapes.map_extent(quiet)).all()
+        assert (shapes.busy_square(quiet) == shapes.map_extent(quiet)).all()
 
 
 @pytest.mark.parametrize("probability", [0.5, 0.9])
@@ -110,12 +109,6 @@ def test_arrows_and_outlines_point_along_the_direction():
     assert np.arctan2(bow[:, 1], bow[:, 0]) == pytest.approx(direction)
     assert np.hypot(*bow.T) == pytest.approx(2.0)
     assert (outline[:, 0] == outline[:, -1]).all()
-
-
-def test_a_map_without_traffic_is_shown_whole(scene_map):
-    for quiet in (scene_map.without_places(), replace(scene_map, n_rows=np.zeros(4, np.int64))):
-        assert (shapes.map_extent(quiet, share=0.5) == shapes.map_extent(quiet)).all()
-        assert (shapes.busy_square(quiet) == shapes.map_extent(quiet)).all()
 
 
 def test_a_petal_bends_as_its_mode_does_and_keeps_its_area(scene_map):
