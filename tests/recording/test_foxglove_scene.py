@@ -184,20 +184,6 @@ def test_petals_are_those_of_the_other_pictures():
     assert 0 < min(c.a for c in area.colors) <= max(c.a for c in area.colors) < 1
 
 
-def test_forecasts_are_lines():
-    sent = Forecasts.of(STEP, ["a", "b", "c"], np.zeros((3, 2)), np.concatenate([rollouts(), rollouts()[:1]]))
-    update = as_read(forecast_scene(sent, HERE, hidden=frozenset({"c"})))
-    assert [e.id for e in update.entities] == ["a", "b"]
-    assert (opacities(update) < 0.5).all()
-    for entity, paths in zip(update.entities, rollouts(), strict=True):
-        line = entity.lines[0]
-        points = np.array([(p.x, p.y) for p in line.points])
-        np.testing.assert_array_equal(points.reshape(paths.shape), paths)
-        ends = points[np.array(line.indices).reshape(-1, 2)]
-        np.testing.assert_array_equal(ends[:, 0], paths[:, :-1].reshape(-1, 2))
-        np.testing.assert_array_equal(ends[:, 1], paths[:, 1:].reshape(-1, 2))
-
-
 def test_regions_of_forecasts_hold_their_share_of_the_paths():
     """Judged by matplotlib: at every instant, and not much more than the share."""
     update = as_read(forecast_scene(Forecasts.of(STEP, ["a", "b"], np.zeros((2, 2)), rollouts()), HERE))

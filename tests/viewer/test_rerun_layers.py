@@ -11,7 +11,7 @@ from dirprim_filter.estimates import EstimateList
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
 from dirprim_filter.evaluation.tracking_report import Scales, TrackingReport
 from dirprim_filter.forecasting import Forecasts
-from dirprim_filter.viewer import marks, sink
+from dirprim_filter.viewer import marks
 from dirprim_filter.viewer.sink import open_stream
 from dirprim_filter.viewer.texts import run_report
 
@@ -84,18 +84,6 @@ def test_nees_is_the_scores_and_nis_the_trackers(tmp_path, tracked, scene_tracks
     assert [row[1:].tolist() for row in rows] == [[4.0, 2.0]] * 5
 
 
-def test_an_ellipse_has_the_half_axes_of_its_covariance(tmp_path, scene_map, scene_frames):
-    matrix = np.array([[4.0, 1.5], [1.5, 1.0]])
-    frame = replace(scene_frames[0], estimates=replace(scene_frames[0].estimates, covariance=np.stack([matrix] * 2)))
-    path = write(tmp_path / "run.rrd", [frame], scene_map)
-    ((_, half),) = rows_of(path, "/tracks/covariance", "Ellipsoids3D:half_sizes")
-    ((_, turn),) = rows_of(path, "/tracks/covariance", "Ellipsoids3D:quaternions")
-    angle = 2.0 * np.arctan2(turn[0, 2], turn[0, 3])
-    axis = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    rebuilt = axis @ np.diag(half[0, :2].astype(float) ** 2) @ axis.T / (-2.0 * np.log(0.1))
-    assert rebuilt == pytest.approx(matrix, rel=1e-5)
-
-
 def test_the_map_is_static_and_its_petals_are_those_of_the_shapes(tmp_path, scene_map):
     path = write(tmp_path / "map.rrd", [], scene_map)
     ((time_ns, vertices),) = rows_of(path, "/map/roses", "Mesh3D:vertex_positions")
@@ -114,22 +102,6 @@ def test_truth_ends_with_the_last_row(tmp_path, scene_tracks):
         rows = [row for row in rows_of(tmp_path / "truth.rrd", entity, column) if row[0] is not None]
         assert [time_ns for time_ns, _ in rows] == [*times, times[-1] + 100_000_000]
         assert [len(shown) for _, shown in rows] == [2] * 5 + [0]
-
-
-def test_a_frame_shows_the_same_whether_it_is_sent_alone_or_in_a_batch(tmp_path, scene_map, scene_frames, monkeypatch):
-    def shown(name, batch):
-        monkeypatch.setattr(sink, "BATCH_FRAMES", batch)
-        path = write(tmp_path / name, scene_frames, scene_map)
-        columns = [("/tracks/particles", "Points3D:colors"), ("/tracks/ids", "Points3D:labels"),
-                   ("/metrics/ess", "Scalars:scalars")]  # fmt: skip
-        return [row for entity, column in columns for row in rows_of(path, entity, column)]
-
-    alone, pairs, whole = (shown(f"{n}.rrd", n) for n in (1, 2, 99))
-    assert len(alone) == 3 * len(scene_frames)
-    for other in (pairs, whole):
-        for (time_a, a), (time_b, b) in zip(alone, other, strict=True):
-            assert time_a == time_b
-            assert np.array_equal(a, b, equal_nan=a.dtype.kind == "f")
 
 
 def test_forecasts_are_shown_until_they_are_old_but_of_no_vehicle_that_coasts(tmp_path, tracked):
