@@ -7,6 +7,7 @@ import numpy as np
 from dirprim_filter.config import TrackingConfig
 from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.distributions.angles import wrap
+from dirprim_filter.estimates import Estimates
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.primitives.motion import FLOATS, Motion
 from dirprim_filter.primitives.rows import CellRows
@@ -25,6 +26,17 @@ def tracks_of(position, **columns):
     given = usual | {"direction": 0.0, "speed": 1.0} | columns
     filled = {name: np.broadcast_to(column, shape).ravel() for name, column in given.items()}
     return Tracks(position=position.reshape(-1, 2), **filled)
+
+
+def estimates_of(track_id, *, position=0.0, **columns):
+    """Estimates at time 0 that are sure of a course to the east at 1 m/s, but for the columns given."""
+    n = len(track_id)
+    sure = dict.fromkeys(("direction_resultant", "speed", "speed_std", "effective_sample_size"), 1.0)
+    given = sure | {"time_ns": 0, "direction": 0.0, "log_evidence": 0.0} | columns
+    return Estimates(
+        track_id=track_id, position=np.broadcast_to(position, (n, 2)), covariance=np.tile(np.eye(2), (n, 1, 1)),
+        **{name: np.resize(column, n) for name, column in given.items()},
+    )  # fmt: skip
 
 
 def ring_traffic(rng, *, n_vehicles=40, radius=20.0, speed=8.0, n_rows=100, dt_s=0.1):

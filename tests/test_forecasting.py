@@ -8,12 +8,12 @@ import pytest
 from dirprim_filter import forecast
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
-from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
+from dirprim_filter.estimates import Particles, TrackedFrame
 from dirprim_filter.filtering import Tracker
 from dirprim_filter.forecasting import Forecaster, projected, sampled_belief
 from dirprim_filter.primitives.motion_table import motion_table
 from dirprim_filter.replay import replay
-from situations import TRUSTING, one_cell_map
+from situations import TRUSTING, estimates_of, one_cell_map
 
 START = {"position": (20.0, 0.0), "direction": np.pi / 2, "speed": 8.0}
 
@@ -114,11 +114,7 @@ def test_a_belief_of_two_minds_has_rollouts_of_both_as_often_as_it_believes(ring
         position=np.where(there[:, None], (-20.0, 0.0), (20.0, 0.0)), direction=np.where(there, -np.pi / 2, np.pi / 2),
         speed=np.full(n, 8.0), weight=np.where(there, 0.2, 0.8) * 2 / n, vehicle=np.zeros(n, np.int64),
     )  # fmt: skip
-    estimates = Estimates(
-        track_id=np.array(["a"]), time_ns=np.zeros(1, np.int64), position=np.zeros((1, 2)),
-        covariance=np.eye(2)[None], direction=np.zeros(1), direction_resultant=np.zeros(1), speed=np.full(1, 8.0),
-        speed_std=np.ones(1), effective_sample_size=np.ones(1), log_evidence=np.zeros(1),
-    )  # fmt: skip
+    estimates = estimates_of(["a"], direction_resultant=0.0, speed=8.0)
     frame = TrackedFrame(time_ns=0, detections=Detections.none(), estimates=estimates, particles=particles)
     forecaster = Forecaster(ring_map, [], n_samples=1000, dt_s=0.5, rng=np.random.default_rng(0))
     first = forecaster.paths(frame)[0, :, 0]

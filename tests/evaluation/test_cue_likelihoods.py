@@ -2,42 +2,23 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from dirprim_filter.distributions import Gamma, VonMisesMixture
+from dirprim_filter.distributions import VonMisesMixture
 from dirprim_filter.evaluation.cues import (
     evaluate_cues,
     most_probable_direction,
     observation_concentration,
     steps_between_cells,
 )
-from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.tracks import Tracks
+from moving import squares
 from situations import tracks_of
-from tessellation import GridTessellation
 
-
-def street(n_cells, mixtures):
-    """A row of 10 m squares, eastward from the origin, each with its modes: lists of (weight, mean, concentration)."""
-    weight, mean, concentration = (np.array([[mode[i] for mode in modes] for modes in mixtures]) for i in range(3))
-    n_modes = weight.shape[1]
-    return PrimitiveMap(
-        tessellation=GridTessellation(
-            origin=np.zeros(2), cell_size=10.0, n_x=n_cells, n_y=1, square=np.arange(n_cells)
-        ),
-        direction=VonMisesMixture(weight=weight, mean_direction=mean, concentration=concentration),
-        speed=Gamma(shape=np.full((n_cells + 1, n_modes), 9.0), rate=np.ones((n_cells + 1, n_modes))),
-        n_rows=np.ones(n_cells + 1, np.int64), n_background_modes=0,
-    )  # fmt: skip
+PLAIN = squares(4, 1, None, side=10.0)
 
 
 def drive(x, *, time_s=None, track_id=0):
-    n = len(x)
-    return Tracks(
-        track_id=np.full(n, track_id), time_ns=np.round(1e9 * np.arange(n) if time_s is None else time_s).astype(int),
-        position=np.column_stack([x, np.full(n, 5.0)]), direction=np.zeros(n), speed=np.full(n, 5.0),
-    )  # fmt: skip
-
-
-PLAIN = street(4, [[(1.0, 0.0, 4.0)]] * 5)
+    time_ns = np.round(1e9 * np.arange(len(x)) if time_s is None else time_s).astype(int)
+    return tracks_of([[(east, 5.0) for east in x]], track_id=track_id, time_ns=time_ns, speed=5.0)
 
 
 def test_a_step_is_the_middle_of_a_visit_and_the_last_row_of_the_one_before_of_one_vehicle():

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from dirprim_filter.distributions.angles import wrap
-from dirprim_filter.estimates import EstimateList, Estimates
+from dirprim_filter.estimates import EstimateList
 from dirprim_filter.evaluation.scores import TrackedWorld, Truth, score_rows, scored
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
 from dirprim_filter.evaluation.tracking_report import Scales, TrackingReport
 from dirprim_filter.evaluation.truth import judged_truth
 from dirprim_filter.tracks import Tracks
+from situations import estimates_of
 
 STEP_NS = 100_000_000
 N_VEHICLES, N = 6, 80
@@ -165,13 +166,10 @@ def test_an_interpolated_row_is_hidden_where_both_its_neighbours_are():
     is_hidden = judged.both(hidden)
     assert (judged.tracks.time_ns[is_hidden] * 1e-9).tolist() == [0.5, 0.625, 0.75]
     assert set(judged.tracks.track_id[is_hidden]) == {"a"}
-    n = len(judged.tracks)
-    known = np.ones(n)
-    estimates = Estimates(
-        track_id=judged.tracks.track_id, time_ns=judged.tracks.time_ns, direction=judged.tracks.direction,
-        position=judged.tracks.position + np.where(is_hidden, 3.0, 1.0)[:, None] * [0.0, 1.0],
-        covariance=np.tile(np.eye(2), (n, 1, 1)), direction_resultant=known, speed=known, speed_std=known,
-        effective_sample_size=known, log_evidence=known,
+    off = np.where(is_hidden, 3.0, 1.0)[:, None] * [0.0, 1.0]
+    estimates = estimates_of(
+        judged.tracks.track_id, time_ns=judged.tracks.time_ns, direction=judged.tracks.direction,
+        position=judged.tracks.position + off,
     )  # fmt: skip
     world = TrackedWorld(truth=Truth(tracks=truth, is_hidden=hidden), estimates=EstimateList(estimates))
     got, found = scored([world], with_ids=True, scales=Scales())

@@ -1,5 +1,7 @@
 """The compiled densities and samples of a map against the slow ones, flat and curved."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -114,17 +116,14 @@ def test_samples_follow_their_density(curved):
 
 
 def test_direction_and_speed_of_a_sample_are_of_one_mode():
-    learned = one_cell_map()
-    column = np.array([[0.5, 0.5]] * 2)
-    two = PrimitiveMap(
-        tessellation=learned.tessellation,
+    two = replace(
+        one_cell_map(), motion=None,
         direction=VonMisesMixture(
-            weight=column, mean_direction=np.array([[0.0, 2.0]] * 2), concentration=1e5 * np.ones((2, 2))
+            weight=np.full((2, 2), 0.5), mean_direction=[[0.0, 2.0]] * 2, concentration=np.full((2, 2), 1e5)
         ),
         speed=Gamma(shape=np.full((2, 2), 1e4), rate=1e4 / np.array([[3.0, 12.0]] * 2)),
-        n_rows=learned.n_rows,
-        n_background_modes=0,
-    )
+        bend=np.empty(0), gain=np.empty(0),
+    )  # fmt: skip
     direction, speed = two.sample(np.zeros((1000, 2)), rng=np.random.default_rng(0))
     np.testing.assert_array_equal(direction > 1.0, speed > 7.0)
     assert 400 < (direction > 1.0).sum() < 600

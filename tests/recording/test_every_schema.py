@@ -10,6 +10,8 @@ from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
 from foxglove_schemas_protobuf.Odometry_pb2 import Odometry
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from foxglove_schemas_protobuf.PosesInFrame_pb2 import PosesInFrame
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from google.protobuf.json_format import ParseDict
 from mcap_files import scene, write_log, write_protobuf_log
 from ros_messages import header, write_ros2_log
 from test_osi_sensor_data import sensor_data_class
@@ -36,47 +38,18 @@ def pose(k):
     return {"position": point(*PLACE[k], 0), "orientation": quaternion(0, 0, ANGLE[k] + np.pi / 2)}
 
 
-def protobuf(make):
+def in_protobuf(kind, make):
     def one(k):
-        message = make(*PLACE[k])
+        message = ParseDict({"frame_id": "map"} | make(k), kind(), ignore_unknown_fields=True)
         message.timestamp.FromNanoseconds(TIMES[k])
         return message
 
     return lambda path: write_protobuf_log(path, [("/car", TIMES[k], one(k)) for k in range(N)])
 
 
-def pb_pose(x, y):
-    message = PoseInFrame(frame_id="map")
-    message.pose.position.x, message.pose.position.y = x, y
-    return message
-
-
-def pb_poses(x, y):
-    message = PosesInFrame(frame_id="map")
-    message.poses.add()
-    message.poses[0].position.x, message.poses[0].position.y = x, y
-    return message
-
-
-def pb_odometry(x, y):
-    message = Odometry(frame_id="map", body_frame_id="car")
-    message.pose.position.x, message.pose.position.y = x, y
-    return message
-
-
-def pb_fix(x, y):
-    return LocationFix(latitude=48.0 + y / 111_200, longitude=11.0 + x / 74_500)
-
-
-def pb_transform(x, y):
-    message = FrameTransform(parent_frame_id="map", child_frame_id="car")
-    message.translation.x, message.translation.y, message.rotation.w = x, y, 1.0
-    return message
-
-
 def pb_transforms(path):
-    reported = [(k, pb_transform(*PLACE[k])) for k in range(N)]
-    return write_protobuf_log(path, [("/car", TIMES[k], FrameTransforms(transforms=[one])) for k, one in reported])
+    reported = (FrameTransforms(transforms=[ParseDict(transform(k), FrameTransform())]) for k in range(N))
+    return write_protobuf_log(path, [("/car", *sent) for sent in zip(TIMES, reported, strict=True)])
 
 
 def pb_scene(path):
@@ -109,17 +82,15 @@ def in_json(schema, make):
     )
 
 
-def json_scene(k):
-    entity = {"id": "car", "frame_id": "map", "timestamp": stamp(k, "nsec"), "cubes": [{"pose": pose(k)}]}
-    return {"entities": [entity]}
-
-
-def json_fix(k):
+def fix(k):
     x, y = PLACE[k]
-    return {"latitude": 48.0 + y / 111_200, "longitude": 11.0 + x / 74_500, "altitude": 0.0}
+    return {
+        "latitude": 48.0 + y / 111_200, "longitude": 11.0 + x / 74_500, "altitude": 0.0,
+        "position_covariance": [0.0] * 9, "position_covariance_type": 0,
+    }  # fmt: skip
 
 
-def json_transform(k):
+def transform(k):
     return {
         "parent_frame_id": "map", "child_frame_id": "car",
         "translation": pose(k)["position"], "rotation": pose(k)["orientation"],
@@ -130,20 +101,17 @@ def ros(schema, make):
     return lambda path: write_ros2_log(path, [("/car", TIMES[k], schema, make(k)) for k in range(N)])
 
 
-def foxglove_ros(name, make):
-    return ros(f"foxglove_msgs/msg/{name}", lambda k: {"timestamp": stamp(k), "frame_id": "map"} | make(k))
-
-
 def ros_transform(k):
     turned = {"translation": pose(k)["position"], "rotation": pose(k)["orientation"]}
     return {"transforms": [{"header": header(TIMES[k]), "child_frame_id": "car", "transform": turned}]}
 
 
 def ros_fix(k):
-    return json_fix(k) | {
-        "header": header(TIMES[k], "gps"), "status": {"status": 0, "service": 1},
-        "position_covariance": [0.0] * 9, "position_covariance_type": 0,
-    }  # fmt: skip
+    return fix(k) | {"header": header(TIMES[k], "gps"), "status": {"status": 0, "service": 1}}
+
+
+def odometry(k):
+    return {"body_frame_id": "car", "pose": pose(k), "linear_velocity": point(SPEED, 0, 0), "angular_velocity": STILL}
 
 
 def foxglove_scene(k):
@@ -157,44 +125,24 @@ def foxglove_scene(k):
 
 
 NAMED = ["--topics", "/car"]
-LOGS = {
-    "SceneUpdate, protobuf": (pb_scene, []),
-    "SceneUpdate, JSON": (in_json("foxglove.SceneUpdate", json_scene), []),
-    "SceneUpdate, ROS 2": (ros("foxglove_msgs/msg/SceneUpdate", foxglove_scene), []),
-    "PoseInFrame, protobuf": (protobuf(pb_pose), []),
-    "PoseInFrame, JSON": (in_json("foxglove.PoseInFrame", lambda k: {"pose": pose(k)}), []),
-    "PoseInFrame, ROS 2": (foxglove_ros("PoseInFrame", lambda k: {"pose": pose(k)}), []),
-    "PosesInFrame, protobuf": (protobuf(pb_poses), []),
-    "PosesInFrame, JSON": (in_json("foxglove.PosesInFrame", lambda k: {"poses": [pose(k)]}), []),
-    "PosesInFrame, ROS 2": (foxglove_ros("PosesInFrame", lambda k: {"poses": [pose(k)]}), []),
-    "Odometry, protobuf": (protobuf(pb_odometry), ["--frame", "map"]),
-    "Odometry, JSON": (
-        in_json("foxglove.Odometry", lambda k: {
-            "body_frame_id": "car", "pose": pose(k), "linear_velocity": point(SPEED, 0, 0),
-        }),
-        [],
-    ),
-    "Odometry, ROS 2": (
-        foxglove_ros("Odometry", lambda k: {
-            "body_frame_id": "car", "pose": pose(k), "linear_velocity": point(SPEED, 0, 0), "angular_velocity": STILL,
-        }),
-        [],
-    ),
-    "FrameTransform, protobuf": (protobuf(pb_transform), NAMED),
-    "FrameTransform, JSON": (in_json("foxglove.FrameTransform", json_transform), NAMED),
-    "FrameTransform, ROS 2": (
-        ros("foxglove_msgs/msg/FrameTransform", lambda k: {"timestamp": stamp(k)} | json_transform(k)), NAMED,
-    ),
-    "FrameTransforms, protobuf": (pb_transforms, NAMED),
-    "LocationFix, protobuf": (protobuf(pb_fix), ORIGIN),
-    "LocationFix, JSON": (in_json("foxglove.LocationFix", json_fix), ORIGIN),
-    "LocationFix, ROS 2": (
-        foxglove_ros(
-            "LocationFix",
-            lambda k: json_fix(k) | {"position_covariance": [0.0] * 9, "position_covariance_type": 0},
+FOXGLOVE = {
+    PoseInFrame: (lambda k: {"pose": pose(k)}, []), PosesInFrame: (lambda k: {"poses": [pose(k)]}, []),
+    Odometry: (odometry, ["--frame", "map"]), FrameTransform: (transform, NAMED), LocationFix: (fix, ORIGIN),
+    SceneUpdate: (foxglove_scene, []),
+}  # fmt: skip
+LOGS = {}
+for kind, (make, options) in FOXGLOVE.items():
+    name = kind.DESCRIPTOR.name
+    LOGS |= {
+        f"{name}, protobuf": (pb_scene if kind is SceneUpdate else in_protobuf(kind, make), options),
+        f"{name}, JSON": (in_json(f"foxglove.{name}", make), options),
+        f"{name}, ROS 2": (
+            ros(f"foxglove_msgs/msg/{name}", lambda k, make=make: {"timestamp": stamp(k), "frame_id": "map"} | make(k)),
+            options,
         ),
-        ORIGIN,
-    ),
+    }
+LOGS |= {
+    "FrameTransforms, protobuf": (pb_transforms, NAMED),
     "NavSatFix": (ros("sensor_msgs/msg/NavSatFix", ros_fix), ORIGIN),
     "OSI SensorData": (osi_sensor_data, []),
     "tf2_msgs/TFMessage": (ros("tf2_msgs/msg/TFMessage", ros_transform), NAMED),
@@ -208,7 +156,10 @@ LOGS = {
         }),
         ["--fields", "id=.detections[].id,x=.detections[].place[0],y=.detections[].place[1],frame=.frame"],
     ),
-    "private protobuf": (protobuf(pb_pose), ["--fields", "x=.pose.position.x,y=.pose.position.y,time=.timestamp"]),
+    "private protobuf": (
+        in_protobuf(PoseInFrame, FOXGLOVE[PoseInFrame][0]),
+        ["--fields", "x=.pose.position.x,y=.pose.position.y,time=.timestamp"],
+    ),
 }  # fmt: skip
 
 

@@ -32,13 +32,14 @@ def straight(tmp_path):
 @pytest.fixture
 def tracked(straight, tmp_path):
     """The same as a tracker would have written it."""
-    none = np.empty(0)
-    empty = Particles(position=np.empty((0, 2)), direction=none, speed=none, weight=none, vehicle=np.empty(0, np.int64))
     with EstimateWriter(tmp_path / "tracked.mcap", metadata={}) as log:
         for frame in Playback(straight):
             log.write(
                 TrackedFrame(
-                    time_ns=frame.time_ns, detections=frame.detections, estimates=frame.estimates, particles=empty
+                    time_ns=frame.time_ns,
+                    detections=frame.detections,
+                    estimates=frame.estimates,
+                    particles=Particles.none(),
                 )
             )
     return tmp_path / "tracked.mcap"

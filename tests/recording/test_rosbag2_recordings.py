@@ -107,25 +107,34 @@ def test_a_folder_that_is_no_recording_is_one_line(split, metadata, message, cap
 ROS = get_typestore(Stores.ROS2_JAZZY)
 
 
+def odometry(store, k, **more):
+    """Of a car that drives 10 m/s to the north, as a version of ROS has it."""
+    kinds = {name.rpartition("/")[2]: kind for name, kind in store.types.items()}
+    stamp = store.types["builtin_interfaces/msg/Time"](sec=k // 10, nanosec=k % 10 * 100_000_000)
+    pose = kinds["Pose"](
+        position=kinds["Point"](x=5.0, y=1.0 * k, z=0.0),
+        orientation=kinds["Quaternion"](x=0.0, y=0.0, z=np.sqrt(0.5), w=np.sqrt(0.5)),
+    )
+    none = kinds["Vector3"](x=0.0, y=0.0, z=0.0)
+    twist = kinds["Twist"](linear=kinds["Vector3"](x=10.0, y=0.0, z=0.0), angular=none)
+    return kinds["Odometry"](
+        header=kinds["Header"](stamp=stamp, frame_id="map", **more), child_frame_id="car",
+        pose=kinds["PoseWithCovariance"](pose=pose, covariance=np.zeros(36)),
+        twist=kinds["TwistWithCovariance"](twist=twist, covariance=np.zeros(36)),
+    )  # fmt: skip
+
+
+def check_drive(tracks):
+    np.testing.assert_allclose(tracks.position[:, 1], np.arange(20))
+    np.testing.assert_allclose(tracks.direction, np.pi / 2)
+    np.testing.assert_allclose(tracks.speed, 10.0)
+
+
 def write_bag(path, plugin, *, n=20):
-    """Odometry of a car that drives 10 m/s to the north."""
-    kinds = {name.rpartition("/")[2]: kind for name, kind in ROS.types.items()}
     with Writer(path, version=9, storage_plugin=plugin) as bag:
-        odometry = bag.add_connection("/odom", "nav_msgs/msg/Odometry", typestore=ROS)
+        topic = bag.add_connection("/odom", "nav_msgs/msg/Odometry", typestore=ROS)
         for k in range(n):
-            stamp = kinds["Time"](sec=k // 10, nanosec=k % 10 * 100_000_000)
-            pose = kinds["Pose"](
-                position=kinds["Point"](x=5.0, y=1.0 * k, z=0.0),
-                orientation=kinds["Quaternion"](x=0.0, y=0.0, z=np.sqrt(0.5), w=np.sqrt(0.5)),
-            )
-            none = kinds["Vector3"](x=0.0, y=0.0, z=0.0)
-            twist = kinds["Twist"](linear=kinds["Vector3"](x=10.0, y=0.0, z=0.0), angular=none)
-            message = kinds["Odometry"](
-                header=kinds["Header"](stamp=stamp, frame_id="map"), child_frame_id="car",
-                pose=kinds["PoseWithCovariance"](pose=pose, covariance=np.zeros(36)),
-                twist=kinds["TwistWithCovariance"](twist=twist, covariance=np.zeros(36)),
-            )  # fmt: skip
-            bag.write(odometry, k * 100_000_000, ROS.serialize_cdr(message, odometry.msgtype))
+            bag.write(topic, k * 100_000_000, ROS.serialize_cdr(odometry(ROS, k), topic.msgtype))
     return path
 
 
@@ -136,9 +145,7 @@ def bag(tmp_path_factory, request):
 
 def test_a_bag_reads_whatever_its_storage(bag, tmp_path, capsys):
     tracks = read_tracks(bag)
-    np.testing.assert_allclose(tracks.position[:, 1], np.arange(20))
-    np.testing.assert_allclose(tracks.direction, np.pi / 2)
-    np.testing.assert_allclose(tracks.speed, 10.0)
+    check_drive(tracks)
     with Reader(bag) as reader:
         assert [(m.log_time_ns, m.data) for m in scan(bag)] == [(time, data) for _, time, data in reader.messages()]
     assert run(["info", str(bag)]) == DONE
@@ -153,24 +160,11 @@ def test_a_bag_reads_whatever_its_storage(bag, tmp_path, capsys):
 def test_a_bag_of_ros_1_reads_as_one_of_ros_2(tmp_path):
     """Its headers have a number more, and its messages another encoding."""
     store, path = get_typestore(Stores.ROS1_NOETIC), tmp_path / "old.bag"
-    kinds = {name.rpartition("/")[2]: kind for name, kind in store.types.items()}
     with OldWriter(path) as bag:
-        odometry = bag.add_connection("/odom", "nav_msgs/msg/Odometry", typestore=store)
+        topic = bag.add_connection("/odom", "nav_msgs/msg/Odometry", typestore=store)
         for k in range(20):
-            stamp = store.types["builtin_interfaces/msg/Time"](sec=k // 10, nanosec=k % 10 * 100_000_000)
-            place, turn = kinds["Point"](x=5.0, y=1.0 * k, z=0.0), kinds["Quaternion"](x=0.0, y=0.0, z=0.6, w=0.8)
-            none, pose = kinds["Vector3"](x=0.0, y=0.0, z=0.0), kinds["Pose"](position=place, orientation=turn)
-            twist = kinds["Twist"](linear=kinds["Vector3"](x=10.0, y=0.0, z=0.0), angular=none)
-            message = kinds["Odometry"](
-                header=kinds["Header"](seq=k, stamp=stamp, frame_id="map"), child_frame_id="car",
-                pose=kinds["PoseWithCovariance"](pose=pose, covariance=np.zeros(36)),
-                twist=kinds["TwistWithCovariance"](twist=twist, covariance=np.zeros(36)),
-            )  # fmt: skip
-            bag.write(odometry, k * 100_000_000, store.serialize_ros1(message, odometry.msgtype))
-    tracks = read_tracks(path)
-    np.testing.assert_allclose(tracks.position[:, 1], np.arange(20))
-    np.testing.assert_allclose(tracks.direction, 2 * np.arctan2(0.6, 0.8))
-    np.testing.assert_allclose(tracks.speed, 10.0)
+            bag.write(topic, k * 100_000_000, store.serialize_ros1(odometry(store, k, seq=k), topic.msgtype))
+    check_drive(read_tracks(path))
     path.write_bytes(path.read_bytes()[:-200])
     source.drop_copy(path)
     with pytest.raises(RecordingError, match=r"old\.bag: expected a bag that rosbags can read.*rosbag reindex"):

@@ -17,7 +17,6 @@ from pyproj import Geod
 
 from dirprim_filter import read_tracks
 from dirprim_filter.detections import NO_ID, Detections
-from dirprim_filter.estimates import Estimates
 from dirprim_filter.recording import write_tracks
 from dirprim_filter.recording.errors import RecordingError, TableError
 from dirprim_filter.recording.estimate_tables import write_estimates
@@ -25,6 +24,7 @@ from dirprim_filter.recording.name_patterns import named_values
 from dirprim_filter.recording.reader import read_track_logs, stream_detections
 from dirprim_filter.recording.tables import read_named
 from dirprim_filter.recording.tables.named_columns import COLUMNS
+from situations import estimates_of
 
 DATA = Path(__file__).parents[2] / "../shared/data"
 HEADER = "time_s,track_id,x_m,y_m,heading_rad,speed_mps"
@@ -280,18 +280,9 @@ def test_columns_of_other_names_are_mapped_and_what_is_not_used_is_named(tmp_pat
             named_values(wrong, COLUMNS, of="columns")
 
 
-def estimates(names):
-    n = len(names)
-    return Estimates(
-        track_id=np.array(names), time_ns=np.zeros(n, np.int64), position=np.zeros((n, 2)),
-        covariance=np.tile(np.eye(2), (n, 1, 1)), direction=np.zeros(n), direction_resultant=np.ones(n),
-        speed=np.ones(n), speed_std=np.ones(n), effective_sample_size=np.ones(n), log_evidence=np.zeros(n),
-    )  # fmt: skip
-
-
 def test_ids_that_a_spreadsheet_would_run_are_exported_as_text_and_read_back(tmp_path):
     names = ["=cmd|' /C calc'!A0", "+a", "-3", "@x", "'quoted", "a=b", "-", "\tb"]
-    write_estimates(estimates(names), tmp_path / "out.csv")
+    write_estimates(estimates_of(names), tmp_path / "out.csv")
     with (tmp_path / "out.csv").open(newline="") as file:
         cells = [row[1] for row in csv.reader(file)][1:]
     assert [cell for cell in cells if cell[0] in "=+-@\t"] == ["-3"]  # a number is no formula
@@ -412,4 +403,4 @@ def test_values_are_tables_that_read_back(tmp_path, ring):
     pa.parquet.write_table(made.drop_columns(["track_id"]), tmp_path / "t.parquet")
     back = Detections.concatenate(stream_detections(tmp_path / "t.parquet"))
     np.testing.assert_array_equal(back.covariance, seen.covariance)
-    assert {"time_ns", "track_id", "x_m", "course_rad"} <= set(estimates(["a"]).to_arrow().column_names)
+    assert {"time_ns", "track_id", "x_m", "course_rad"} <= set(estimates_of(["a"]).to_arrow().column_names)
