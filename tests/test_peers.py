@@ -81,7 +81,7 @@ def test_every_tracker_follows_vehicles_that_are_always_seen(package):
     for name, peer in package(fold).items():
         starts[name] = starts.get(peer.after, {}) | {of.name: of.start for of in peer.axes}
         found = peer.track(fold.judged[0], starts[name])
-        score = scored(found, fold.judged[0])
+        score = scored(found, fold.judged[0], fold.scales)
         assert score.switches <= 1, name
         assert score.hota > 0.8, name
         assert 0.0 < score.rmse < 0.5, name

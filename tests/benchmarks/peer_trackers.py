@@ -19,6 +19,7 @@ from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
+from mcity_drives import without_own_bias
 from peer_scenes import Fold, Part, UnavailableError
 
 from dirprim_filter.arrays import FloatArray
@@ -28,6 +29,7 @@ from dirprim_filter.evaluation.settings import Axis
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
 from dirprim_filter.filtering import BayesFilter, ConstantVelocityKalman, Tracker
 from dirprim_filter.primitives import PrimitiveMap
+from dirprim_filter.sensor import Sensor
 
 Settings = Mapping[str, float]
 START_SPEED_M_S = 10.0
@@ -93,31 +95,38 @@ def ours(fold: Fold, learned: PrimitiveMap) -> dict[str, Peer]:
     """
     config = FilterConfig(noise_m=fold.noise_m, max_gap_s=fold.max_gap_s)
 
-    def by_map(primitives: PrimitiveMap, part: Part, settings: Settings) -> Tracked:
-        return _followed(part, primitives, config, replace(fold.tracking, **settings))
+    def by_map(primitives: PrimitiveMap, sensor: Sensor | None, part: Part, settings: Settings) -> Tracked:
+        return _followed(part, primitives, config, replace(fold.tracking, **settings), sensor)
 
     def by_kalman(part: Part, settings: Settings) -> Tracked:
         model = ConstantVelocityKalman(acceleration_density=settings["acceleration"], config=config)
         tracking = replace(fold.tracking, departure_rate=settings["departure_rate"])
-        return _followed(part, model, config, tracking)
+        return _followed(part, model, config, tracking, fold.sensor)
 
     leaves = Axis("departure_rate", fold.tracking.departure_rate, HALF_DECADE)
+    by_noise = Peer(partial(by_map, learned, None), ())
     return {
-        "ours, with the map": Peer(partial(by_map, learned), ()),
-        "ours, without the map": Peer(partial(by_map, learned.without_places()), (leaves,)),
+        "ours, with the map": Peer(partial(by_map, learned, fold.sensor), ()),
+        **({} if fold.sensor is None else {"ours, with the map, the noise alone known": by_noise}),
+        "ours, without the map": Peer(partial(by_map, learned.without_places(), fold.sensor), (leaves,)),
         "ours, constant velocity": Peer(by_kalman, (Axis("acceleration", 1.0, HALF_DECADE), leaves)),
     }
 
 
-def _followed(part: Part, model: PrimitiveMap | BayesFilter, config: FilterConfig, tracking: TrackingConfig) -> Tracked:
-    tracker = Tracker(model, config=config, tracking=tracking, rng=np.random.default_rng(0))
+def _followed(
+    part: Part, model: PrimitiveMap | BayesFilter, config: FilterConfig, tracking: TrackingConfig, sensor: Sensor | None
+) -> Tracked:
+    tracker = Tracker(model, config=config, tracking=tracking, sensor=sensor, rng=np.random.default_rng(0))
     kept, since = EstimateList(), time.process_time()
     for time_ns, seen in part.frames():
         tracker.predict(seen, time_ns=time_ns)
         tracker.weigh()
         kept.write(tracker.frame())
         tracker.resample()
-    return Tracked(TrackedRows.of(kept.all()), time.process_time() - since)
+    found = kept.all()
+    if sensor is not None and isinstance(model, ConstantVelocityKalman):
+        found = without_own_bias(found, sensor)
+    return Tracked(TrackedRows.of(found), time.process_time() - since)
 
 
 # --- motpy and norfair ---------------------------------------------------------------------------------

@@ -73,7 +73,7 @@ def main() -> None:
     given = parser.parse_args()
     figures: dict[tuple[str, str, str], list[list[float]]] = {}
     for scene in DELETED_AFTER:
-        fold = SCENES[scene](given.seeds)
+        (fold,) = SCENES[scene](given.seeds)
         learned = learn_primitives(fold.traffic, rng=np.random.default_rng(0))
         for part in fold.judged:
             for name, rows in outputs(scene, fold, part).items():
