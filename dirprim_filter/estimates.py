@@ -129,10 +129,6 @@ class Samples(Protocol):
 
     def __len__(self) -> int: ...
 
-    def of(self, row: int) -> Particles:
-        """The samples of one vehicle, by its row in the frame's estimates."""
-        ...
-
     def thinned(self, stride: int, *, rows: BoolArray | None = None) -> Particles:
         """Every `stride`-th sample, 1 for all; of some vehicles, where `rows` of the frame's estimates are given."""
         ...

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, Protocol, Self
+from dataclasses import dataclass, field
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -34,8 +34,6 @@ MOST_INSTANTS = 24
 """Of a region: more could not be distinguished."""
 PER_SAMPLE = 16
 """Rollouts drawn for each one that is kept, where a cue weighs them: rare manoeuvres must be among them."""
-States = tuple[FloatArray, FloatArray, FloatArray]
-"""(n, 2), (n,), (n,) metres, radians and m/s of vehicles."""
 
 
 def forecast(
@@ -77,10 +75,8 @@ def forecast(
     require("rng", rng, np.random.Generator)
     config = require("config", FilterConfig() if config is None else config, FilterConfig)
     check("direction", np.array([direction]))
-    start = checked(as_floats("position", position, "2")[None], [direction], [speed])
-    dt = steps(horizon_s, dt_s, n_samples)
-    table = motion_table(primitive_map, step_s=config.step_s)
-    return np.asarray(sample_paths(table, start, dt, n_samples, cue=cue, rng=rng)[0])
+    states, dt = (as_floats("position", position, "2")[None], [direction], [speed]), steps(horizon_s, dt_s, n_samples)
+    return np.asarray(_rollouts(primitive_map, states, dt, n_samples, cue=cue, config=config, rng=rng)[0])
 
 
 def forecast_states(
@@ -107,28 +103,28 @@ def forecast_states(
         ValueError: columns of different lengths, a number that is not finite, a negative speed, or times that do not
             ascend from above zero.
     """
-    start = checked(position, direction, speed)
     dt_s = np.diff(as_floats("time_s", time_s, "n"), prepend=0.0)
     if dt_s.size < 1 or (dt_s <= 0).any() or n_samples < 1:
         raise ValueError(f"time_s, n_samples: expected ascending times and a sample, got {time_s!r}, {n_samples}")
     config = config or FilterConfig(interaction="none")
-    response = leader_table(primitive_map, config)
+    states = position, direction, speed
+    return _rollouts(primitive_map, states, dt_s, n_samples, cue=cue, config=config, rng=rng)
+
+
+def _rollouts(
+    primitive_map: PrimitiveMap, states: tuple[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike], dt_s: FloatArray,
+    n_samples: int, *, cue: Cue | None, config: FilterConfig, rng: np.random.Generator,
+) -> FloatArray:  # fmt: skip
+    """Of vehicles (n,), each from one state. (n, n_samples, n_steps, 2) metres."""
+    place = as_floats("position", states[0], "n 2")
+    course = as_floats("direction", states[1], f"{len(place)}")
+    pace = as_floats("speed", states[2], f"{len(place)}")
+    check("speed", pace)
     table = motion_table(primitive_map, step_s=config.step_s)
-    return sample_paths(table, start, dt_s, n_samples, cue=cue, response=response, rng=rng)
-
-
-def checked(position: npt.ArrayLike, direction: npt.ArrayLike, speed: npt.ArrayLike) -> States:
-    """Where vehicles are, which way they go and how fast.
-
-    Raises:
-        ValueError: of different lengths, not finite, or a negative speed.
-    """
-    place = as_floats("position", position, "n 2")
-    n = len(place)
-    states = place, as_floats("direction", direction, f"{n}"), as_floats("speed", speed, f"{n}")
-    if (states[2] < 0).any():
-        raise ValueError(f"speed: expected at least 0 m/s, got {states[2].min()}")
-    return states
+    cloud = sampled(table, place, course, pace, n_samples * (1 if cue is None else PER_SAMPLE), rng=rng)
+    if cue is not None:
+        cloud = _weighted_by_cue(table, cloud, cue, rng=rng)
+    return projected(table, cloud, dt_s, leader_table(primitive_map, config))
 
 
 def steps(horizon_s: float, dt_s: float, n_samples: int) -> FloatArray:
@@ -155,21 +151,13 @@ def leader_table(primitive_map: PrimitiveMap, config: FilterConfig) -> LeaderTab
     return LeaderTable(response.gain, response.push, response.trust, response.start_rate)
 
 
-def sample_paths(
-    table: MotionTable, start: States, dt_s: FloatArray, n_samples: int, *, cue: Cue | None = None,
-    response: LeaderTable = ALONE, rng: np.random.Generator,
-) -> FloatArray:  # fmt: skip
-    """Rollouts of vehicles, each from one state. (n, n_samples, n_steps, 2) metres."""
-    cloud = sampled(table, start, n_samples * (1 if cue is None else PER_SAMPLE), rng=rng)
-    if cue is not None:
-        cloud = _weighted_by_cue(table, cloud, cue, rng=rng)
-    return projected(table, cloud, dt_s, response)
-
-
-def sampled(table: MotionTable, start: States, n_samples: int, *, rng: np.random.Generator) -> Cloud:
-    """Samples of vehicles that all begin at one state each."""
-    position, direction, speed = (np.repeat(column[:, None], n_samples, axis=1) for column in start)
-    return _cloud(table, position, direction, speed, rng=rng)
+def sampled(
+    table: MotionTable, position: FloatArray, direction: FloatArray, speed: FloatArray, n_samples: int, *,
+    rng: np.random.Generator,
+) -> Cloud:  # fmt: skip
+    """Samples of vehicles (n,) that all begin at one state each."""
+    columns = (np.repeat(column[:, None], n_samples, axis=1) for column in (position, direction, speed))
+    return _cloud(table, *columns, rng=rng)
 
 
 def sampled_belief(table: MotionTable, belief: Particles, n_samples: int, *, rng: np.random.Generator) -> Cloud:
@@ -229,7 +217,7 @@ def projected(table: MotionTable, cloud: Cloud, dt_s: FloatArray, response: Lead
     return path
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Forecasts:
     """Rollouts of vehicles, and the regions where the vehicles may be.
 
@@ -239,28 +227,22 @@ class Forecasts:
         start: (n, 2) metres, where the vehicles were then.
         paths: (n, n_samples, n_steps, 2) metres.
         regions: of each vehicle one for each of `REGION_SHARES`: it contains that share of rollouts at every instant.
+
+    Raises:
+        ValueError: shapes that do not fit, or a number that is not finite.
     """
 
     time_ns: int
     track_id: Sequence[str]
     start: FloatArray
     paths: FloatArray
-    regions: Sequence[Sequence[Region]]
+    regions: Sequence[Sequence[Region]] = field(init=False)
 
-    @classmethod
-    def of(cls, time_ns: int, track_id: Sequence[str], start: npt.ArrayLike, paths: npt.ArrayLike) -> Self:
-        """Check the rollouts, and find their regions.
-
-        Raises:
-            ValueError: shapes that do not fit, or a number that is not finite.
-        """
-        paths = as_floats("paths", paths, "n samples steps 2")
-        if len(track_id) != len(paths):
-            raise ValueError(f"paths: expected {len(track_id)} vehicles, as there are ids, got {len(paths)}")
-        start = as_floats("start", start, f"{len(paths)} 2")
-        forecasts = cls(time_ns=time_ns, track_id=track_id, start=start, paths=paths, regions=())
-        regions = [highest_density_regions(few, REGION_SHARES) for few in forecasts.coarse_paths()]
-        return cls(time_ns=time_ns, track_id=track_id, start=start, paths=paths, regions=regions)
+    def __post_init__(self) -> None:
+        as_floats("start", self.start, f"{len(self.track_id)} 2")
+        as_floats("paths", self.paths, f"{len(self.track_id)} samples steps 2")
+        regions = [highest_density_regions(few, REGION_SHARES) for few in self.coarse_paths()]
+        object.__setattr__(self, "regions", regions)
 
     def coarse_paths(self) -> FloatArray:
         """The paths from the start on, at `MOST_INSTANTS` at most. -> (n, n_samples, n_instants, 2) metres."""
@@ -313,14 +295,14 @@ class Forecaster:
         if (self._next_ns is not None and frame.time_ns < self._next_ns) or len(frame.estimates) == 0:
             return
         self._next_ns = frame.time_ns + self._every_ns
-        names = [str(name) for name in frame.estimates.track_id]
-        made = Forecasts.of(frame.time_ns, names, frame.estimates.position, self.paths(frame))
+        made = Forecasts(frame.time_ns, frame.names, frame.estimates.position, self.paths(frame))
         for sink in self._sinks:
             sink.write_forecast(made)
 
     def paths(self, frame: TrackedFrame) -> FloatArray:
         """Rollouts of the frame's vehicles, (n, n_samples, n_steps, 2) metres: from their particles if it has them."""
-        clouds = [self._of_vehicle(frame, row) for row in range(len(frame.estimates))]
+        particles = frame.particles.thinned(1)
+        clouds = [self._of_vehicle(frame, particles, row) for row in range(len(frame.estimates))]
         path = np.empty((len(clouds), self._n_samples, self._dt_s.size, 2))
         for group in np.unique(frame.group):
             own = np.flatnonzero(frame.group == group)
@@ -328,11 +310,10 @@ class Forecaster:
             path[own] = projected(self._table, scene, self._dt_s, self._response)
         return path
 
-    def _of_vehicle(self, frame: TrackedFrame, row: int) -> Cloud:
-        estimates, particles = frame.estimates, frame.particles
-        key = birth_key(self._seed, str(estimates.track_id[row]), frame.time_ns)
-        rng = np.random.default_rng(int(key))
+    def _of_vehicle(self, frame: TrackedFrame, particles: Particles, row: int) -> Cloud:
+        estimates = frame.estimates
+        rng = np.random.default_rng(int(birth_key(self._seed, frame.names[row], frame.time_ns)))
         if len(particles):
             return sampled_belief(self._table, particles.of(row), self._n_samples, rng=rng)
         mean = estimates.position[[row]], estimates.direction[[row]], estimates.speed[[row]]
-        return sampled(self._table, mean, self._n_samples, rng=rng)
+        return sampled(self._table, *mean, self._n_samples, rng=rng)

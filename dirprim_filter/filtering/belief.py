@@ -83,17 +83,6 @@ class BeliefSamples:
     def __len__(self) -> int:
         return sum(slot.size * belief.n_particles for belief, slot, _ in self._parts)
 
-    def of(self, row: int) -> Particles:
-        """The samples of one vehicle, by its row.
-
-        Raises:
-            IndexError: there are not so many vehicles.
-        """
-        n = sum(slot.size for _, slot, _ in self._parts)
-        if not 0 <= row < n:
-            raise IndexError(f"row: expected below {n}, got {row}")
-        return self.thinned(1, rows=np.arange(n) == row)
-
     def thinned(self, stride: int, *, rows: BoolArray | None = None) -> Particles:
         """Every `stride`-th sample; of some vehicles, where `rows` are given.
 

@@ -43,16 +43,9 @@ class GroupTracker:
     def predict(
         self, detections: Detections, *, time_ns: int | None = None, groups: Iterable[int] = (), is_scan: bool = True
     ) -> None:  # fmt: skip
-        """Move the beliefs of the groups that have a frame; each as `Tracker.predict`.
+        """Move the beliefs of the groups that have a frame; each as `Tracker.predict`, errors included.
 
-        Args:
-            detections: one instant, of any groups.
-            time_ns: the instant, for groups in which nothing was seen.
-            groups: these; they have a frame even so.
-            is_scan: the sensor looked; else all groups have a frame.
-
-        Raises:
-            ValueError: as `Tracker.predict`.
+        Those of the detections have one, those of `groups`, and all where the sensor did not look.
         """
         self._now = sorted({*np.unique(detections.group).tolist(), *(groups if is_scan else self._trackers)})
         self._frames = {}
@@ -78,35 +71,26 @@ class GroupTracker:
         Raises:
             ValueError: there is no group yet.
         """
-        return joined(self.frames())
+        if not self.frames():
+            raise ValueError("frames: expected that of at least one group, got none")
+        parts = [_renamed(frame, group) for group, frame in self.frames().items()]
+        if len(parts) == 1:
+            return parts[0]
+        innovations = [part.innovations for part in parts if part.innovations is not None]
+        return TrackedFrame(
+            time_ns=parts[0].time_ns,
+            detections=Detections.concatenate([part.detections for part in parts]),
+            estimates=Estimates.concatenate([part.estimates for part in parts]),
+            particles=BeliefSamples.concatenate(part.particles for part in parts),
+            innovations=np.concatenate(innovations) if len(innovations) == len(parts) else None,
+            reinitialised=tuple(name for part in parts for name in part.reinitialised),
+            group=np.concatenate([part.group for part in parts]),
+        )  # fmt: skip
 
     def resample(self) -> None:
         """Renew the samples of measured beliefs that have lost their weight."""
         for group in self._now:
             self._trackers[group].resample()
-
-
-def joined(frames: Mapping[int, TrackedFrame]) -> TrackedFrame:
-    """Frames of one instant, by their groups, as one: ids are `group/id`, those of group 0 as they are.
-
-    Raises:
-        ValueError: there is none.
-    """
-    if not frames:
-        raise ValueError("frames: expected that of at least one group, got none")
-    parts = [_renamed(frame, group) for group, frame in frames.items()]
-    if len(parts) == 1:
-        return parts[0]
-    innovations = [part.innovations for part in parts if part.innovations is not None]
-    return TrackedFrame(
-        time_ns=parts[0].time_ns,
-        detections=Detections.concatenate([part.detections for part in parts]),
-        estimates=Estimates.concatenate([part.estimates for part in parts]),
-        particles=BeliefSamples.concatenate(part.particles for part in parts),
-        innovations=np.concatenate(innovations) if len(innovations) == len(parts) else None,
-        reinitialised=tuple(name for part in parts for name in part.reinitialised),
-        group=np.concatenate([part.group for part in parts]),
-    )  # fmt: skip
 
 
 def _renamed(frame: TrackedFrame, group: int) -> TrackedFrame:

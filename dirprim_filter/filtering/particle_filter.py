@@ -76,13 +76,7 @@ class ParticleFilter:
         self.belief.reserve(n_slots)
 
     def begin(self, slot: IntArray, key: AnyArray, measured: Detections) -> None:
-        """Initialise beliefs from one measurement each and the primitive at its place.
-
-        Args:
-            slot: (v,) slots of the vehicles.
-            key: (v,) uint64, seeds their random numbers.
-            measured: v rows.
-        """
+        """Initialise beliefs from one measurement each and the primitive at its place. (v,), (v,) uint64, v rows."""
         self.belief.step += 1
         belief = self.belief
         self._split(
@@ -176,15 +170,7 @@ class ParticleFilter:
         return Evidence(evidence[:, 0], unexplained, evidence[:, 2] > 0.0)
 
     def weigh_by_cue(self, slot: IntArray, cue: Cue) -> FloatArray:
-        """Weigh particles by a cue of the direction some seconds later: Eq. 4.
-
-        Args:
-            slot: (v,) the vehicles that give the cue.
-            cue: where they will turn, relative to their current direction.
-
-        Returns:
-            (v,) natural log of the density of the cue's turn under each belief, per radian.
-        """
+        """Weigh particles by a cue of the turn some seconds later, Eq. 4. (v,) -> (v,) as `OnMap.weigh_by_cue`."""
         self.belief.step += 1
         return weigh_by_cue(self._table, self.belief.cloud, slot, cue)
 

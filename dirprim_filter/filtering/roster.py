@@ -96,12 +96,6 @@ class Intervals:
         return np.array([self._of[name].usual_ns for name in names], np.float64).reshape(-1, 2)
 
 
-def is_due(since_ns: IntArray, interval: FloatArray) -> BoolArray:
-    """(v,), (v, 2) -> (v,) whether one was due so long after the last hit or miss; not while that is unknown."""
-    due_ns = DUE_FROM * interval[:, 0] + JITTERS * interval[:, 1]
-    return np.asarray((since_ns >= due_ns) & (interval[:, 0] > 0))
-
-
 def _median(times: Sequence[int]) -> int:
     return sorted(times)[(len(times) - 1) // 2]
 
@@ -115,35 +109,22 @@ class Roster:
         max_gap_s: seconds without a measurement after which a track ends, where its sensor's intervals are not longer.
 
     Attributes:
-        time_ns: (slots,) the time each belief holds for.
-        existence_ns: (slots,) the time its existence holds for.
-        measured_ns: (slots,) the time of its last measurement.
-        counted_ns: (slots,) the time of the last frame that counted as a hit or a miss of it.
-        is_labelled: (slots,) whether its sensor gives it an id.
-        is_confirmed: (slots,) whether it was ever confirmed.
-        existence: (slots, 3) see `existence`.
-        outside: (slots,) probability that it is outside of the map's cells.
-        ends: (slots,) 1/s, rate at which trajectories end where it was when its existence was last moved on.
-        n_unexplained: (slots,) consecutive measurements that its belief did not explain.
-        log_evidence: (slots,) of its measurement in this frame; 0 where there is none.
-        cue: (slots, 2) what it is weighed by, as in `Detections`; NaN for nothing.
-        interval: (slots, 2) nanoseconds, usual time between two of its detections and jitter of that; 0 while unknown.
         longest_gap_ns: nanoseconds without a measurement after which every track ends.
     """
 
-    time_ns: IntArray
-    existence_ns: IntArray
-    measured_ns: IntArray
-    counted_ns: IntArray
-    is_labelled: BoolArray
-    is_confirmed: BoolArray
-    existence: FloatArray
-    outside: FloatArray
-    ends: FloatArray
-    n_unexplained: IntArray
-    log_evidence: FloatArray
-    cue: FloatArray
-    interval: FloatArray
+    time_ns: IntArray  # (slots,) the time each belief holds for
+    existence_ns: IntArray  # (slots,) the time its existence holds for
+    measured_ns: IntArray  # (slots,) the time of its last measurement
+    counted_ns: IntArray  # (slots,) the time of the last frame that counted as a hit or a miss of it
+    is_labelled: BoolArray  # (slots,) whether its sensor gives it an id
+    is_confirmed: BoolArray  # (slots,) whether it was ever confirmed
+    existence: FloatArray  # (slots, 3) see `existence`
+    outside: FloatArray  # (slots,) probability that it is outside of the map's cells
+    ends: FloatArray  # (slots,) 1/s, rate at which trajectories end where it was at `existence_ns`
+    n_unexplained: IntArray  # (slots,) consecutive measurements that its belief did not explain
+    log_evidence: FloatArray  # (slots,) of its measurement in this frame; 0 where there is none
+    cue: FloatArray  # (slots, 2) what it is weighed by, as in `Detections`; NaN for nothing
+    interval: FloatArray  # (slots, 2) ns, usual time between two of its detections, and jitter; 0 while unknown
 
     def __init__(self, bayes_filter: BayesFilter, config: TrackingConfig, *, max_gap_s: float) -> None:
         self._filter, self._config = bayes_filter, config
@@ -270,10 +251,14 @@ class Roster:
         self.existence_ns[slot] = time_ns
 
     def missed(self, hit: IntArray, time_ns: int) -> IntArray:
-        """Slots of the tracks that a frame ought to have shown and did not; those it did are `hit`."""
+        """Slots of the tracks that a frame ought to have shown and did not; those it did are `hit`.
+
+        One is due some time after its last hit or miss; not while its sensor's interval is unknown.
+        """
         slot = self.slots
-        slot = slot[~np.isin(slot, hit) & (self.measured_ns[slot] < time_ns)]
-        return slot[is_due(time_ns - self.counted_ns[slot], self.interval[slot])]
+        slot = slot[~np.isin(slot, hit) & (self.measured_ns[slot] < time_ns) & (self.interval[slot, 0] > 0)]
+        due_ns = DUE_FROM * self.interval[slot, 0] + JITTERS * self.interval[slot, 1]
+        return np.asarray(slot[time_ns - self.counted_ns[slot] >= due_ns])
 
     def learn(self, hit: IntArray, by_chance: FloatArray, missed: IntArray) -> None:
         """Update existence by a frame's hits, others expected so densely there, (h,) as `after_hit`, and misses.

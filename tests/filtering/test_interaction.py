@@ -9,7 +9,6 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.filtering import GroupTracker, Tracker
 from dirprim_filter.forecasting import (
     Forecaster,
-    checked,
     forecast_states,
     leader_table,
     projected,
@@ -69,7 +68,7 @@ def test_order_does_not_matter():
     place, speed = np.array([100.0, 60.0, 20.0, 140.0]), np.array([4.0, 10.0, 12.0, 9.0])
     dt_s, order = np.full(6, 0.5), np.array([2, 0, 3, 1])
     alone = [
-        sampled(table, checked([[x, 10.0]], [0.0], [v]), 50, rng=np.random.default_rng(int(x)))
+        sampled(table, np.array([[x, 10.0]]), np.zeros(1), np.array([v]), 50, rng=np.random.default_rng(int(x)))
         for x, v in zip(place, speed, strict=True)
     ]
     found = projected(table, side_by_side(alone), dt_s, response)

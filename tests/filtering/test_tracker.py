@@ -169,7 +169,8 @@ def test_particles_weigh_one_for_each_vehicle_and_are_copied_before_the_next_ste
     np.testing.assert_allclose(mean, estimates.position, rtol=1e-9)
     of_odd = np.flatnonzero((np.arange(4000) % 7 == 0) & np.repeat(odd, 100))
     for some, rows in (
-        (samples.of(7), slice(700, 800)),
+        (samples.thinned(1, rows=np.arange(40) == 7), slice(700, 800)),
+        (particles.of(7), slice(700, 800)),
         (samples.thinned(7), slice(None, None, 7)),
         (samples.thinned(7, rows=odd), of_odd),
         (particles.thinned(7, rows=odd), of_odd),
@@ -180,9 +181,8 @@ def test_particles_weigh_one_for_each_vehicle_and_are_copied_before_the_next_ste
     np.testing.assert_allclose(np.einsum("vp,vpi->vi", weight, particles.position.reshape(40, 100, 2)), mean)
     assert (weight.max(axis=1) > 1 / 50).any()  # they were weighed
     assert len(samples) == len(particles)
-    for late in (lambda: samples.thinned(7), lambda: samples.of(3)):
-        with pytest.raises(RuntimeError, match="moved on: copy what is wanted"):
-            late()
+    with pytest.raises(RuntimeError, match="moved on: copy what is wanted"):
+        samples.thinned(7)
 
 
 def test_a_thousand_vehicles_one_after_another_need_no_more_memory_than_a_few(ring_map):

@@ -76,7 +76,7 @@ def estimate_log(tmp_path):
         log.write_map_scene(a_map())
         for time_ns in range(0, 3_000_000_000, 100_000_000):
             log.write(a_frame(time_ns))
-        log.write_forecast(Forecasts.of(2_900_000_000, ["a", "b"], np.zeros((2, 2)), rollouts()))
+        log.write_forecast(Forecasts(2_900_000_000, ["a", "b"], np.zeros((2, 2)), rollouts()))
     return path
 
 

@@ -142,7 +142,7 @@ def test_far_from_the_origin_all_is_drawn_in_a_frame_near_by(tmp_path):
     with EstimateWriter(tmp_path / "far.mcap", metadata={}) as log:
         frame = moved(a_frame(STEP), FAR)
         log.write(frame)
-        log.write_forecast(Forecasts.of(STEP, ["a", "b"], FAR + np.zeros((2, 2)), FAR + rollouts()))
+        log.write_forecast(Forecasts(STEP, ["a", "b"], FAR + np.zeros((2, 2)), FAR + rollouts()))
     (sent,) = messages(tmp_path / "far.mcap", "/tf")
     transform = FrameTransform.FromString(sent.data)
     assert (transform.parent_frame_id, transform.child_frame_id) == ("map", "scene")
@@ -186,7 +186,7 @@ def test_petals_are_those_of_the_other_pictures():
 
 def test_regions_of_forecasts_hold_their_share_of_the_paths():
     """Judged by matplotlib: at every instant, and not much more than the share."""
-    update = as_read(forecast_scene(Forecasts.of(STEP, ["a", "b"], np.zeros((2, 2)), rollouts()), HERE))
+    update = as_read(forecast_scene(Forecasts(STEP, ["a", "b"], np.zeros((2, 2)), rollouts()), HERE))
     for entity, paths in zip(update.entities, rollouts(), strict=True):
         assert {note.key: float(note.value) for note in entity.metadata} == {
             "triangles_0_share": 0.9, "triangles_1_share": 0.5,
@@ -217,7 +217,7 @@ def test_of_vehicles_that_are_out_of_sight_no_forecast_is_drawn(tmp_path):
     with EstimateWriter(tmp_path / "a.mcap", metadata={}) as log:
         log.write(replace(frame, estimates=estimates))
         paths = np.concatenate([rollouts(), rollouts()])
-        log.write_forecast(Forecasts.of(STEP, ["a", "b", "c", "d"], np.zeros((4, 2)), paths))
+        log.write_forecast(Forecasts(STEP, ["a", "b", "c", "d"], np.zeros((4, 2)), paths))
     (message,) = messages(tmp_path / "a.mcap", "/dirprim/forecast")
     assert [entity.id for entity in SceneUpdate.FromString(message.data).entities] == ["a", "d"]
 

@@ -112,7 +112,7 @@ def test_forecasts_are_shown_until_they_are_old_but_of_no_vehicle_that_coasts(tm
         for frame in [*tracked, later]:
             shown.write(frame)
             if frame is tracked[1]:
-                shown.write_forecast(Forecasts.of(at, ["7", "8"], start, np.stack([rollouts, rollouts])))
+                shown.write_forecast(Forecasts(at, ["7", "8"], start, np.stack([rollouts, rollouts])))
     first, last = rows_of(tmp_path / "f.rrd", "/forecasts/paths", "LineStrips3D:strips")
     assert (first[0], last[0]) == (at, later.time_ns)
     assert first[1].shape == (3, 7, 3)  # of vehicle 7 alone

@@ -101,7 +101,7 @@ def test_every_kind_of_recording_opens_without_a_complaint(tmp_path, scene_map, 
             sink.write_smoothed(frame)
             if frame is first:
                 rollouts = np.cumsum(np.ones((2, 20, 8, 2)), axis=2) + first.estimates.position[:, None, None]
-                sink.write_forecast(Forecasts.of(first.time_ns, ["7", "8"], first.estimates.position, rollouts))
+                sink.write_forecast(Forecasts(first.time_ns, ["7", "8"], first.estimates.position, rollouts))
         sink.log_run({"command": "test"}, {"frames": "6"})
     with open_stream("dirprim log", save=tmp_path / "log.rrd") as sink:
         sink.log_truth(scene_tracks)
