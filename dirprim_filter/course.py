@@ -76,13 +76,16 @@ def motion_of(vehicle: IntArray, time_ns: IntArray, position: FloatArray, headin
     ways = _Ways.of(vehicle, time_ns, position)
     yaw = (unknown(len(time_ns)) if heading is None else heading)[ways.order]
     widest = ways.differences(HALF_WINDOWS_S[-1])
-    noise = ways.noise(np.hypot(*widest[0].T) > STANDING_M)
-    speed = _median_speed(*widest, noise)
+    metres = np.hypot(*widest[0].T)
+    noise = ways.noise(metres > STANDING_M)
+    least_m = max(STANDING_M, STANDING_NOISE * math.sqrt(2.0) * noise)
+    moves = metres > least_m
+    speed = float(np.median(metres[moves] / widest[1][moves])) if moves.any() else math.nan
     needed_s = math.sqrt(2.0) * noise / (MAX_COURSE_ERROR * speed) if speed > 0 else 0.0
     half_window_s = next((half for half in HALF_WINDOWS_S if 2 * half >= needed_s), HALF_WINDOWS_S[-1])
     too_noisy = needed_s > 2 * HALF_WINDOWS_S[-1]
     moved, span_s = ways.differences(half_window_s)
-    direction = ways.course(moved, _standing_below(noise), yaw)
+    direction = ways.course(moved, least_m, yaw)
     if too_noisy:
         direction = np.where(np.isnan(yaw), direction, yaw)
     along = np.full(span_s.shape, np.nan)
@@ -91,17 +94,6 @@ def motion_of(vehicle: IntArray, time_ns: IntArray, position: FloatArray, headin
         direction=wrap(ways.unordered(direction)), speed=ways.unordered(along), half_window_s=half_window_s,
         noise=noise, median_speed=speed, keeps_heading=bool(too_noisy and np.isfinite(yaw).any()),
     )  # fmt: skip
-
-
-def _standing_below(noise: float) -> float:
-    return max(STANDING_M, STANDING_NOISE * math.sqrt(2.0) * noise)
-
-
-def _median_speed(moved: FloatArray, span_s: FloatArray, noise: float) -> float:
-    """Of the rows that move, m/s; NaN where none does."""
-    metres = np.hypot(*moved.T)
-    moves = metres > _standing_below(noise)
-    return float(np.median(metres[moves] / span_s[moves])) if moves.any() else math.nan
 
 
 @dataclass(frozen=True, slots=True)

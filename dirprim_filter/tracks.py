@@ -136,17 +136,17 @@ class Tracks(ArrayTable):
         check_not_repeated(names, times, groups)
         vehicle = vehicle_numbers(names, groups)
         motion = motion_of(vehicle, times, position, headings)
-        measured = np.asarray(speed, dtype=np.float64)
-        speeds = _where_complete(measured, motion.speed, vehicle) if measured.size else motion.speed
+        speeds, measured = motion.speed, np.asarray(speed, dtype=np.float64)
+        if measured.size:
+            is_complete = np.ones(int(vehicle.max(initial=-1)) + 1, np.bool_)
+            is_complete[vehicle[~np.isfinite(measured)]] = False
+            speeds = np.where(is_complete[vehicle], measured, speeds)
         known = np.isfinite(speeds) & (np.isfinite(motion.speed) | np.isfinite(headings))
         if names.size:
             log_motion(motion, int(known.sum()))
         if not known.all():
-            logger.warning(
-                "%d of %d rows stand alone in time, so no velocity can be derived for them; dropped",
-                int((~known).sum()),
-                known.size,
-            )
+            alone = "%d of %d rows stand alone in time, so no velocity can be derived for them; dropped"
+            logger.warning(alone, int((~known).sum()), known.size)
         return cls(
             track_id=names[known], time_ns=times[known], position=position[known], direction=motion.direction[known],
             speed=speeds[known], group=groups[known], size=chosen(sizes, known), heading=chosen(headings, known),
@@ -163,10 +163,3 @@ class Tracks(ArrayTable):
         if not parts:
             raise ValueError("parts: expected at least one Tracks, got none")
         return super(Tracks, cls).concatenate(parts)
-
-
-def _where_complete(measured: FloatArray, derived: FloatArray, vehicle: IntArray) -> FloatArray:
-    """(n,) the measured values of vehicles that have them in all rows, the derived values of the others."""
-    is_complete = np.ones(int(vehicle.max(initial=-1)) + 1, np.bool_)
-    is_complete[vehicle[~np.isfinite(measured)]] = False
-    return np.where(is_complete[vehicle], measured, derived)

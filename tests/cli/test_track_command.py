@@ -20,7 +20,7 @@ def test_a_map_of_another_place_is_said_by_track_and_refused_by_evaluate(here, f
 
 
 def test_a_log_most_of_whose_rows_have_no_estimate_is_input_lost(here, capsys):
-    assert dirprim(f"track log.mcap {TRACK} --set clutter_density=10") == INPUT_LOST
+    assert dirprim(f"track log.mcap {TRACK} --no-ids --set clutter_density=10") == INPUT_LOST
     said = capsys.readouterr()
     assert "100.0% of 600 rows without an estimate" in said.out
     assert "most rows have no estimate" in said.err

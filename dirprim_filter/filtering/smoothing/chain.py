@@ -62,12 +62,6 @@ class Belief(NamedTuple):
         spread = self.covariance[:2, :2] + other.covariance[:2, :2] + 1e-12 * np.eye(2)
         return float(off @ np.linalg.solve(spread, off))
 
-    def may_come_to(self, later: Belief) -> bool:
-        """Whether a vehicle that turns and brakes as hard as any comes from here to a later place."""
-        dt_s = (later.time_ns - self.time_ns) * 1e-9
-        off = later.mean[:2] - self.mean[:2] - dt_s * self.mean[2:MOVES]
-        return bool(np.hypot(*off) <= may_be_off(dt_s))
-
 
 class Smoothed(NamedTuple):
     """Beliefs about one vehicle, each given all measurements of its chain.
@@ -176,7 +170,12 @@ class Chain:
         """
         if self.last.squared_distance(place) <= SAME_VEHICLE:
             return True
-        return bool(self._rests) and self._rests[-1][1].may_come_to(place)
+        if not self._rests:
+            return False
+        seen = self._rests[-1][1]
+        dt_s = (place.time_ns - seen.time_ns) * 1e-9
+        off = place.mean[:2] - seen.mean[:2] - dt_s * seen.mean[2:MOVES]
+        return bool(np.hypot(*off) <= may_be_off(dt_s))
 
     def correct(self, last: Belief) -> None:
         """Put another belief in place of the last, which was perhaps too sure.

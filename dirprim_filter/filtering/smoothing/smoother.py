@@ -7,14 +7,14 @@ log, and memory does not grow with its length.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
 
-from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.filtering.measurements import with_unseen_errors
 from dirprim_filter.filtering.protocols import BayesFilter
@@ -124,17 +124,15 @@ class Smoother:
             parts.append(with_unseen_errors(_estimates(chains), tracker.sensor))
         smoothed = Estimates.concatenate(parts)
         smoothed = smoothed[np.argsort(smoothed.time_ns, kind="stable")]
-        for frame in self._final(final_ns):
+        while self._frames and self._frames[0].time_ns <= final_ns:
+            frame = self._frames.popleft()
             first, end = np.searchsorted(smoothed.time_ns, [frame.time_ns, frame.time_ns + 1])
             rows = smoothed[np.arange(first, end)]
-            late = _not_final(frame, rows.track_id, open_names)
-            estimates = Estimates.concatenate([rows, frame.estimates[late]]) if late.size else rows
+            waiting = open_names.difference(rows.track_id.astype(np.str_).tolist())  # and may be measured again
+            late = np.array([name in waiting for name in frame.names], np.bool_)
+            estimates = Estimates.concatenate([rows, frame.estimates[late]]) if late.any() else rows
             for sink in self.sinks:
                 sink(replace(frame, estimates=estimates, group=np.empty(0, np.int64)))
-
-    def _final(self, final_ns: int) -> Iterator[TrackedFrame]:
-        while self._frames and self._frames[0].time_ns <= final_ns:
-            yield self._frames.popleft()
 
 
 def _reached(chain: Chain, frames_ns: IntArray) -> IntArray:
@@ -142,12 +140,6 @@ def _reached(chain: Chain, frames_ns: IntArray) -> IntArray:
     last_ns = chain.last.time_ns if chain.until_ns is None else min(chain.last.time_ns, chain.until_ns - 1)
     first, end = np.searchsorted(frames_ns, [chain.first_ns, last_ns + 1])
     return frames_ns[first:end]
-
-
-def _not_final(frame: TrackedFrame, track_id: AnyArray, open_names: set[str]) -> IntArray:
-    """Rows of the filter's estimates of vehicles that have not been measured since, and may be again."""
-    has = set(track_id.astype(np.str_).tolist())
-    return np.array([i for i, name in enumerate(frame.names) if name in open_names and name not in has], np.int64)
 
 
 def _estimates(chains: list[tuple[Chain, Smoothed]]) -> Estimates:

@@ -21,7 +21,7 @@ from dirprim_filter.filtering.association import Pairs, best_assignment
 from dirprim_filter.filtering.belief import birth_key
 from dirprim_filter.filtering.measurements import FASTEST
 from dirprim_filter.filtering.smoothing.chain import Belief, Chain, may_be_off
-from dirprim_filter.filtering.smoothing.recorder import Bridge, Recorder
+from dirprim_filter.filtering.smoothing.recorder import Recorder
 
 SURE = 0.99
 """Probability of existence that an unlabelled track has had, of a vehicle: of all candidates of a whole log a few look
@@ -65,7 +65,9 @@ def stitch(
     pairs = _candidates(chains, starts, before_ns=before_ns, gap_ns=gap_ns)
     bridges, expected = [], recorder.sibling()
     for first in range(0, pairs.one.size, AT_ONCE):
-        bridges += _bridges(chains, starts, Pairs(*(column[first : first + AT_ONCE] for column in pairs)), expected)
+        some = _each(pairs)[first : first + AT_ONCE]
+        keys = [birth_key(0, f"{chains[i].name}/{chains[j].name}", starts[j].time_ns) for i, j in some]
+        bridges += expected.bridges(np.array(keys), [chains[i].last for i, _ in some], [starts[j] for _, j in some])
     out_s = np.array([starts[j].time_ns - chains[i].last.time_ns for i, j in _each(pairs)]) * 1e-9
     gain = np.array([bridge.log_density for bridge in bridges]) + _log_odds(out_s, frame_s, config)
     path = {pair: bridge.links for pair, bridge in zip(_each(pairs), bridges, strict=True)}
@@ -76,13 +78,6 @@ def stitch(
     gone = {id(chains[i]) for i, _ in best}
     recorder.chains = [chain for chain in recorder.chains if id(chain) not in gone]
     return names
-
-
-def _bridges(chains: Sequence[Chain], starts: Sequence[Belief], pairs: Pairs, expected: Recorder) -> list[Bridge]:
-    """The way from the end of one chain to the beginning of another, of each pair."""
-    keys = [birth_key(0, f"{chains[i].name}/{chains[j].name}", starts[j].time_ns) for i, j in _each(pairs)]
-    ends = [chains[i].last for i in pairs.one.tolist()]
-    return expected.bridges(np.array(keys), ends, [starts[j] for j in pairs.other.tolist()])
 
 
 def _each(pairs: Pairs) -> list[tuple[int, int]]:
