@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -16,23 +15,13 @@ if TYPE_CHECKING:
     from dirprim_filter.recording.tables import Table
 
 
-class Format(StrEnum):
-    """What the source is: `tables.FORMATS` by name."""
-
-    CSV = "csv"
-    PARQUET = "parquet"
-    FEATHER = "feather"
-    SUMO_FCD = "sumo-fcd"
-    SDD = "sdd"
-    TRAJNET = "trajnet"
-
-
 def convert(
     source: Annotated[Path, typer.Argument(help="The table.", exists=True, dir_okay=False)],
     output: Output,
     form: Annotated[
-        Format | None, typer.Option("--format", help="Format of the table. Default: recognised, else csv.")
-    ] = None,
+        Literal["csv", "parquet", "feather", "sumo-fcd", "sdd", "trajnet"],
+        typer.Option("--format", help="csv, parquet and feather are recognised."),
+    ] = "csv",
     metres_per_pixel: Annotated[float | None, typer.Option(help="sdd: scale of the video.")] = None,
     frames_per_second: Annotated[
         float | None, typer.Option(help="sdd, trajnet: rate of the frames. Default: 30 of sdd.")
@@ -62,18 +51,17 @@ def convert(
     from dirprim_filter.recording.tables.named_columns import COLUMNS
     from dirprim_filter.recording.transforms.geodesy import Origin
 
-    known = form.value if form else "csv"
     options = {
         "metres_per_pixel": metres_per_pixel, "frames_per_second": frames_per_second,
         "columns": named_values(columns, COLUMNS, of="columns") if columns else None,
         "origin": Origin.parse(origin) if origin else None,
     }  # fmt: skip
     with working(f"reading {source.name}"):
-        table = _read(source, known, {name: value for name, value in options.items() if value is not None})
+        table = _read(source, form, {name: value for name, value in options.items() if value is not None})
     if table.too_early:
         raise table.too_early
     said = provenance(
-        "convert", inputs=[source], format=known, metres_per_pixel=metres_per_pixel,
+        "convert", inputs=[source], format=form, metres_per_pixel=metres_per_pixel,
         frames_per_second=frames_per_second, columns=columns, origin=origin,
     )  # fmt: skip
     with step_progress(f"writing {output.name}", "instants") as progress:

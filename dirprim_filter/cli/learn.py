@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from dirprim_filter.cli import exit_codes
-from dirprim_filter.cli.options import Cells, Force, LogsOrStore, Output, Seed, SensorFile, Tessellation
+from dirprim_filter.cli.options import Force, LogsOrStore, Output, Seed, SensorFile, Tessellation
 from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.texts import counted
 
@@ -18,35 +17,21 @@ if TYPE_CHECKING:
     from dirprim_filter.primitives import PrimitiveMap
 
 
-class Modes(StrEnum):
-    """How modes are counted and fitted."""
-
-    BIC = "bic"
-    DBSCAN = "dbscan"
-
-
-class Shape(StrEnum):
-    """How a primitive varies inside its cell."""
-
-    CURVED = "curved"
-    FLAT = "flat"
-
-
 CellSize = Annotated[float | None, typer.Option(help="Metres. Default: chosen on held-out vehicles.")]
 CellCount = Annotated[int | None, typer.Option("--cells", help="Approximate number of cells, instead of their size.")]
-HowModes = Annotated[Modes, typer.Option(help="bic, or the paper's dbscan.")]
-HowShaped = Annotated[Shape, typer.Option(help="How a primitive varies inside its cell.")]
+HowModes = Annotated[Literal["bic", "dbscan"], typer.Option(help="bic, or the paper's dbscan.")]
+HowShaped = Annotated[Literal["curved", "flat"], typer.Option(help="How a primitive varies inside its cell.")]
 
 
 @reads_logs()
 def learn(
     logs: LogsOrStore,
     output: Output,
-    tessellation: Tessellation = Cells.JOINT,
+    tessellation: Tessellation = "joint",
     cell_size: CellSize = None,
     cells: CellCount = None,
-    modes: HowModes = Modes.BIC,
-    primitive: HowShaped = Shape.CURVED,
+    modes: HowModes = "bic",
+    primitive: HowShaped = "curved",
     sensor: SensorFile = None,
     seed: Seed = 0,
     force: Force = False,
@@ -60,8 +45,7 @@ def learn(
     Example: dirprim learn recordings/roundabout_learn.mcap -o map.mcap
     """
     options: dict[str, Any] = {
-        "tessellation": tessellation.value, "cell_size": cell_size, "n_cells": cells, "modes": modes.value,
-        "primitive": primitive.value,
+        "tessellation": tessellation, "cell_size": cell_size, "n_cells": cells, "modes": modes, "primitive": primitive,
     }  # fmt: skip
     if any(map(_is_store, logs)):
         if len(logs) > 1 or sensor is not None or reading.given:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from contextlib import suppress
 from datetime import UTC, datetime
 from decimal import Decimal, InvalidOperation
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -19,19 +18,8 @@ AUTO = "auto"
 """In place of a sensor's file: learn it from the log."""
 
 
-class Cells(StrEnum):
-    """How the plane is divided."""
-
-    JOINT = "joint"
-    VORONOI = "voronoi"
-    GRID = "grid"
-
-
-class WholeVehicles(StrEnum):
-    """What is held out together, where vehicles must be whole."""
-
-    VEHICLE = "vehicle"
-    GROUP = "group"
+Cells = Literal["joint", "voronoi", "grid"]
+"""How the plane is divided."""
 
 
 def named_file(path: Path | None) -> Path | None:
@@ -120,7 +108,8 @@ Force = Annotated[bool, typer.Option("--force", help="Overwrite what exists.")]
 Json = Annotated[bool, typer.Option("--json", help="Print all figures, and what they follow from, as JSON.")]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="The same seed gives the same result.")]
 Split = Annotated[
-    WholeVehicles | None, typer.Option(help="What to hold out together. Default: groups if the log has several.")
+    Literal["vehicle", "group"] | None,
+    typer.Option(help="What to hold out together. Default: groups if the log has several."),
 ]
 Folds = Annotated[int, typer.Option(min=1, help="Number of folds, each held out once.")]
 MinSpeed = Annotated[float, typer.Option(min=0.0, help="m/s; slower rows are left out, as in the paper.")]

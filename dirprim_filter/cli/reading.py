@@ -10,10 +10,9 @@ import inspect
 import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from enum import StrEnum
 from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Self, TypeVar, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeVar, get_type_hints
 
 import typer
 
@@ -30,14 +29,8 @@ logger = logging.getLogger(__name__)
 Result = TypeVar("Result")
 
 
-class TimeSource(StrEnum):
-    """Which time of a message to use."""
-
-    LOG = "log"
-    PUBLISH = "publish"
-    HEADER = "header"
-
-
+TimeSource = Literal["log", "publish", "header"]
+"""Which time of a message to use."""
 Time = Annotated[
     TimeSource,
     typer.Option(
@@ -48,7 +41,7 @@ Time = Annotated[
 
 OPTIONS = {"topics": Topics, "time_source": Time, "start": Start, "end": End, "strict": Strict}
 """Of reading."""
-DEFAULTS = {"topics": None, "time_source": TimeSource.HEADER, "start": None, "end": None, "strict": False}
+DEFAULTS = {"topics": None, "time_source": "header", "start": None, "end": None, "strict": False}
 ASKED = {"start": "--start ", "end": "--end ", "labels": "labels=", "group": "group="}
 """What chooses a part of a log, as it is typed."""
 
@@ -123,7 +116,7 @@ class Reading:
 
     def said(self) -> dict[str, object]:
         """The options as an output's metadata repeats them."""
-        return {"time_source": TimeSource.HEADER.value, **self.given}
+        return {"time_source": "header", **self.given}
 
     def options(self) -> ReadOptions:
         """The same for the library.
@@ -168,7 +161,7 @@ def reads_logs(*own: str) -> Callable[[Callable[..., Result]], Callable[..., Res
             settings = assignments(given.pop("given") or [])
             options = {name: given.pop(name) for name in OPTIONS}
             reading = Reading(
-                {name: str(of) if name == "time_source" else of for name, of in options.items() if of != DEFAULTS[name]}
+                {name: of for name, of in options.items() if of != DEFAULTS[name]}
                 | {name: settings.pop(name) for name in READING if name in settings}
             )
             if own:

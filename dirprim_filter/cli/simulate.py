@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -11,16 +10,8 @@ from dirprim_filter.cli.options import Force, Output, Seed
 from dirprim_filter.cli.texts import counted
 
 
-class Scene(StrEnum):
-    """The scenes that this project defines."""
-
-    ROUNDABOUT = "roundabout"
-    INTERSECTION = "intersection"
-    HIGHWAY = "highway"
-
-
 def simulate(
-    scene: Annotated[Scene, typer.Argument(help="The scene.")],
+    scene: Annotated[Literal["roundabout", "intersection", "highway"], typer.Argument(help="The scene.")],
     output: Output,
     duration: Annotated[float, typer.Option(help="Seconds of traffic.")] = 300.0,
     rate: Annotated[float, typer.Option(help="Rows a second; 10 divided by a whole number.")] = 10.0,
@@ -44,10 +35,10 @@ def simulate(
     from dirprim_filter.simulation.traffic import simulate as run_traffic
 
     errors = {"noise_m": noise, "miss_rate": miss_rate, "false_per_frame": false_per_frame}
-    tracks = run_traffic(scene.value, duration_s=duration, seed=seed, rate_hz=rate, demand=demand)
+    tracks = run_traffic(scene, duration_s=duration, seed=seed, rate_hz=rate, demand=demand)
     reported = detect(tracks, rng=np.random.default_rng(seed), **errors) if detections else None
     said = provenance(
-        "simulate", inputs=[], scene=scene.value, duration_s=duration, rate_hz=rate, seed=seed, demand=demand,
+        "simulate", inputs=[], scene=scene, duration_s=duration, rate_hz=rate, seed=seed, demand=demand,
         **errors,
     )  # fmt: skip
     write_tracks(tracks, output, detections=reported, metadata=said, force=force)

@@ -60,7 +60,7 @@ def add(
     from dirprim_filter.store.workers import Workers
 
     given = {
-        "topics": topics, "time_source": time_source and time_source.value, "frame": frame, "fields": fields,
+        "topics": topics, "time_source": time_source, "frame": frame, "fields": fields,
         "origin": origin, "labels": labels,
     }  # fmt: skip
     found = find_logs(logs)

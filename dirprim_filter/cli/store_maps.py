@@ -9,10 +9,9 @@ from typing import Annotated, Any
 import typer
 
 from dirprim_filter.cli import exit_codes
-from dirprim_filter.cli.learn import CellCount, CellSize, HowModes, HowShaped, Modes, Shape, save
+from dirprim_filter.cli.learn import CellCount, CellSize, HowModes, HowShaped, save
 from dirprim_filter.cli.options import (
     WRITTEN,
-    Cells,
     Force,
     Output,
     Scheduler,
@@ -30,11 +29,11 @@ from dirprim_filter.cli.texts import counted
 def learn(
     folder: StoreFolder,
     output: Output,
-    tessellation: Tessellation = Cells.JOINT,
+    tessellation: Tessellation = "joint",
     cell_size: CellSize = None,
     cells: CellCount = None,
-    modes: HowModes = Modes.BIC,
-    primitive: HowShaped = Shape.CURVED,
+    modes: HowModes = "bic",
+    primitive: HowShaped = "curved",
     min_vehicles: Annotated[int, typer.Option(min=1, help="Leave out where fewer vehicles passed the same way.")] = 1,
     half_life: Annotated[
         float | None, typer.Option(help="After which a vehicle counts half, such as 30d.", parser=seconds)
@@ -61,8 +60,8 @@ def learn(
         folder, output, min_vehicles=min_vehicles, half_life_s=half_life, now=now, hours=hours, zone=zone,
         workers=workers, scheduler=scheduler, seed=seed, force=force,
         options={
-            "tessellation": tessellation.value, "cell_size": cell_size, "n_cells": cells, "modes": modes.value,
-            "primitive": primitive.value,
+            "tessellation": tessellation, "cell_size": cell_size, "n_cells": cells, "modes": modes,
+            "primitive": primitive,
         },
     )  # fmt: skip
 

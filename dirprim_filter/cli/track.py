@@ -5,10 +5,9 @@ from __future__ import annotations
 import json
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
-from enum import StrEnum
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -45,13 +44,6 @@ if TYPE_CHECKING:
 
 MOST_LOST = 0.5
 """Share of the rows with an estimate below which a log counts as lost."""
-
-
-class RosForm(StrEnum):
-    """ROS 2 messages that estimates are written as beside ours."""
-
-    VISION_MSGS = "vision_msgs"
-    AUTOWARE = "autoware"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,7 +86,9 @@ def track(
     noise: Noise = None,
     sensor: SensorOrAuto = None,
     particles: Particles = None,
-    also_as: Annotated[RosForm | None, typer.Option("--as", help="Also write ROS 2 messages of them.")] = None,
+    also_as: Annotated[
+        Literal["vision_msgs", "autoware"] | None, typer.Option("--as", help="Also write ROS 2 messages of them.")
+    ] = None,
     config: Config = None,
     seed: Seed = 0,
     force: Force = False,

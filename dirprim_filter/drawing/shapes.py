@@ -45,8 +45,6 @@ LITTLE_LARGER = 1.3
 """Times as long as the box around most of the traffic is a map that is shown in whole."""
 BUSY_SHARE = 0.75
 """Of the traffic: what to look at first. A map reaches far along its roads, where nothing happens."""
-CLOSER_CELLS, N_MIDDLES = 16, 100
-"""Cells across what is looked at closely: roses are large enough to be read. And how many places are tried."""
 MARGIN = 0.06
 """Free space around a map, as a share of its longer side."""
 MIDDLING = (4.5, 1.8)
@@ -193,17 +191,6 @@ def map_extent(primitives: PrimitiveMap, *, share: float = 1.0) -> FloatArray:
     busy = [polygon for polygon, one in zip(polygons, kept, strict=True) if one and len(polygon)]
     box = extent(np.concatenate(busy)) if busy else whole
     return whole if np.ptp(whole, axis=0).max() <= LITTLE_LARGER * np.ptp(box, axis=0).max() else box
-
-
-def busy_square(primitives: PrimitiveMap) -> FloatArray:
-    """The square of `CLOSER_CELLS` usual cells that holds most traffic, about one of the busiest cells. -> (2, 2)."""
-    n_rows, cells = primitives.n_rows[:-1], primitives.tessellation
-    if n_rows.sum() == 0:
-        return map_extent(primitives)
-    half = 0.5 * CLOSER_CELLS * _median(cells.area, n_rows) ** 0.5
-    middle = cells.centers[np.argsort(-n_rows)[:N_MIDDLES]]
-    held = (np.abs(middle[:, None] - cells.centers) <= half).all(axis=-1) @ n_rows
-    return np.asarray(middle[np.argmax(held)] + half * np.array([[-1.0], [1.0]]))
 
 
 def covariance_axes(covariance: FloatArray, *, probability: float) -> tuple[FloatArray, FloatArray]:

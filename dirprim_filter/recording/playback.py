@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from google.protobuf.message import DecodeError as ProtobufDecodeError
 
-from dirprim_filter.arrays import FloatArray
 from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.recording import topic_names
@@ -23,16 +22,13 @@ from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
 from dirprim_filter.recording.schemas.dirprim import decode_estimates
 
 SECOND_NS = 1_000_000_000
-REMEMBERED_NS = 2 * SECOND_NS
-"""A vehicle unseen for longer starts anew: no direction follows from so old a place."""
 
 
 class Playback:
     """Iterates the frames of a log, ascending in time; then knows what was lost.
 
-    Where the log has estimates on `/dirprim/tracks`, these, at the log times of their messages; else its objects. Their
-    direction and speed are the step since they were last seen, and their covariance is zero; those without a name are
-    shown as detected and no more.
+    Where the log has estimates on `/dirprim/tracks`, these, at the log times of their messages; else its objects, with
+    the direction and the speed that it states; those without a name are shown as detected and no more.
 
     Args:
         source: the log, which may be open.
@@ -72,7 +68,7 @@ class Playback:
         if self._is_estimated:
             self.topics = frozenset({topic})
         else:
-            self._stream = stream_detections(log, options)
+            self._stream = stream_detections(log, options, motion=True)
             self.topics = self._stream.topics
 
     def __iter__(self) -> Iterator[TrackedFrame]:
@@ -105,14 +101,9 @@ class Playback:
             raise DamagedRecordingError(self._log.path, self.losses.damage)
 
     def _observed(self) -> Iterator[TrackedFrame]:
-        last: dict[str, tuple[int, FloatArray]] = {}
         for reported in self._stream:
             seen = reported.in_one_group()
-            time_ns = int(seen.time_ns[0])
-            last = {name: past for name, past in last.items() if time_ns - past[0] <= REMEMBERED_NS}
-            known = seen[seen.track_id != NO_ID]
-            yield _frame(time_ns, seen, _moved(known, last))
-            last |= {str(name): (time_ns, place) for name, place in zip(known.track_id, known.position, strict=True)}
+            yield _frame(int(seen.time_ns[0]), seen, _reported(seen[seen.track_id != NO_ID]))
             self.losses = self._stream.losses
         self.losses = self._stream.losses
 
@@ -152,19 +143,14 @@ def paced(
     return map(when_due, frames)
 
 
-def _moved(seen: Detections, last: dict[str, tuple[int, FloatArray]]) -> Estimates:
-    """What is known of the vehicles of an instant by their places alone."""
+def _reported(seen: Detections) -> Estimates:
+    """What is known of the vehicles of an instant."""
     n = len(seen)
-    step = np.zeros((n, 2))
-    for row, name in enumerate(seen.track_id.tolist()):
-        if name in last:
-            then_ns, place = last[name]
-            step[row] = (seen.position[row] - place) / ((int(seen.time_ns[row]) - then_ns) / SECOND_NS)
-    speed = np.hypot(step[:, 0], step[:, 1])
     return Estimates(
         track_id=seen.track_id, time_ns=seen.time_ns, position=seen.position, covariance=np.zeros((n, 2, 2)),
-        direction=np.arctan2(step[:, 1], step[:, 0]), direction_resultant=(speed > 0).astype(np.float64), speed=speed,
-        speed_std=np.zeros(n), effective_sample_size=np.ones(n), log_evidence=np.zeros(n),
+        direction=np.nan_to_num(seen.direction), direction_resultant=np.isfinite(seen.direction).astype(np.float64),
+        speed=np.nan_to_num(seen.speed), speed_std=np.zeros(n), effective_sample_size=np.ones(n),
+        log_evidence=np.zeros(n),
     )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""The map as a figure for papers, talks and pages: petals by speed, and closer where most happens.
+"""The map as a figure for papers, talks and pages: petals by speed.
 
 Drawn through matplotlib's objects and never through pyplot: nothing global changes and no window opens. Sizes that mean
 something are in metres, so that they hold at every scale; line widths are in points.
@@ -21,7 +21,6 @@ from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
-from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
 
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
@@ -33,8 +32,8 @@ from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
 
 DOTS_PER_INCH = 200
-SMALL, NORMAL, LARGE = 8, 9, 10
-"""Points: numbers at ticks and keys, labels, titles."""
+SMALL, NORMAL = 8, 9
+"""Points: numbers at ticks and keys, labels."""
 PAD = 0.1
 """Inches around all that is drawn."""
 INK, FAINT, CELL_GREY, TRACK_GREY = "0.15", "0.6", "0.87", "0.45"
@@ -43,16 +42,14 @@ ESTIMATES_COLOR, FORECAST_COLOR = "#0072B2", "#D55E00"
 Forecasts = Mapping[str, FloatArray]
 """Rollouts by track id, (n_samples, n_steps, 2) metres each."""
 
-ONE_WIDTH, TWO_WIDTH, TALLEST = 7.9, 11.4, 9.0
-"""Inches across a figure of one map and of two; and the height of one that is longer north to south."""
+WIDTH, TALLEST = 7.9, 9.0
+"""Inches across a figure; and the height of one that is longer north to south."""
 AROUND = (1.7, 1.1)
-"""Inches beside and below the maps: numbers, colour bar, key."""
+"""Inches beside and below the map: numbers, colour bar, key."""
 SHOWN_SHARE = 0.99
 """Of the traffic: a vehicle that is far away must not make all others small."""
-LARGEST_CLOSE_UP = 0.6
-"""A close-up spans no more than this share of the whole."""
 KEY_WIDTH = 1.6
-"""Inches, of an entry below the maps."""
+"""Inches, of an entry below the map."""
 MAX_GAP_S = 2.0
 """A vehicle unseen for longer is drawn as two lines."""
 ROOT_DIAMETER = 0.12
@@ -83,39 +80,31 @@ def map_figure(
 ) -> Figure:
     """The learned map: cells, and petals coloured by mean speed; a legend explains every kind of line.
 
-    It shows where 99 % of the traffic is. Beside it stands, where it is much smaller, its busy part, or that of the
-    forecasts.
-
     Args:
         primitives: the map.
         tracks: what it was learned from, as thin lines underneath.
         estimates: tracked vehicles, as lines.
         forecasts: sampled rollouts.
-        extent: (2, 2) metres, the south-west and the north-east corner to show. Default: 99 % of the traffic.
+        extent: (2, 2) metres, the south-west and the north-east corner to show. Default: the forecasts, else 99 % of
+            the traffic.
         width: inches, of the figure.
     """
-    boxes = [shapes.map_extent(primitives, share=SHOWN_SHARE) if extent is None else extent]
-    near = shapes.busy_square(primitives)
-    if forecasts:
+    if extent is not None:
+        box = extent
+    elif forecasts:
         box = shapes.extent(np.concatenate([paths.reshape(-1, 2) for paths in forecasts.values()]))
-        near = box.mean(axis=0) + 0.5 * np.ptp(box, axis=0).max() * np.array([[-1.0], [1.0]])
-    if extent is None and np.ptp(near, axis=0).max() <= LARGEST_CLOSE_UP * np.ptp(boxes[0], axis=0).max():
-        boxes.append(near)
-    figure, panels = _page(boxes, width)
-    titles = [""] if len(boxes) == 1 else ["(a)  Overview", "(b)  Closer"]
-    for axes, box, title in zip(panels, boxes, titles, strict=True):
-        colors = _draw_map(axes, primitives)
-        if tracks is not None:
-            _draw_tracks(axes, tracks)
-        if estimates is not None:
-            _draw_estimates(axes, estimates)
-        for paths in (forecasts or {}).values():
-            _draw_forecast(axes, paths)
-        _dress(axes, box, title)
-    if len(panels) > 1:
-        panels[1].set_ylabel("")
-        _mark_close_up(panels[0], boxes[1])
-    bar = figure.colorbar(colors, ax=panels, extend="max", shrink=0.6, aspect=25)
+        box = box.mean(axis=0) + 0.5 * np.ptp(box, axis=0).max() * np.array([[-1.0], [1.0]])
+    else:
+        box = shapes.map_extent(primitives, share=SHOWN_SHARE)
+    figure, axes = _page(box, width)
+    colors = _draw_map(axes, primitives)
+    if tracks is not None:
+        _draw_tracks(axes, tracks)
+    if estimates is not None:
+        _draw_estimates(axes, estimates)
+    for paths in (forecasts or {}).values():
+        _draw_forecast(axes, paths)
+    bar = figure.colorbar(colors, ax=axes, extend="max", shrink=0.6, aspect=25)
     bar.set_label("mean speed [m/s]", fontsize=NORMAL)
     bar.ax.tick_params(labelsize=SMALL, color=FAINT)
     bar.outline.set_visible(False)
@@ -155,35 +144,24 @@ def save_figure(figure: Figure, path: Path, *, dpi: float | None = None, force: 
         file.write(drawn.getvalue())
 
 
-def _page(boxes: list[FloatArray], width: float | None) -> tuple[Figure, list[Axes]]:
-    """Panels of one height, as wide as their boxes ask for; matplotlib finds room for what is around the axes."""
-    shape = [float(east / north) for east, north in (np.ptp(box, axis=0) for box in boxes)]
-    across = width or (ONE_WIDTH if len(boxes) == 1 else TWO_WIDTH)
-    height = (across - AROUND[0]) / sum(shape) + AROUND[1]
+def _page(box: FloatArray, width: float | None) -> tuple[Figure, Axes]:
+    """East and north in metres, of one scale, over a box of (2, 2) corners; what is around finds its own room."""
+    shape = float(np.divide(*np.ptp(box, axis=0)))
+    across = width or WIDTH
+    height = (across - AROUND[0]) / shape + AROUND[1]
     if width is None and height > TALLEST:
-        across, height = (TALLEST - AROUND[1]) * sum(shape) + AROUND[0], TALLEST
+        across, height = (TALLEST - AROUND[1]) * shape + AROUND[0], TALLEST
     layout = ConstrainedLayoutEngine(w_pad=PAD, h_pad=PAD)
     figure = Figure(figsize=(across, height), dpi=DOTS_PER_INCH, layout=layout)
-    return figure, list(figure.subplots(1, len(boxes), width_ratios=shape, squeeze=False)[0])
-
-
-def _dress(axes: Axes, box: FloatArray, title: str) -> None:
-    """East and north in metres, of one scale, over a box of (2, 2) corners."""
+    axes = figure.subplots()
     axes.set(xlim=box[:, 0], ylim=box[:, 1], aspect="equal")
     axes.set_xlabel("east [m]", fontsize=NORMAL)
     axes.set_ylabel("north [m]", fontsize=NORMAL)
-    axes.set_title(title, loc="left", fontsize=LARGE)
     axes.tick_params(color=FAINT, labelsize=SMALL)
     axes.spines[:].set_color(FAINT)
     axes.xaxis.set_major_locator(MaxNLocator(6))
     axes.yaxis.set_major_locator(MaxNLocator(6))
-
-
-def _mark_close_up(axes: Axes, box: FloatArray) -> None:
-    """A frame around what the second panel shows closer."""
-    frame = Rectangle(box[0], *np.ptp(box, axis=0), fill=False, color=INK, linewidth=0.8, zorder=11)
-    axes.add_patch(frame)
-    axes.annotate("(b)", tuple(box[1]), (3, 3), textcoords="offset points", fontsize=SMALL, va="center", zorder=11)
+    return figure, axes
 
 
 def _draw_map(axes: Axes, primitives: PrimitiveMap) -> ScalarMappable:

@@ -135,13 +135,9 @@ class RerunSink:
         drawn = marks.detections(place, [len(frame) for frame in frames])
         self._send([drawn], [int(frame.time_ns[0]) for frame in frames])
 
-    def log_report(self, markdown: str) -> None:
-        """A text about the run: configuration, results."""
-        self.stream.log("/report", rr.TextDocument(markdown, media_type="text/markdown"))
-
     def log_run(self, made_with: Mapping[str, str], results: Mapping[str, str]) -> None:
         """What the run was made with and what came of it; may come again."""
-        self.log_report(run_report(made_with, results))
+        self.stream.log("/report", rr.TextDocument(run_report(made_with, results), media_type="text/markdown"))
 
     # --- What changes with time -----------------------------------------------------------------------------
 

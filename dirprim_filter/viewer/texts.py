@@ -39,16 +39,15 @@ def legend(fastest: float) -> str:
     return LEGEND.format(half=0.6 * fastest, fastest=fastest)
 
 
-def run_report(made_with: Mapping[str, str], results: Mapping[str, str], *, title: str = "Run") -> str:
+def run_report(made_with: Mapping[str, str], results: Mapping[str, str]) -> str:
     """Markdown: a table of results, and one of the run's metadata.
 
     Args:
         made_with: the metadata record of a log; values that are JSON objects are listed item by item.
         results: what came out, and its value.
-        title: the heading.
     """
     flat = [item for name, value in made_with.items() for item in _items(name, value)]
-    lines = [f"# {title}", ""]
+    lines = ["# Run", ""]
     for head, rows in (("result | value", list(results.items())), ("made with | ", flat)):
         if rows:
             lines += [f"| {head} |", "|---|---|", *(f"| {_cell(name)} | {_cell(value)} |" for name, value in rows), ""]

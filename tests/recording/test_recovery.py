@@ -34,7 +34,8 @@ def streamed(path):
 def scanned(path):
     with scan(path) as log:
         rows = sorted(
-            (m.topic, m.log_time_ns, m.publish_time_ns, m.sequence, m.data, m.schema_name, m.schema_data) for m in log
+            (m.topic, m.log_time_ns, m.publish_time_ns, m.sequence, m.data, m.schema_name, m.channel.schema.data)
+            for m in log
         )
         return rows, log.damage
 

@@ -48,9 +48,9 @@ def test_delivers_all_messages_in_stable_order_of_log_time(log_file, layout):
     assert log.damage == []
     assert all(m.publish_time_ns == m.log_time_ns + 1 for m in log)
     message = next(iter(log))
-    assert (message.schema_name, message.schema_encoding, message.schema_data, message.message_encoding) == (
-        "Blob", "none", b"definition", "blob",
-    )  # fmt: skip
+    schema = message.channel.schema
+    assert (message.schema_name, message.message_encoding) == ("Blob", "blob")
+    assert (schema.encoding, schema.data) == ("none", b"definition")
     assert list(scan(path, topics=lambda topic: topic == "/topic1")) == [m for m in log if m.topic == "/topic1"]
 
 
@@ -151,7 +151,7 @@ def test_files_of_older_writers_read_without_an_exception():
 def _as_row(message):
     return (
         message.log_time_ns, message.publish_time_ns, message.sequence, message.topic, message.data,
-        message.message_encoding, message.schema_name, message.schema_encoding, message.schema_data,
+        message.message_encoding, message.schema_name, message.channel.schema.encoding, message.channel.schema.data,
     )  # fmt: skip
 
 

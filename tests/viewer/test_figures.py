@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +10,6 @@ from matplotlib.collections import LineCollection, PolyCollection
 from dirprim_filter.drawing import shapes
 from dirprim_filter.tracks import Tracks
 from dirprim_filter.viewer.figures import map_figure, save_figure
-from tessellation import GridTessellation
 
 
 def test_the_map_shows_every_petal_with_north_up_and_equal_scales(scene_map, scene_tracks):
@@ -28,26 +26,12 @@ def test_the_map_shows_every_petal_with_north_up_and_equal_scales(scene_map, sce
     assert explained == ["cells", "roots, where petals start", "tracks"]
 
 
-def test_a_long_road_gets_a_close_up_of_its_busy_part(scene_map):
-    road = np.column_stack([np.arange(0.0, 300.0, 5.0), np.zeros(60)])
-    cells, n = GridTessellation.covering(road, cell_size=5.0), 60
-    mixture, speed = scene_map.direction, scene_map.speed
-    long = replace(
-        scene_map, tessellation=cells,
-        direction=replace(mixture, **{f: np.repeat(getattr(mixture, f)[:1], n + 1, axis=0)
-                                      for f in ("weight", "mean_direction", "concentration")}),
-        speed=replace(speed, shape=np.repeat(speed.shape[:1], n + 1, axis=0),
-                      rate=np.repeat(speed.rate[:1], n + 1, axis=0)),
-        n_rows=np.append(np.where(np.abs(np.arange(n) - 30) < 3, 100, 1), 700),
-        bend=np.empty(0), gain=np.empty(0),
-    )  # fmt: skip
-    whole, close_up, _ = map_figure(long).axes
-    west, east = close_up.get_xlim()
-    assert 100 < west < 150 < east < 200
-    assert np.ptp(whole.get_xlim()) > 290
-    (frame,) = whole.patches
-    assert (frame.get_x(), frame.get_width()) == (west, east - west)
-    assert len(map_figure(long, extent=np.array([[0.0, -9.0], [300.0, 9.0]])).axes) == 2  # asked for: no close-up
+def test_what_is_asked_for_is_shown_else_the_forecasts_else_the_map(scene_map):
+    paths, asked = np.full((2, 3, 2), [30.0, -20.0]), np.array([[0.0, -9.0], [300.0, 9.0]])
+    whole, near = map_figure(scene_map).axes[0], map_figure(scene_map, forecasts={"a": paths}).axes[0]
+    assert np.mean([near.get_xlim(), near.get_ylim()], axis=1) == pytest.approx([30.0, -20.0])
+    assert np.ptp(near.get_xlim()) == np.ptp(near.get_ylim()) < np.ptp(whole.get_xlim())
+    assert map_figure(scene_map, forecasts={"a": paths}, extent=asked).axes[0].get_xlim() == (0.0, 300.0)
 
 
 def test_a_vehicle_is_one_line_for_each_time_it_is_in_sight(scene_map):

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import rerun as rr
 from rerun.chunk import RrdReader
 from rrd_files import rows_of
 
@@ -21,7 +22,7 @@ from dirprim_filter.viewer.stream import TIMELINE
 def write_all(path, frames, primitives, **options):
     with open_stream(save=path, **options) as sink:
         sink.log_map(primitives)
-        sink.log_report("# Run")
+        sink.log_run({}, {})
         for frame in frames:
             sink.write(frame)
     return path
@@ -109,7 +110,7 @@ def test_a_viewer_that_goes_away_or_freezes_ends_alone(
             viewer.send_signal(how)
         for frame in scene_frames[1:]:
             for _ in range(60):  # more than what a connection holds
-                shown.log_report(rng.bytes(50_000).hex())
+                shown.stream.log("/report", rr.TextDocument(rng.bytes(50_000).hex()))
             shown.write(frame)
     assert len(rows_of(path, "/detections", "Points3D:positions")) == len(scene_frames)
     assert [p.name for p in tmp_path.iterdir()] == ["run.rrd"]
@@ -117,13 +118,13 @@ def test_a_viewer_that_goes_away_or_freezes_ends_alone(
 
 
 FULL_DISK = """
-import resource, sys, numpy as np
+import resource, sys, numpy as np, rerun as rr
 from pathlib import Path
 from dirprim_filter.viewer.sink import open_stream
 resource.setrlimit(resource.RLIMIT_FSIZE, (1_000_000, 1_000_000))
 with open_stream(save=Path(sys.argv[1])) as shown:
     for _ in range(40):
-        shown.log_report(np.random.default_rng(0).bytes(100_000).hex())
+        shown.stream.log("/report", rr.TextDocument(np.random.default_rng(0).bytes(100_000).hex()))
 print(len(shown.stream.failures))
 """
 

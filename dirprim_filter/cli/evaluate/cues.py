@@ -6,7 +6,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from dirprim_filter.cli.evaluate.density import interval_text
-from dirprim_filter.cli.options import Cells, Folds, Json, Logs, MinSpeed, Seed, Split, Tessellation
+from dirprim_filter.cli.options import Folds, Json, Logs, MinSpeed, Seed, Split, Tessellation
 from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.results import report
 from dirprim_filter.cli.texts import columns, counted
@@ -20,7 +20,7 @@ def cues(
     logs: Logs,
     split: Split = None,
     folds: Folds = 5,
-    tessellation: Tessellation = Cells.JOINT,
+    tessellation: Tessellation = "joint",
     min_speed: MinSpeed = 0.5,
     seed: Seed = 0,
     as_json: Json = False,
@@ -40,14 +40,14 @@ def cues(
     (deal,) = np.random.default_rng(seed).spawn(1)
     with step_progress("evaluating", "folds") as step:
         table = evaluate_cues(
-            log.tracks, split_by=None if split is None else split.value, n_folds=folds,
-            tessellation=tessellation.value, min_speed=min_speed, progress=step, rng=deal,
+            log.tracks, split_by=split, n_folds=folds, tessellation=tessellation, min_speed=min_speed, progress=step,
+            rng=deal,
         )  # fmt: skip
     return report(
         "evaluate cues", logs, reading, log.losses, as_json=as_json, text=lambda: cues_text(table),
         table={"table": asdict(table)},
         settings={
-            "split_by": table.split_by, "n_folds": folds, "tessellation": tessellation.value, "min_speed": min_speed,
+            "split_by": table.split_by, "n_folds": folds, "tessellation": tessellation, "min_speed": min_speed,
             "seed": seed,
         },
     )  # fmt: skip

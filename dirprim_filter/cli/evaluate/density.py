@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -19,19 +18,11 @@ if TYPE_CHECKING:
     from dirprim_filter.evaluation.settings import Choice
 
 
-class SplitBy(StrEnum):
-    """What is held out together."""
-
-    VEHICLE = "vehicle"
-    GROUP = "group"
-    RANDOM = "random"
-
-
 @reads_logs()
 def density(
     logs: Logs,
     split: Annotated[
-        SplitBy | None,
+        Literal["vehicle", "group", "random"] | None,
         typer.Option(help="What to hold out together. Default: groups if the log has several. random: 10 % of rows."),
     ] = None,
     folds: Folds = 5,
@@ -54,8 +45,8 @@ def density(
     log = reading.tracks(logs)
     with step_progress("evaluating", "fits") as step:
         table = evaluate_density(
-            log.tracks, split_by=None if split is None else split.value, n_folds=folds, min_speed=min_speed,
-            interval_s=every, progress=step, rng=np.random.default_rng(seed),
+            log.tracks, split_by=split, n_folds=folds, min_speed=min_speed, interval_s=every, progress=step,
+            rng=np.random.default_rng(seed),
         )  # fmt: skip
     return report(
         "evaluate density", logs, reading, log.losses, as_json=as_json, text=lambda: density_text(table),

@@ -59,7 +59,7 @@ def forecast(
     from dirprim_filter.evaluation.splits import honest_split
 
     given: dict[str, Any] = deal(settings, ("interaction",))[0] | {
-        "split_by": split and split.value, "horizons_s": horizon or None, "n_folds": folds, "n_seeds": seeds,
+        "split_by": split, "horizons_s": horizon or None, "n_folds": folds, "n_seeds": seeds,
         "n_samples": samples, "seed": seed,
     }  # fmt: skip
     given = read_experiment(config, of="evaluate forecast") | {n: of for n, of in given.items() if of is not None}

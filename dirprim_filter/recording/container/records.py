@@ -103,16 +103,6 @@ class Message(NamedTuple):
         """Name of its schema; empty where it has none."""
         return self.channel.schema.name
 
-    @property
-    def schema_encoding(self) -> str:
-        """How `schema_data` is encoded."""
-        return self.channel.schema.encoding
-
-    @property
-    def schema_data(self) -> bytes:
-        """The definition of its schema."""
-        return self.channel.schema.data
-
 
 def record_end(buffer: bytes, at: int) -> int:
     """The byte after the record at `at`, by its length alone."""

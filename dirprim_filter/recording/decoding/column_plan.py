@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Container, Mapping, Sequence
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import numpy as np
 
@@ -32,14 +32,6 @@ CLOCKS: tuple[tuple[str, str], ...] = (("sec", "nanosec"), ("sec", "nsec"), ("se
 """Names of the fields of a time: ROS 2, Foxglove in JSON, ROS 1, and protobuf."""
 _SECONDS = frozenset(names[0] for names in CLOCKS)
 _NOWHERE: tuple[int, int, Form] = (-1, 0, "int")
-
-
-class Plan(Protocol):
-    """Reads the wanted fields out of messages of one schema."""
-
-    def read(self, data: AnyArray, start: IntArray, stop: IntArray) -> FieldColumns:
-        """The columns of the messages that stand in (n_bytes,) uint8 `data`, from (n,) `start` to (n,) `stop`."""
-        ...
 
 
 class OutputTables:
@@ -139,7 +131,7 @@ class TooManyRowsError(ValueError):
     """Messages hold so many elements that fewer are to be read at a time."""
 
 
-class ColumnPlan(Plan):
+class ColumnPlan:
     """A compiled plan: a walk, how many numbers a row of its room has, and the tables that it writes."""
 
     def __init__(self, output: OutputTables, walk: Walk, depth: int, *program: AnyArray) -> None:
@@ -151,7 +143,7 @@ class ColumnPlan(Plan):
         self._room = (5, max(depth, self._width.size))
 
     def read(self, data: AnyArray, start: IntArray, stop: IntArray) -> FieldColumns:
-        """The columns of messages; `failures` says which cannot be read.
+        """The columns of the messages that stand in (n_bytes,) uint8 `data`, from (n,) `start` to (n,) `stop`.
 
         Raises:
             TooManyRowsError: of more than one message.

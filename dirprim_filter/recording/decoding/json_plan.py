@@ -19,7 +19,7 @@ import numpy as np
 
 from dirprim_filter.arrays import AnyArray, IntArray
 from dirprim_filter.recording.decoding._kernels import MAX_ELEMENTS
-from dirprim_filter.recording.decoding.column_plan import CLOCKS, Plan
+from dirprim_filter.recording.decoding.column_plan import CLOCKS
 from dirprim_filter.recording.decoding.field_columns import (
     EACH,
     MAX_NAME_LENGTH,
@@ -47,7 +47,7 @@ class _UnlikeError(ValueError):
 Steps = list[tuple[str, int | None]]
 
 
-class JsonPlan(Plan):
+class JsonPlan:
     """Reads the wanted fields of JSON messages; those that a message lacks are missing."""
 
     def __init__(self, fields: Mapping[str, Field]) -> None:
@@ -65,7 +65,7 @@ class JsonPlan(Plan):
         }
 
     def read(self, data: AnyArray, start: IntArray, stop: IntArray) -> FieldColumns:
-        """The columns of messages."""
+        """As `ColumnPlan.read`."""
         rows: dict[str, tuple[list[int], list[int]]] = {table: ([], []) for table in ("", *self._tables)}
         columns: dict[str, list[Any]] = {label: [] for label in self._fields}
         failures: dict[int, str] = {}

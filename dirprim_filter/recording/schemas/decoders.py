@@ -12,7 +12,7 @@ from dirprim_filter.arrays import IntArray
 from dirprim_filter.recording.container.message_columns import MessageColumns, gathered
 from dirprim_filter.recording.container.records import ENCODINGS, Channel, Schema
 from dirprim_filter.recording.decoding.cdr_plan import cdr_plan, full_name
-from dirprim_filter.recording.decoding.column_plan import Plan, TooManyRowsError
+from dirprim_filter.recording.decoding.column_plan import ColumnPlan, TooManyRowsError
 from dirprim_filter.recording.decoding.field_columns import FieldColumns, SchemaError
 from dirprim_filter.recording.decoding.json_plan import JsonPlan
 from dirprim_filter.recording.decoding.protobuf_plan import protobuf_plan
@@ -20,6 +20,7 @@ from dirprim_filter.recording.rows import Rows
 from dirprim_filter.recording.schemas.families import FAMILIES, KINDS
 from dirprim_filter.recording.schemas.family import Family, FieldMapping
 
+Plan = ColumnPlan | JsonPlan
 BATCH_MESSAGES = 1 << 14
 BATCH_BYTES = 1 << 21
 """Messages are decoded together up to about so many: memory is bounded by a batch."""
