@@ -183,10 +183,14 @@ class TrackingConfig:
             )
 
 
+LARGEST = 1e9
+"""Of a configuration's numbers: thirty years in seconds, whose nanoseconds still fit into int64."""
+
+
 def require_positive(
     config: Any, *, skip: tuple[str, ...] = (), or_zero: tuple[str, ...] = (), below_one: tuple[str, ...] = ()
 ) -> None:
-    """Every number of a configuration is positive, but for some that may be zero; some are below 1.
+    """Every number of a configuration is positive and at most `LARGEST`, but some may be zero; some are below 1.
 
     Raises:
         ValueError: names the first that is not.
@@ -199,6 +203,8 @@ def require_positive(
             raise ValueError(f"{name}: expected a positive number, got {value}")
         if name in below_one and value >= 1:
             raise ValueError(f"{name}: expected a share below 1, got {value}")
+        if name not in skip and value > LARGEST:
+            raise ValueError(f"{name}: expected at most {LARGEST:g}, got {value}")
 
 
 def from_table(kind: type[Made], table: object, *, where: str = "") -> Made:

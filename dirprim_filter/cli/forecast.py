@@ -20,8 +20,8 @@ def forecast(
     at: Annotated[tuple[float, float], typer.Option("--at", help="Position, metres east and north: --at 3 17.")],
     direction_deg: Annotated[float, typer.Option(help="Course, degrees counter-clockwise from east.")],
     speed: Annotated[float, typer.Option(help="m/s.")],
-    horizon: Annotated[float, typer.Option(help="Seconds to look ahead.")] = 5.0,
-    dt: Annotated[float, typer.Option(help="Seconds between positions.")] = 0.5,
+    horizon: Annotated[float, typer.Option(min=1e-3, max=3600.0, help="Seconds to look ahead.")] = 5.0,
+    dt: Annotated[float, typer.Option(min=1e-3, help="Seconds between positions.")] = 0.5,
     samples: Annotated[int, typer.Option(min=1, help="Number of rollouts.")] = 100,
     output: Annotated[
         Path | None,

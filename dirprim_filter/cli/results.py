@@ -115,7 +115,7 @@ def read_experiment(path: Path | None, *, of: str) -> dict[str, Any]:
         is_json = path.suffix == ".json"
         config = json.loads(path.read_text())[CONFIG_KEY] if is_json else json.loads(metadata_of(path)[CONFIG_KEY])
         return {name: value for name, value in config.items() if value is not None}
-    except (ValueError, KeyError, TypeError, AttributeError, RecordingError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError, RecordingError) as error:
         raise ValueError(
             f"{path}: expected an experiment in TOML, or the JSON or MCAP of `dirprim {of}`, got {error}"
         ) from error

@@ -79,9 +79,11 @@ def track(
     connect: Connect = None,
     smooth: Annotated[bool, typer.Option("--smooth", help="Also write smoothed estimates, by the whole log.")] = False,
     lag: Annotated[
-        float | None, typer.Option(min=0.0, help="Also smooth, so many seconds late; a pipe is tracked live.")
+        float | None, typer.Option(min=0.0, max=1e9, help="Also smooth, so many seconds late; a pipe is tracked live.")
     ] = None,
-    forecast: Annotated[float, typer.Option(min=0.0, help="Every second, forecast so many seconds ahead.")] = 0.0,
+    forecast: Annotated[
+        float, typer.Option(min=0.0, max=3600.0, help="Every second, forecast so many seconds ahead.")
+    ] = 0.0,
     no_ids: NoIds = False,
     noise: Noise = None,
     sensor: SensorOrAuto = None,

@@ -24,7 +24,7 @@ def load_sensor(path: str | Path) -> Sensor:
     path = Path(path)
     try:
         return from_table(Sensor, tomllib.loads(path.read_text(encoding="utf-8")))
-    except ValueError as error:  # what is no TOML or no UTF-8 is one as well
+    except (ValueError, RecursionError) as error:  # what is no TOML or no UTF-8 is the first as well
         raise ValueError(f"{path}: {error}") from error
 
 

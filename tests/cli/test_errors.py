@@ -18,6 +18,7 @@ FILES = {
     "twice.csv": f"{HEAD}\n0,1,0,0\n0,1,1,1\n", "empty.mcap": "", "text.mcap": "hello, this is no log\n" * 9,
     "late.toml": f"latency_s = -1\n{SENSOR}", "sensor.toml": SENSOR, "noise.toml": "noise = 1",
     "cut.toml": "noise_m = ", "flat.toml": "noise_m = 1.0", "filter.toml": "[filter]\nnoise = 1.0",
+    "deep.toml": f"noise_m = {'[' * 20_000}", "deep.json": f'{{"experiment": {"[" * 20_000}',
     "fold.toml": "n_fold = 2", "notes.txt": "noise: a lot", "walks.txt": "0 1 2 3\n10 1 3 3\n",
 }  # fmt: skip
 CASES = [
@@ -48,6 +49,13 @@ CASES = [
     ("evaluate tracking log.mcap --set group=x", USAGE, "group: expected"),
     ("evaluate tracking log.mcap --config noise.toml", FAILED, "noise: expected one of noise_m"),
     ("evaluate tracking log.mcap --config cut.toml", FAILED, "cut.toml: expected an experiment in TOML"),
+    *((f"evaluate tracking log.mcap --config deep.{form}", FAILED, f"deep.{form}: expected an experiment in TOML")
+      for form in ("toml", "json")),
+    (f"{TRACK} --sensor deep.toml", FAILED, "deep.toml: maximum recursion depth"),
+    (f"{TRACK} --set noise_m={'[' * 20_000}", FAILED, "noise_m: expected"),
+    (f"{TRACK} --set max_gap_s=1e300", FAILED, "max_gap_s: expected at most 1e+09"),
+    *((f"{TRACK} {option} 1e300", USAGE, f"Invalid value for '{option}'") for option in ("--lag", "--forecast")),
+    ("forecast --map map.mcap --at 1 2 --direction-deg 0 --speed 5 --dt 1e-300", USAGE, "Invalid value for '--dt'"),
     ("evaluate tracking log.mcap --config notes.txt", FAILED, "notes.txt: expected an experiment in TOML, or the JSON"),
     ("evaluate forecast log.mcap --config fold.toml", FAILED, "experiment: n_fold: expected one of split_by"),
     ("evaluate density log.mcap --split group", FAILED, "at least two to split by group, got 1"),

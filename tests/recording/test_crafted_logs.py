@@ -7,10 +7,12 @@ import sys
 import time
 import zlib
 
+import numpy as np
 import pytest
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from mcap_files import CHUNK, log_bytes, records, write_log
 
+from dirprim_filter import Tracks, read_tracks, write_tracks
 from dirprim_filter.recording.container import chunk, message_columns
 from dirprim_filter.recording.container.recovery import recover
 from dirprim_filter.recording.decoding.protobuf_plan import message_descriptor
@@ -189,5 +191,19 @@ def test_the_work_of_inspection_grows_as_topics_do(tmp_path):
         write_log(tmp_path / "log.mcap", sent, ("foxglove.PoseInFrame", "", b""), "json")
         begun = time.process_time()
         assert len(inspect(tmp_path / "log.mcap").topics) == n
+        seconds.append(time.process_time() - begun)
+    assert seconds[1] < 8 * seconds[0]
+
+
+def test_the_work_of_reading_grows_as_ids_do(tmp_path):
+    """Each vehicle is seen twice: so many ids that a look through all for each would be seen."""
+    seconds = []
+    for n in (10_000, 40_000):
+        position = np.random.default_rng(0).uniform(-100, 100, (2 * n, 2))
+        seen = Tracks(track_id=np.tile(np.arange(n).astype(str), 2), time_ns=np.repeat([0, 10**8], n),
+                      position=position, direction=np.zeros(2 * n), speed=np.ones(2 * n))  # fmt: skip
+        write_tracks(seen, tmp_path / "log.mcap", force=True)
+        begun = time.process_time()
+        assert read_tracks(tmp_path / "log.mcap").n_tracks == inspect(tmp_path / "log.mcap").topics[0].tracks == n
         seconds.append(time.process_time() - begun)
     assert seconds[1] < 8 * seconds[0]

@@ -84,6 +84,13 @@ def test_numbers_and_names_of_any_length_and_an_id_is_the_same_as_a_whole_number
     assert ([len(name) for name in names], failed) == ([1, 1, MAX_NAME_LENGTH + 1, 0, 0], [3, 4])
 
 
+def test_a_message_nested_without_end_costs_itself():
+    deep = [b"[" * 100_000, b'{"v":' * 100_000, b'{"v": ' + b"[" * 100_000 + b"]" * 100_000 + b"}", b'{"v": 1}']
+    columns = run(JsonPlan({"v": Field(path=".v")}), deep)
+    assert sorted(columns.failures) == [0, 1, 2]
+    assert columns.numbers("v").tolist()[3] == 1
+
+
 @pytest.mark.parametrize("schema", sorted(FAMILIES))
 def test_nasty_messages_of_every_schema_never_end_the_read(schema):
     rng = np.random.default_rng(0)

@@ -5,6 +5,7 @@ Source: rosbag2's `metadata.yaml`, which lists the files of a folder in their or
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
@@ -21,6 +22,8 @@ ROS_1 = ".bag"
 HEADER = "std_msgs/msg/Header"
 METADATA = "metadata.yaml"
 MAX_METADATA_BYTES = 1 << 26
+ILL_TYPED = (TypeError, ValueError, AttributeError, LookupError, struct.error, OverflowError)
+"""What comes of cells of SQLite, which may be of any type, and of broken records of ROS 1."""
 
 
 def files_of(folder: Path) -> list[Path]:
@@ -74,16 +77,21 @@ def write_mcap(bag: Path, file: Stream) -> None:
         with (rosbag1 if is_old else rosbag2).Reader(bag) as reader:
             streams = {}
             for one in reader.connections:
-                definition, as_cdr = _of_ros_1(one) if is_old else (_definition(one), bytes)
+                definition, as_cdr = _of_ros_1(one) if is_old else (_definition(one), _bytes)
                 streams[one.id] = writer.define(_channel(one, *definition)), as_cdr
             for connection, time_ns, data in reader.messages():
                 channel, as_cdr = streams[connection.id]
                 writer.add_message(channel, max(time_ns, 0), as_cdr(data), max(time_ns, 0))
-    except (rosbag1.ReaderError, rosbag2.ReaderError, SqliteError) as error:
+    except (rosbag1.ReaderError, rosbag2.ReaderError, SqliteError, *ILL_TYPED) as error:
         way = "`sqlite3 OLD.db3 .recover | sqlite3 NEW.db3` saves what is left"
         way = f"of a broken one {'`rosbag reindex` makes its index anew' if is_old else way}"
         raise RecordingError(f"{bag}: expected a bag that rosbags can read, got {error}; {way}") from error
     writer.finish()
+
+
+def _bytes(cell: Any) -> bytes:
+    """A message; of a whole number `bytes` would make as many zeros."""
+    return memoryview(cell).tobytes()
 
 
 def _channel(connection: Connection, encoding: str, definition: str) -> Channel:
