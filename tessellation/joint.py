@@ -30,7 +30,7 @@ from tessellation._arrays import FloatArray, IntArray, as_floats
 from tessellation._search import LEAST_GAIN, Search, State
 from tessellation.gates import nearest_generators
 from tessellation.protocols import CellModel, Cells, Data_contra
-from tessellation.voronoi import VoronoiTessellation
+from tessellation.voronoi import VoronoiTessellation, lloyd_generators
 
 logger = logging.getLogger(__name__)
 
@@ -120,7 +120,7 @@ def fit_jointly(
 
     def spread(n: int) -> FloatArray:
         """Generators spread evenly over the data."""
-        return VoronoiTessellation.lloyd((position - origin)[used], n_cells=n, rng=rng, reach=reach).generators
+        return lloyd_generators((position - origin)[used], n_cells=n, rng=rng)
 
     steps: list[tuple[int, float]] = []
 

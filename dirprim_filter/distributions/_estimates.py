@@ -35,11 +35,6 @@ def _shape_table() -> FloatArray:
     return np.concatenate([[0.5], shape * spread])
 
 
-def _resultant_table() -> FloatArray:
-    """I1(k) / I0(k) at even log(1 + k)."""
-    return von_mises.mean_resultant_length(np.expm1(np.linspace(0.0, _MAX_LOG, 2 * _NODES)))
-
-
 def _gamma_table() -> FloatArray:
     """What Stirling's a (log a - 1) leaves of log Gamma(a), at even log a from 0 on."""
     log_shape = np.linspace(0.0, _MAX_LOG, 2 * _NODES)
@@ -51,8 +46,8 @@ def _gamma_table() -> FloatArray:
 
 
 _CONCENTRATION, _SHAPE = _concentration_table(), _shape_table()
-_NORMALISER = von_mises.log_normaliser(np.expm1(np.linspace(0.0, _MAX_LOG, 2 * _NODES)))
-_RESULTANT, _GAMMA = _resultant_table(), _gamma_table()
+_K = np.expm1(np.linspace(0.0, _MAX_LOG, 2 * _NODES))
+_NORMALISER, _RESULTANT, _GAMMA = von_mises.log_normaliser(_K), von_mises.mean_resultant_length(_K), _gamma_table()
 
 
 @njit(**EXACT)

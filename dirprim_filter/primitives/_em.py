@@ -55,12 +55,6 @@ MIN_VEHICLES = 1e-3
 
 
 @njit(**EXACT)
-def room_for(k: int) -> FloatArray:
-    """What `expectation` works in, for k modes: kept from one iteration to the next."""
-    return np.empty((REST + k * (1 + N_COLUMNS), BLOCK))
-
-
-@njit(**EXACT)
 def expectation(
     columns: FloatArray, at: int, n: int, with_speed: bool, table: FloatArray, room: FloatArray, sums: FloatArray
 ) -> float:

@@ -13,13 +13,14 @@ from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions._elementary import EXACT, TWO_PI, wrap
 from dirprim_filter.distributions._estimates import shape_from
 from dirprim_filter.primitives._em import (
+    BLOCK,
     CURVED_SUMS,
+    REST,
     SUMS,
     bend,
     expectation,
     log_prior,
     maximisation,
-    room_for,
     usual_log_density,
 )
 from dirprim_filter.primitives._modes import (
@@ -29,6 +30,7 @@ from dirprim_filter.primitives._modes import (
     LOG_SHAPE,
     LOG_WEIGHT,
     MEAN,
+    N_COLUMNS,
     N_CURVED,
     N_FLAT,
     NO_MODE,
@@ -52,57 +54,44 @@ MAX_HALVINGS = 12
 
 @njit(nogil=True, **EXACT)
 def fit_cells_at_once(
-    columns: FloatArray,
-    start: IntArray,
-    n_vehicles: FloatArray,
-    bounds: Bounds,
-    first: int,
-    last: int,
-    out: FloatArray,
+    columns: FloatArray, start: IntArray, n_vehicles: FloatArray, bounds: Bounds, first: int, last: int, out: FloatArray
 ) -> None:
-    """Fill `out`, an `empty_table`, for the cells from `first` up to `last` that have rows of any weight.
-
-    Columns and starts are those of `fitting.columns_of`.
-    """
-    for c in range(first, last):
-        fit_at_once(columns, start[c], start[c + 1] - start[c], n_vehicles[c], bounds, out[c])
-
-
-@njit(inline="always", **EXACT)
-def fit_at_once(columns: FloatArray, at: int, n: int, n_vehicles: float, bounds: Bounds, out: FloatArray) -> None:
-    """Joint EM of direction and speed, flat and curved, with the number of modes that BIC prefers, of n columns.
+    """Joint EM of direction and speed, flat and curved, with the number of modes that BIC prefers, of some cells.
 
     Rows of one vehicle repeat each other, so the objective and BIC count vehicles; BIC takes the objective for the
-    likelihood: a mode that the prior thinks little of has to gain that as well.
+    likelihood: a mode that the prior thinks little of has to gain that as well. `columns` and `start` are those of
+    `fitting.columns_of`, `out` an `empty_table`.
     """
-    filled = np.empty((3, ON_CIRCLE))
-    used, total, mean_speed = sort_around(columns, at, n, filled)
-    trial = np.zeros((bounds.max_modes, N_CURVED))
-    best, chosen = -np.inf, 0
-    cost = bounds.parameter_cost * 0.5 * math.log(max(n_vehicles, 2.0))
-    enough = 0.0 if bounds.curved else COMPARED * cost
-    for k in range(1, bounds.max_modes + 1):
-        if k > max(n_vehicles, 1.0) or mean_speed == 0.0:
-            break
-        start_evenly(filled, used, total, mean_speed, bounds, trial[:k])
-        highest = -np.inf
-        for stage in range(1 + bounds.curved):  # flat, and curved from there on
-            penalty = ((N_FLAT + (N_CURVED - N_FLAT) * stage) * k - 1) * cost
-            last_stage = stage == bounds.curved  # of flat ones that may yet bend it is never plain
-            needed = best + penalty if last_stage and not (bounds.curved and bounds.thorough) else -np.inf
-            curved = stage == 1
-            found = ascend(columns, at, n, n_vehicles, curved, needed, enough, bounds, trial[:k])
-            found -= penalty
-            highest = max(highest, found)
-            if found > best:
-                best, chosen = found, k
-                for m in range(bounds.max_modes):
-                    for q in range(N_CURVED):
-                        out[m, q] = trial[m, q] if m < k else (NO_MODE if q == LOG_WEIGHT else 0.0)
-        if k > 1 + bounds.thorough and highest < best - FAR * bounds.thorough:
-            break
-    if enough > 0.0 and chosen > 0:  # none of them bends
-        ascend(columns, at, n, n_vehicles, bounds.curved, -np.inf, 0.0, bounds, out[:chosen])
+    for c in range(first, last):
+        at, n, vehicles = start[c], start[c + 1] - start[c], n_vehicles[c]
+        filled = np.empty((3, ON_CIRCLE))
+        used, total, mean_speed = sort_around(columns, at, n, filled)
+        trial = np.zeros((bounds.max_modes, N_CURVED))
+        best, chosen = -np.inf, 0
+        cost = bounds.parameter_cost * 0.5 * math.log(max(vehicles, 2.0))
+        enough = 0.0 if bounds.curved else COMPARED * cost
+        for k in range(1, bounds.max_modes + 1):
+            if k > max(vehicles, 1.0) or mean_speed == 0.0:
+                break
+            start_evenly(filled, used, total, mean_speed, bounds, trial[:k])
+            highest = -np.inf
+            for stage in range(1 + bounds.curved):  # flat, and curved from there on
+                penalty = ((N_FLAT + (N_CURVED - N_FLAT) * stage) * k - 1) * cost
+                last_stage = stage == bounds.curved  # of flat ones that may yet bend it is never plain
+                needed = best + penalty if last_stage and not (bounds.curved and bounds.thorough) else -np.inf
+                curved = stage == 1
+                found = ascend(columns, at, n, vehicles, curved, needed, enough, bounds, trial[:k])
+                found -= penalty
+                highest = max(highest, found)
+                if found > best:
+                    best, chosen = found, k
+                    for m in range(bounds.max_modes):
+                        for q in range(N_CURVED):
+                            out[c, m, q] = trial[m, q] if m < k else (NO_MODE if q == LOG_WEIGHT else 0.0)
+            if k > 1 + bounds.thorough and highest < best - FAR * bounds.thorough:
+                break
+        if enough > 0.0 and chosen > 0:  # none of them bends
+            ascend(columns, at, n, vehicles, bounds.curved, -np.inf, 0.0, bounds, out[c, :chosen])
 
 
 @njit(**EXACT)
@@ -186,7 +175,8 @@ def ascend(
     total = 0.0
     for i in range(at, at + n):
         total += columns[WEIGHT, i]
-    sums, room, usual = np.zeros((k, CURVED_SUMS if curved else SUMS)), room_for(k), usual_log_density(bounds)
+    sums, usual = np.zeros((k, CURVED_SUMS if curved else SUMS)), usual_log_density(bounds)
+    room = np.empty((REST + k * (1 + N_COLUMNS), BLOCK))  # of `expectation`, kept from one iteration to the next
     history = np.zeros((2 * DEPTH + 4, k, width))  # how places changed, how steps did, then what they were last
     here, step = 2 * DEPTH, 2 * DEPTH + 1
     was, would = step + 1, step + 2

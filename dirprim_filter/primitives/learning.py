@@ -194,15 +194,11 @@ def leaning(rows: TrackRows, layout: Layout, bounds: Bounds, background: Backgro
     usual = alone._replace(prior_strength=bounds.prior_strength)
     if is_inner.sum() < 5:
         return usual
-    variance = _weighted_median(von_mises.circular_variance(modes.concentration[is_inner]), vehicles[is_inner])
-    spread = _weighted_median(0.5 / modes.shape[is_inner], vehicles[is_inner])
+    spreads = von_mises.circular_variance(modes.concentration[is_inner]), 0.5 / modes.shape[is_inner]
+    variance, spread = (
+        float(np.quantile(of, 0.5, weights=vehicles[is_inner], method="inverted_cdf")) for of in spreads
+    )
     return usual._replace(usual_resultant=1.0 - variance, speed_spread=spread)
-
-
-def _weighted_median(value: FloatArray, weight: FloatArray) -> float:
-    order = np.argsort(value)
-    below = np.cumsum(weight[order])
-    return float(value[order][np.searchsorted(below, 0.5 * below[-1])])
 
 
 def _likeliest(

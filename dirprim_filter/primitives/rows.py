@@ -29,12 +29,12 @@ class Scale(NamedTuple):
     interval_s: float = 0.2  # between two rows of a vehicle
 
     @classmethod
-    def of(cls, vehicle: IntArray, time_ns: IntArray, position: FloatArray, *, standing_speed: float) -> Scale:
+    def of(cls, vehicle: IntArray, time_ns: IntArray, position: FloatArray) -> Scale:
         """Medians, of rows sorted by vehicle and time."""
         same = np.diff(vehicle) == 0
         interval_s = np.diff(time_ns)[same] * 1e-9
         way = np.hypot(*np.diff(position, axis=0)[same].T)
-        driven = way[way > standing_speed * interval_s]
+        driven = way[way > 0.3 * interval_s]  # who is slower stands
         reach, interval = (float(np.median(of)) if of.size else 0.0 for of in (0.5 * driven, interval_s))
         return cls(float(np.clip(reach, 3.0, 300.0)), float(np.clip(interval, 0.2, 20.0)))
 
@@ -100,7 +100,7 @@ class TrackRows:
             speed=tracks.speed[kept],
             group=(tracks.group if grouped else vehicle)[kept],
             weight=np.ones(kept.size) if weight is None else weight[vehicle[kept]],
-            scale=Scale.of(vehicle[kept], tracks.time_ns[kept], tracks.position[kept], standing_speed=0.3),
+            scale=Scale.of(vehicle[kept], tracks.time_ns[kept], tracks.position[kept]),
         )
 
     def __len__(self) -> int:
