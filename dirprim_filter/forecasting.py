@@ -74,7 +74,6 @@ def forecast(
     require("primitive_map", primitive_map, PrimitiveMap)
     require("rng", rng, np.random.Generator)
     config = require("config", FilterConfig() if config is None else config, FilterConfig)
-    check("direction", np.array([direction]))
     states, dt = (as_floats("position", position, "2")[None], [direction], [speed]), steps(horizon_s, dt_s, n_samples)
     return np.asarray(_rollouts(primitive_map, states, dt, n_samples, cue=cue, config=config, rng=rng)[0])
 
@@ -100,8 +99,8 @@ def forecast_states(
         (n, n_samples, n_times, 2) metres.
 
     Raises:
-        ValueError: columns of different lengths, a number that is not finite, a negative speed, or times that do not
-            ascend from above zero.
+        ValueError: columns of different lengths, a number that is not finite, a direction that is not in radians, a
+            negative speed, or times that do not ascend from above zero.
     """
     dt_s = np.diff(as_floats("time_s", time_s, "n"), prepend=0.0)
     if dt_s.size < 1 or (dt_s <= 0).any() or n_samples < 1:
@@ -119,6 +118,7 @@ def _rollouts(
     place = as_floats("position", states[0], "n 2")
     course = as_floats("direction", states[1], f"{len(place)}")
     pace = as_floats("speed", states[2], f"{len(place)}")
+    check("direction", course)
     check("speed", pace)
     table = motion_table(primitive_map, step_s=config.step_s)
     cloud = sampled(table, place, course, pace, n_samples * (1 if cue is None else PER_SAMPLE), rng=rng)

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from dirprim_filter import Detections, FilterConfig, Tracker, Tracks, forecast, learn_primitives, save_map
+from dirprim_filter.forecasting import forecast_states
 from situations import one_cell_map
 
 RNG = np.random.default_rng(0)
 STATE = {"position": (0.0, 0.0), "direction": 0.0, "speed": 5.0, "rng": RNG}
+MANY = {"position": np.zeros((2, 2)), "direction": [0.0, 90.0], "speed": [5.0, 5.0], "time_s": [1.0], "rng": RNG}
 GENERATOR = "rng: expected a Generator, such as np.random.default_rng(0), got 0"
 DEGREES = "direction: expected radians, at most a turn (np.deg2rad converts degrees), got 90.0 in row 1"
 
@@ -52,6 +54,7 @@ CALLS = {
     "forecast, rng": (lambda m: forecast(m, **STATE | {"rng": 0}), GENERATOR),
     "forecast, config": (lambda m: forecast(m, config={}, **STATE), "config: expected a FilterConfig, got {}"),
     "forecast, degrees": (lambda m: forecast(m, **STATE | {"direction": 90.0}), DEGREES.replace("row 1", "row 0")),
+    "forecast_states, degrees": (lambda m: forecast_states(m, **MANY), DEGREES),
     "sample, rng": (lambda m: m.sample(np.zeros((1, 2)), rng=0), GENERATOR),
     "save, swapped": (lambda m: save_map("m.mcap", m), "primitive_map: expected a PrimitiveMap, as load_map"),
 }

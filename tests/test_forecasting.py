@@ -36,7 +36,7 @@ def test_on_a_straight_road_of_one_speed_positions_stand_at_dt_2_dt_and_so_on():
     [
         ({"speed": -1.0}, "at least 0 m/s"),
         ({"speed": np.nan}, "speed: expected finite"),
-        ({"direction": np.inf}, "direction: expected radians, at most a turn"),
+        ({"direction": np.inf}, "direction: expected finite"),
         ({"position": (0.0, np.nan)}, "position: expected finite"),
         ({"position": (0.0, 0.0, 0.0)}, r"position: expected shape \(2\)"),
         ({"horizon_s": 0.1}, "at least one step"),
