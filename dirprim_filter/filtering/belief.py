@@ -55,7 +55,7 @@ class ParticleBelief:
         for column in (*self.cloud, *self.carried):
             column[target] = column[source]
 
-    def particles(self, at: IntArray, vehicle: IntArray) -> Particles:
+    def samples(self, at: IntArray, vehicle: IntArray) -> Particles:
         """Copies of samples (n,) by their places in the whole block, of vehicles (n,)."""
         cloud, manoeuvre = self.cloud, self.cloud.manoeuvre.take(at)
         return Particles(
@@ -99,7 +99,7 @@ class BeliefSamples:
             if rows is not None:
                 kept = rows[first + vehicle]
                 vehicle, number = vehicle[kept], number[kept]
-            found.append(belief.particles(slot[vehicle] * belief.n_particles + number, first + vehicle))
+            found.append(belief.samples(slot[vehicle] * belief.n_particles + number, first + vehicle))
             first += slot.size
         return Particles.concatenate(found[1:] or found)
 

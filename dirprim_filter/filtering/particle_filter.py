@@ -39,7 +39,7 @@ BANDWIDTH = 0.1
 """Share of the particles' covariance, times n^(-1/4), by which their density is smoothed: it may have several modes."""
 
 
-class ParticleFilter:
+class ParticleFilter(ParticleBelief):
     """A `BayesFilter` of particles that move by a map.
 
     Vehicles are split among threads, and a vehicle's numbers come from its own random state: results depend neither on
@@ -56,7 +56,7 @@ class ParticleFilter:
         self, primitive_map: PrimitiveMap, config: FilterConfig | None = None, sensor: Sensor | None = None
     ) -> None:
         self.config = config = config or FilterConfig()
-        self.belief = ParticleBelief(n_particles=config.n_particles, mode_of=primitive_map.motion.mode)
+        super().__init__(n_particles=config.n_particles, mode_of=primitive_map.motion.mode)
         self._table = motion_table(primitive_map, step_s=config.step_s, own_way_rate=config.own_way_rate)
         self._primitives = primitive_map.compiled()
         self._has_cells = primitive_map.tessellation.n_cells > 0
@@ -71,30 +71,25 @@ class ParticleFilter:
         self._n_threads = os.cpu_count() or 1
         self._threads = ThreadPoolExecutor(self._n_threads - 1, "dirprim") if self._n_threads > 1 else None
 
-    def reserve(self, n_slots: int) -> None:
-        """Make room for so many slots."""
-        self.belief.reserve(n_slots)
-
     def begin(self, slot: IntArray, key: AnyArray, measured: Detections) -> None:
         """Initialise beliefs from one measurement each and the primitive at its place. (v,), (v,) uint64, v rows."""
-        self.belief.step += 1
-        belief = self.belief
+        self.step += 1
         self._split(
-            _measuring.begin, (self._primitives, belief.cloud, belief.carried),
+            _measuring.begin, (self._primitives, self.cloud, self.carried),
             (slot, np.asarray(key), self._columns(measured)), (self._errors, self._noise), each_ns=200.0,
         )  # fmt: skip
-        self._split(_kernels.initialise_motion, (self._table, belief.cloud), (slot,), (), each_ns=100.0)
+        self._split(_kernels.initialise_motion, (self._table, self.cloud), (slot,), (), each_ns=100.0)
 
     def sibling(self) -> Self:
         """One that moves by the same map, without beliefs."""
         other = copy(self)
-        other.belief = ParticleBelief(n_particles=self.config.n_particles, mode_of=self.belief.mode_of)
+        ParticleBelief.__init__(other, n_particles=self.n_particles, mode_of=self.mode_of)
         return other
 
     def place(self, slot: IntArray, key: AnyArray, mean: FloatArray, covariance: FloatArray) -> None:
         """Start beliefs from Gaussians of x, y and their rates. (v,), (v,) uint64, (v, 4), (v, 4, 4)."""
-        self.belief.step += 1
-        cloud = self.belief.cloud
+        self.step += 1
+        cloud = self.cloud
         for s, seed, m, p in zip(slot.tolist(), key, mean, covariance, strict=True):
             rng = np.random.default_rng(seed)
             drawn = rng.multivariate_normal(m, p, self.config.n_particles, method="eigh")
@@ -107,12 +102,12 @@ class ParticleFilter:
     def states(self, slot: IntArray) -> FloatArray:
         """(v, 7, P): x, y, their rates, acceleration, cosine and sine of the direction."""
         out = np.empty((slot.size, smoothing.N_COLUMNS, self.config.n_particles))
-        self._split(smoothing.columns_of, (self.belief.cloud, self._table.row), (slot, out), (), each_ns=12.0)
+        self._split(smoothing.columns_of, (self.cloud, self._table.row), (slot, out), (), each_ns=12.0)
         return out
 
     def weights(self, slot: IntArray) -> FloatArray:
         """(v, P) of the particles."""
-        return self.belief.cloud.weight[slot]
+        return self.cloud.weight[slot]
 
     def joint(
         self, weight: FloatArray, then: FloatArray, now: FloatArray, *, row: IntArray, vehicle: IntArray,
@@ -135,34 +130,30 @@ class ParticleFilter:
             smoothing.tempered(before, near / near.sum(), smoothing.LEAST_EFFECTIVE * n, weight[i])
         return density, weight
 
-    def copy(self, source: IntArray, target: IntArray) -> None:
-        """Make the beliefs of `target` those of `source`. (v,), (v,)."""
-        self.belief.copy(source, target)
-
     def predict(self, slot: IntArray, dt_s: FloatArray) -> None:
         """Move the particles by the map's motion model. (v,), (v,) seconds."""
-        self.belief.step += 1
+        self.step += 1
         self._split(
-            _kernels.advance, (self._table, ALONE, self.belief.cloud, _kernels.NO_SCENE), (slot, dt_s), (),
+            _kernels.advance, (self._table, ALONE, self.cloud, _kernels.NO_SCENE), (slot, dt_s), (),
             each_ns=60.0,
         )  # fmt: skip
-        self.belief.carried.since_s[slot] += dt_s
+        self.carried.since_s[slot] += dt_s
 
     def log_likelihood(self, slot: IntArray, measured: Detections) -> FloatArray:
         """Log density of measurements under the beliefs, outliers aside. (v,), v rows -> (v,)."""
-        result, belief = np.empty(slot.size), self.belief
+        result = np.empty(slot.size)
         self._split(
-            _measuring.log_likelihood, (belief.cloud, belief.carried), (slot, self._columns(measured), result),
+            _measuring.log_likelihood, (self.cloud, self.carried), (slot, self._columns(measured), result),
             (self._errors, self._noise), each_ns=20.0,
         )  # fmt: skip
         return result
 
     def weigh(self, slot: IntArray, measured: Detections) -> Evidence:
         """Weigh the particles by measurements; a belief none of whose particles is near is left as it was."""
-        self.belief.step += 1
-        evidence, belief = np.empty((slot.size, 3)), self.belief
+        self.step += 1
+        evidence = np.empty((slot.size, 3))
         self._split(
-            _measuring.weigh, (belief.cloud, belief.carried), (slot, self._columns(measured), evidence),
+            _measuring.weigh, (self.cloud, self.carried), (slot, self._columns(measured), evidence),
             (self._errors, self._noise), each_ns=8.0,
         )  # fmt: skip
         unexplained = ~(np.exp(evidence[:, 1]) >= 2.0 * self._noise.outlier)  # so that a NaN is unexplained
@@ -171,33 +162,32 @@ class ParticleFilter:
 
     def weigh_by_cue(self, slot: IntArray, cue: Cue) -> FloatArray:
         """Weigh particles by a cue of the turn some seconds later, Eq. 4. (v,) -> (v,) as `OnMap.weigh_by_cue`."""
-        self.belief.step += 1
-        return weigh_by_cue(self._table, self.belief.cloud, slot, cue)
+        self.step += 1
+        return weigh_by_cue(self._table, self.cloud, slot, cue)
 
     def resample(self, slot: IntArray) -> None:
         """Systematic resampling of the beliefs whose effective sample size has fallen. (v,)."""
-        self.belief.step += 1
+        self.step += 1
         below = self.config.resample_below * self.config.n_particles
-        belief = self.belief
         self._split(
-            _resampling.resample, (belief.cloud, belief.carried), (slot,), (self._errors_at_birth, below), each_ns=25.0
+            _resampling.resample, (self.cloud, self.carried), (slot,), (self._errors_at_birth, below), each_ns=25.0
         )
 
     def moments(self, slot: IntArray) -> FloatArray:
         """(v,) -> (v, 10): x, y, xx, xy, yy, direction, resultant, speed, deviation, effective sample size."""
         result = np.empty((slot.size, 10))
-        self._split(_kernels.moments, (self.belief.cloud,), (slot, result), (), each_ns=8.0)
+        self._split(_kernels.moments, (self.cloud,), (slot, result), (), each_ns=8.0)
         return result
 
     def places(self, slot: IntArray) -> Places:
         """Where the particles are; a map without cells has no outside. (v,) -> columns (v,)."""
         result = np.empty((slot.size, 3))
-        self._split(_kernels.places, (self.belief.cloud, self._of_manoeuvre), (slot, result), (), each_ns=2.0)
+        self._split(_kernels.places, (self.cloud, self._of_manoeuvre), (slot, result), (), each_ns=2.0)
         return Places(result[:, 0] * self._has_cells, result[:, 1], result[:, 2])
 
     def particles(self, slot: IntArray) -> BeliefSamples:
         """The beliefs' samples, one vehicle after the other."""
-        return BeliefSamples((self.belief, slot))
+        return BeliefSamples((self, slot))
 
     def _columns(self, measured: Detections) -> FloatArray:
         """(v, 7) measurements as the kernels take them."""

@@ -115,7 +115,7 @@ def cross_entropies(learned, cases, cues, *, exits, rng):
         tree = cKDTree(exits)
         for _ in range(int(AHEAD_OF_EXIT_S / LOOK_S)):
             particles.predict(slot, np.full(n, LOOK_S))
-            away, near = tree.query(particles.belief.cloud.position[:n])
+            away, near = tree.query(particles.cloud.position[:n])
             exit_of = np.where((exit_of < 0) & (away < NEAR_M), near, exit_of)
         return exit_of
 
@@ -125,7 +125,7 @@ def cross_entropies(learned, cases, cues, *, exits, rng):
         p = (1 - FLOOR) * (of_exit + unknown[:, None] / len(exits)) + FLOOR / len(exits)
         return -np.log(p[slot, cases.exit])
 
-    weight = particles.belief.cloud.weight
+    weight = particles.cloud.weight
     before, after = weight[:n].copy(), {}
     for name, given_cues in cues.items():
         for cue, given in given_cues:

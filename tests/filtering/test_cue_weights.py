@@ -63,7 +63,7 @@ def started():
 
 
 def test_a_particle_is_weighed_by_how_far_its_manoeuvre_turns(started):
-    slot, cloud = np.zeros(1, np.int64), started.belief.cloud
+    slot, cloud = np.zeros(1, np.int64), started.cloud
     weight = cloud.weight[0].copy()
     turn = np.array([*TURNS, 0.0, 0.0])[cloud.manoeuvre[0]]  # those of no place go straight on
     assert set(np.unique(cloud.manoeuvre[0])) >= {0, 1, 2}

@@ -60,7 +60,7 @@ def test_a_belief_is_born_of_the_density_of_its_place(place):
     filter_ = ParticleFilter(bent, FilterConfig(n_particles=20_000, noise_m=1e-6))
     slot, place = np.zeros(1, np.int64), np.array(place)
     filter_.begin(slot, np.array([7], np.uint64), Detections(track_id=["a"], time_ns=[0], position=[place]))
-    cloud = filter_.belief.cloud
+    cloud = filter_.cloud
     theta, v = np.linspace(-np.pi, np.pi, 20_001), np.linspace(1e-3, 80.0, 20_001)
 
     def below(grid, log_density, drawn):

@@ -21,7 +21,7 @@ def cloudy():
     """A filter with unequally weighted particles around (3, -2) and the origin."""
     made = ParticleFilter(one_cell_map(), CONFIG)
     rng = np.random.default_rng(0)
-    cloud = made.belief.cloud
+    cloud = made.cloud
     cloud.position[SLOT] = np.array([[3.0, -2.0], [0.0, 0.0]])[:, None] + rng.normal(0, 1.0, (2, 400, 2))
     cloud.direction[SLOT] = rng.vonmises(0.3, 20.0, (2, 400))
     cloud.speed[SLOT] = rng.gamma(20.0, 0.5, (2, 400))
@@ -35,7 +35,7 @@ def measured(**known):
 
 def fits(made, seen, row, *, outliers=True):
     """Natural log of each particle's weight and likelihood, by scipy."""
-    cloud, s = made.belief.cloud, SLOT[row]
+    cloud, s = made.cloud, SLOT[row]
     covariance = np.eye(2) * CONFIG.noise_m**2 if np.isnan(seen.covariance[row, 0, 0]) else seen.covariance[row]
     fit = stats.multivariate_normal(seen.position[row], covariance).logpdf(cloud.position[s])
     if outliers:
@@ -70,7 +70,7 @@ def test_weights_and_evidence_are_scipys(cloudy, known):
     for row in (0, 1):
         assert evidence.log_density[row] == pytest.approx(logsumexp(expected[row]), rel=1e-9)
         np.testing.assert_allclose(
-            np.log(cloudy.belief.cloud.weight[SLOT[row]]),
+            np.log(cloudy.cloud.weight[SLOT[row]]),
             expected[row] - logsumexp(expected[row]),
             rtol=1e-7,
             atol=1e-7,

@@ -43,7 +43,7 @@ def begun(learned, sensor):
 def test_weights_and_evidence_are_those_of_the_joint_gaussian(learned):
     """Of three detections given each particle's way, of which the oracle knows the errors' whole covariance."""
     made = begun(learned, SENSOR)
-    cloud, carried = made.belief.cloud, made.belief.carried
+    cloud, carried = made.cloud, made.carried
     cloud.weight[0] = 1.0 / 40
     carried.mean[0], carried.variance[0], carried.since_s[0] = (
         0.0, [SENSOR.along.correlated_variance, SENSOR.across.correlated_variance], 0.0,
@@ -135,7 +135,7 @@ def test_a_copy_carries_the_error_that_leaves_the_detection_where_it_was(learned
     lasting = AxisError(spread_m=0.5, correlated_share=0.99, correlation_s=5.0)
     made = ParticleFilter(learned, FilterConfig(n_particles=2000), Sensor(along=lasting, across=lasting))
     made.begin(SLOT, np.array([7], np.uint64), seen_at([31.0, 2.0]))
-    cloud, mean = made.belief.cloud, made.belief.carried.mean
+    cloud, mean = made.cloud, made.carried.mean
     cloud.direction[0] = 0.4 + 0.6 * np.random.default_rng(1).standard_normal(2000)
 
     def carried():
