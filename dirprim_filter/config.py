@@ -190,20 +190,22 @@ LARGEST = 1e9
 def require_positive(
     config: Any, *, skip: tuple[str, ...] = (), or_zero: tuple[str, ...] = (), below_one: tuple[str, ...] = ()
 ) -> None:
-    """Every number of a configuration is positive and at most `LARGEST`, but some may be zero; some are below 1.
+    """Every number of a configuration is positive and at most `LARGEST`, or None; some may be 0, some are below 1.
 
     Raises:
         ValueError: names the first that is not.
     """
     for name in config.__dataclass_fields__:
         value = getattr(config, name)
+        if name in skip or value is None:
+            continue
         if name in or_zero and not value >= 0:
             raise ValueError(f"{name}: expected at least 0, got {value}")
-        if name not in (*skip, *or_zero) and not value > 0:
+        if name not in or_zero and not value > 0:
             raise ValueError(f"{name}: expected a positive number, got {value}")
         if name in below_one and value >= 1:
             raise ValueError(f"{name}: expected a share below 1, got {value}")
-        if name not in skip and value > LARGEST:
+        if value > LARGEST:
             raise ValueError(f"{name}: expected at most {LARGEST:g}, got {value}")
 
 

@@ -12,12 +12,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
 from dirprim_filter.arrays import FloatArray
-from dirprim_filter.config import FilterConfig, TrackingConfig
+from dirprim_filter.config import FilterConfig, TrackingConfig, require_positive
 from dirprim_filter.tracks import Tracks
 
 LATEST_S = 5.0
@@ -46,10 +46,9 @@ class AxisError:
     correlation_s: float = 1.0
 
     def __post_init__(self) -> None:
-        _require(self, "spread_m", lambda v: 0 < v < math.inf, "a positive number of metres")
-        _require(self, "bias_m", math.isfinite, "a number of metres")
-        _require(self, "correlated_share", lambda v: 0 <= v < 1, "a share of at least 0 and below 1")
-        _require(self, "correlation_s", lambda v: 0 < v < math.inf, "a positive number of seconds")
+        require_positive(self, skip=("bias_m",), or_zero=("correlated_share",), below_one=("correlated_share",))
+        if not math.isfinite(self.bias_m):
+            raise ValueError(f"bias_m: expected a number of metres, got {self.bias_m}")
 
     @property
     def correlated_variance(self) -> float:
@@ -88,10 +87,10 @@ class Sensor:
     uncertainty: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        _require(self, "latency_s", lambda v: 0 <= v <= LATEST_S, f"0 to {LATEST_S:g} seconds")
-        _require(self, "detection_probability", lambda v: v is None or 0 < v < 1, "a probability between 0 and 1")
-        _require(self, "clutter_density", lambda v: v is None or 0 < v < math.inf, "a positive number per m2 and frame")
-        _require(self, "outlier_share", lambda v: v is None or 0 < v < 1, "a share between 0 and 1")
+        if not 0 <= self.latency_s <= LATEST_S:
+            raise ValueError(f"latency_s: expected 0 to {LATEST_S:g} seconds, got {self.latency_s}")
+        shares = ("detection_probability", "outlier_share")
+        require_positive(self, skip=("along", "across", "latency_s", "uncertainty"), below_one=shares)
         numbers = self.numbers()
         for name, width in self.uncertainty.items():
             if name not in numbers:
@@ -153,9 +152,3 @@ def without_bias(tracks: Tracks, sensor: Sensor) -> Tracks:
     across = np.column_stack([-along[:, 1], along[:, 0]])
     off = sensor.along.bias_m * along + sensor.across.bias_m * across
     return replace(tracks, position=tracks.position - off)
-
-
-def _require(value: object, name: str, is_good: Any, expected: str) -> None:
-    number = getattr(value, name)
-    if not is_good(number):
-        raise ValueError(f"{name}: expected {expected}, got {number}")

@@ -49,7 +49,7 @@ def test_a_sensor_file_reads_as_it_was_written(tmp_path):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        (f"[along]\nspread_m = -0.5\n{OTHER}", "along: spread_m: expected a positive number of metres"),
+        (f"[along]\nspread_m = -0.5\n{OTHER}", "along: spread_m: expected a positive number, got -0.5"),
         (f"colour = 3\n[along]\nspread_m = 1\n{OTHER}", "colour: expected one of along"),
         (f"[along]\nspread_m = 1\nhue = 1\n{OTHER}", "along: hue: expected one of spread_m"),
         (f"latency_s = -1\n[along]\nspread_m = 1\n{OTHER}", "latency_s: expected 0 to 5 seconds"),
