@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-from dirprim_filter.config import FilterConfig, TrackingConfig
+from dirprim_filter.config import FilterConfig, TrackingConfig, require_positive
 from dirprim_filter.evaluation.rivals import METHODS, Method
 from dirprim_filter.evaluation.tracking_report import Scales
 
@@ -51,16 +51,9 @@ class TrackingExperiment:
         unknown = [name for name in self.methods if name not in METHODS]
         if unknown or not self.methods:
             raise ValueError(f"methods: expected some of {', '.join(METHODS)}, got {', '.join(unknown) or 'none'}")
-        for name in ("noise_m", "cutoff_m", "similarity_m", "n_seeds"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name}: expected a positive number, got {getattr(self, name)}")
-        for name in ("false_per_frame", "gap_s", "seed"):
-            if not getattr(self, name) >= 0:
-                raise ValueError(f"{name}: expected at least 0, got {getattr(self, name)}")
-        if not 0 <= self.miss_rate < 1:
-            raise ValueError(f"miss_rate: expected a probability below 1, got {self.miss_rate}")
-        if not 0 < self.learn < 1:
-            raise ValueError(f"learn: expected a share between 0 and 1, got {self.learn}")
+        others = ("with_ids", "methods", "smooth", "filter", "tracking")
+        or_zero = ("miss_rate", "false_per_frame", "gap_s", "seed")
+        require_positive(self, skip=others, or_zero=or_zero, below_one=("miss_rate", "learn"))
         lasting_s = max(self.filter.max_gap_s, self.gap_s + 1.0)  # else the end of a gap has no estimate to judge
         object.__setattr__(self, "filter", replace(self.filter, noise_m=self.noise_m, max_gap_s=lasting_s))
 

@@ -172,8 +172,8 @@ def test_whole_groups_are_held_out_where_there_are_some_else_whole_vehicles(traf
         ({"noise_m": "much"}, "noise_m: expected a value of type float, got 'much'"),
         ({"noise_m": -1.0}, "noise_m: expected a positive number"),
         ({"methods": ["chance"]}, "methods: expected some of prior, place-free"),
-        ({"learn": 1.0}, "learn: expected a share between 0 and 1"),
-        ({"miss_rate": 1}, "miss_rate: expected a probability below 1"),
+        ({"learn": 1.0}, "learn: expected a share below 1"),
+        ({"miss_rate": 1}, "miss_rate: expected a share below 1"),
         ({"gap_s": -1}, "gap_s: expected at least 0"),
     ],
 )
