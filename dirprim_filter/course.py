@@ -42,23 +42,14 @@ STANDARD_DEVIATION_OF_MEDIAN = 0.6744897501960817
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Motion:
-    """Motion derived from positions, row by row.
+    """Motion derived from positions, row by row."""
 
-    Attributes:
-        direction: (n,) course over ground, radians; the body's heading where positions do not determine the course.
-        speed: (n,) m/s; NaN where a row has no neighbour in time.
-        half_window_s: positions were differenced over this time to either side of a row.
-        noise: standard deviation of each coordinate's white noise, metres.
-        median_speed: m/s, of moving rows; NaN if none move.
-        keeps_heading: the positions are so noisy that headings estimate the course better.
-    """
-
-    direction: FloatArray
-    speed: FloatArray
-    half_window_s: float
-    noise: float
-    median_speed: float
-    keeps_heading: bool
+    direction: FloatArray  # (n,) course over ground, radians; the body's heading where positions do not determine it
+    speed: FloatArray  # (n,) m/s; NaN where a row has no neighbour in time
+    half_window_s: float  # positions were differenced over this time to either side of a row
+    noise: float  # metres, standard deviation of each coordinate's white noise
+    median_speed: float  # m/s, of moving rows; NaN if none move
+    keeps_heading: bool  # the positions are so noisy that headings estimate the course better
 
 
 def motion_of(vehicle: IntArray, time_ns: IntArray, position: FloatArray, heading: FloatArray | None = None) -> Motion:

@@ -15,17 +15,11 @@ LONGEST_UNSEEN_S = 0.25
 
 
 class Instants(NamedTuple):
-    """The vehicles of some instants, one instant after the other.
+    """The vehicles of some instants, one instant after the other."""
 
-    Attributes:
-        state: (n, 4) metres east and north, radians, m/s.
-        vehicle: (n,) number of the vehicle, (group, id), among the log's.
-        first: (i + 1,) instant i has the rows from first[i] to first[i + 1], ascending by vehicle.
-    """
-
-    state: FloatArray
-    vehicle: IntArray
-    first: IntArray
+    state: FloatArray  # (n, 4) metres east and north, radians, m/s
+    vehicle: IntArray  # (n,) number of the vehicle, (group, id), among the log's
+    first: IntArray  # (i + 1,) instant i has the rows from first[i] to first[i + 1], ascending by vehicle
 
     @classmethod
     def of(cls, tracks: Tracks, group: IntArray, time_ns: IntArray) -> Instants:

@@ -38,34 +38,19 @@ seconds unseen that is likelier than that the first measurement is an outlier.""
 
 @dataclass(slots=True, kw_only=True)
 class _Frame:
-    """The current frame, and the tracks that its detections are assigned to.
+    """The current frame, and the tracks that its detections are assigned to."""
 
-    Attributes:
-        detections: with the times when they were true: a latency before they arrived.
-        hits: tracks of earlier frames, and the rows of `detections` assigned to them.
-        by_chance: (d,) density of clutter and first detections expected at each of `detections`, see `Undetected`.
-        home: slots of all tracks that may be reported: labelled ones of the frame in its order, labelled ones that it
-            does not hold, and unlabelled ones.
-        n_aside: how many beliefs were moved aside.
-        held: the slots that hold their beliefs at the frame's time.
-        is_scan: whether the sensor looked.
-        is_weighed: whether the beliefs are weighed by it.
-        moments: of those, once they are weighed.
-        innovation: (slots,) as in `TrackedFrame`, where they were asked for.
-        lost: the slots of reinitialised beliefs.
-    """
-
-    detections: Detections = field(default_factory=Detections.none)
-    hits: Hits = field(default_factory=lambda: Hits(NO_ROWS, NO_ROWS))
-    by_chance: FloatArray = field(default_factory=lambda: np.empty(0))
-    home: IntArray = field(default_factory=NO_ROWS.copy)
-    n_aside: int = 0
-    held: IntArray = field(default_factory=NO_ROWS.copy)
-    is_scan: bool = True
-    is_weighed: bool = False
-    moments: FloatArray | None = None
-    innovation: FloatArray | None = None
-    lost: IntArray = field(default_factory=NO_ROWS.copy)
+    detections: Detections = field(default_factory=Detections.none)  # with the times when they were true
+    hits: Hits = field(default_factory=lambda: Hits(NO_ROWS, NO_ROWS))  # tracks of earlier frames, and their rows
+    by_chance: FloatArray = field(default_factory=lambda: np.empty(0))  # (d,) density of clutter and first detections
+    home: IntArray = field(default_factory=NO_ROWS.copy)  # slots of tracks to report: seen, absent, unlabelled
+    n_aside: int = 0  # how many beliefs were moved aside
+    held: IntArray = field(default_factory=NO_ROWS.copy)  # the slots that hold their beliefs at the frame's time
+    is_scan: bool = True  # the sensor looked
+    is_weighed: bool = False  # the beliefs are weighed by it
+    moments: FloatArray | None = None  # of those, once they are weighed
+    innovation: FloatArray | None = None  # (slots,) as in `TrackedFrame`, where they were asked for
+    lost: IntArray = field(default_factory=NO_ROWS.copy)  # the slots of reinitialised beliefs
 
 
 class Tracker:

@@ -42,19 +42,12 @@ def may_be_off(dt_s: npt.ArrayLike) -> FloatArray:
 
 
 class Belief(NamedTuple):
-    """A belief about one vehicle at one time.
-
-    Attributes:
-        time_ns: nanoseconds.
-        mean: (d,) x, y, their rates, and whatever else lasts.
-        covariance: (d, d).
-        course: (2,) mean of cosine and sine of the direction.
-    """
+    """A belief about one vehicle at one time."""
 
     time_ns: int
-    mean: FloatArray
-    covariance: FloatArray
-    course: FloatArray
+    mean: FloatArray  # (d,) x, y, their rates, and whatever else lasts
+    covariance: FloatArray  # (d, d)
+    course: FloatArray  # (2,) mean of cosine and sine of the direction
 
     def squared_distance(self, other: Belief) -> float:
         """Squared Mahalanobis distance of the places of two beliefs of one time."""
@@ -64,21 +57,13 @@ class Belief(NamedTuple):
 
 
 class Smoothed(NamedTuple):
-    """Beliefs about one vehicle, each given all measurements of its chain.
+    """Beliefs about one vehicle, each given all measurements of its chain."""
 
-    Attributes:
-        time_ns: (n,) ascending.
-        mean: (n, 4) x, y and their rates.
-        covariance: (n, 4, 4).
-        course: (n, 2) as the filter knew it, for vehicles that stand.
-        measured_ns: (n,) time of the last measurement by then.
-    """
-
-    time_ns: IntArray
-    mean: FloatArray
-    covariance: FloatArray
-    course: FloatArray
-    measured_ns: IntArray
+    time_ns: IntArray  # (n,) ascending
+    mean: FloatArray  # (n, 4) x, y and their rates
+    covariance: FloatArray  # (n, 4, 4)
+    course: FloatArray  # (n, 2) as the filter knew it, for vehicles that stand
+    measured_ns: IntArray  # (n,) time of the last measurement by then
 
     def first(self) -> Belief:
         """The earliest of them."""
@@ -129,9 +114,6 @@ class Chain:
         self._links: AnyArray = np.empty(FIRST_CAPACITY, LINK)
         self._n = 0
         self._rests: list[tuple[int, Belief]] = []  # how many links led to a belief that was then not measured for long
-
-    def __len__(self) -> int:
-        return self._n
 
     def is_over(self, now_ns: int, gap_ns: int) -> bool:
         """Whether its vehicle, of which all is known up to a time, will not be measured again as this one."""

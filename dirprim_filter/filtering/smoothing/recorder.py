@@ -33,15 +33,10 @@ STEP_S = 0.1
 
 
 class Bridge(NamedTuple):
-    """A path from the end of one chain to the beginning of another.
+    """A path from the end of one chain to the beginning of another."""
 
-    Attributes:
-        log_density: of the place and velocity at its end, given the beginning, per m^2 (m/s)^2.
-        links: (m,) of the path.
-    """
-
-    log_density: float
-    links: AnyArray
+    log_density: float  # of the place and velocity at its end, given the beginning, per m^2 (m/s)^2
+    links: AnyArray  # (m,) of the path
 
 
 class Recorder:
