@@ -26,17 +26,13 @@ def plot(
         tuple[float, float, float, float] | None,
         typer.Option("--extent", help="What to show: west south east north, metres. Default: 99 % of the traffic."),
     ] = None,
-    width: Annotated[float | None, typer.Option("--width", min=3.0, max=100.0, help="Inches, of the figure.")] = None,
-    dpi: Annotated[
-        float | None, typer.Option("--dpi", min=10.0, max=2400.0, help="Dots per inch of a bitmap. Default: 200.")
-    ] = None,
     force: Force = False,
 ) -> None:
     """Draw a map as .png, .pdf or .svg: petals coloured by mean speed.
 
     Example: dirprim plot map.mcap -o map.png --log recordings/roundabout_learn.mcap
 
-    Example: dirprim plot map.mcap -o part.png --extent -40 -40 40 40 --width 3.5 --dpi 600
+    Example: dirprim plot map.mcap -o part.png --extent -40 -40 40 40
     """
     import numpy as np
 
@@ -47,8 +43,8 @@ def plot(
     if box is not None and not (np.isfinite(box).all() and (box[0] < box[1]).all()):
         raise typer.BadParameter(f"expected west south east north, metres, got {extent}", param_hint="--extent")
     drawn = map_figure(
-        load_map(map_file), tracks=None if log is None else read_tracks(log), extent=box, width=width,
+        load_map(map_file), tracks=None if log is None else read_tracks(log), extent=box,
         estimates=None if estimates is None else read_estimates(estimates),
     )  # fmt: skip
-    save_figure(drawn, output, dpi=dpi, force=force)
+    save_figure(drawn, output, force=force)
     typer.echo(f"{output}")

@@ -55,16 +55,14 @@ def taken(kind: type[Own], settings: Settings) -> Own:
     Raises:
         BadParameter: a value is of another type.
     """
-    own: dict[str, Any] = {}
-    for field in fields(kind):  # type: ignore[arg-type]
-        text = settings.pop(field.name, None)
-        if text is None:
-            continue
-        own[field.name] = value = text if field.type == "str" else _value(text)
-        if type(value).__name__ not in (field.type, "int" if field.type == "float" else ""):
-            raise typer.BadParameter(f"{field.name}: expected a value of type {field.type}, got {text}",
-                                     param_hint="--set")  # fmt: skip
-    return kind(**own)
+    from dirprim_filter.config import from_table
+
+    own = {field.name: settings.pop(field.name) for field in fields(kind) if field.name in settings}  # type: ignore[arg-type]
+    texts = {field.name for field in fields(kind) if field.type == "str"}  # type: ignore[arg-type]
+    try:
+        return from_table(kind, {name: text if name in texts else _value(text) for name, text in own.items()})
+    except ValueError as error:
+        raise typer.BadParameter(str(error), param_hint="--set") from error
 
 
 def _value(text: str) -> Any:

@@ -204,13 +204,6 @@ def covariance_axes(covariance: FloatArray, *, probability: float) -> tuple[Floa
     return half_axes, np.arctan2(axis[..., 1, 0], axis[..., 0, 0])
 
 
-def reach(covariance: FloatArray) -> FloatArray:
-    """Standard deviation along the longest axis of Gaussians. (..., 2, 2) square metres -> (...) metres."""
-    half_trace = 0.5 * (covariance[..., 0, 0] + covariance[..., 1, 1])
-    apart = np.hypot(0.5 * (covariance[..., 0, 0] - covariance[..., 1, 1]), covariance[..., 0, 1])
-    return np.asarray(np.sqrt(half_trace + apart))
-
-
 def motion_arrow(direction: FloatArray, speed: FloatArray, *, duration_s: float = 1.0) -> FloatArray:
     """How far a vehicle gets in `duration_s`. (...), (...) -> (..., 2) metres."""
     arrow: FloatArray = (duration_s * np.asarray(speed))[..., None] * _heading(direction)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from dirprim_filter.arrays import BoolArray
-from dirprim_filter.drawing.shapes import reach
 from dirprim_filter.estimates import Estimates
 
 LONGEST = 12
@@ -20,7 +19,8 @@ WIDEST_COASTING = 6.0
 
 def may_be_anywhere(estimates: Estimates) -> BoolArray:
     """(n,) which vehicles have coasted for so long that their ellipse is not drawn."""
-    return np.asarray(estimates.is_coasting & (reach(estimates.covariance) > WIDEST_COASTING))
+    longest = np.linalg.eigvalsh(estimates.covariance)[:, 1]
+    return np.asarray(estimates.is_coasting & (longest > WIDEST_COASTING**2))
 
 
 def has_no_forecast(estimates: Estimates) -> BoolArray:

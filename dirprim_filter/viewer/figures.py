@@ -76,7 +76,6 @@ def map_figure(
     estimates: Estimates | None = None,
     forecasts: Forecasts | None = None,
     extent: FloatArray | None = None,
-    width: float | None = None,
 ) -> Figure:
     """The learned map: cells, and petals coloured by mean speed; a legend explains every kind of line.
 
@@ -87,7 +86,6 @@ def map_figure(
         forecasts: sampled rollouts.
         extent: (2, 2) metres, the south-west and the north-east corner to show. Default: the forecasts, else 99 % of
             the traffic.
-        width: inches, of the figure.
     """
     if extent is not None:
         box = extent
@@ -96,7 +94,7 @@ def map_figure(
         box = box.mean(axis=0) + 0.5 * np.ptp(box, axis=0).max() * np.array([[-1.0], [1.0]])
     else:
         box = shapes.map_extent(primitives, share=SHOWN_SHARE)
-    figure, axes = _page(box, width)
+    figure, axes = _page(box)
     colors = _draw_map(axes, primitives)
     if tracks is not None:
         _draw_tracks(axes, tracks)
@@ -116,7 +114,7 @@ def map_figure(
     return figure
 
 
-def save_figure(figure: Figure, path: Path, *, dpi: float | None = None, force: bool = False) -> None:
+def save_figure(figure: Figure, path: Path, *, force: bool = False) -> None:
     """Write a figure in the format of the path's suffix; under a temporary name until it is whole.
 
     The same figure gives the same bytes: no dates, no random names. Text stays text: TrueType in PDF, as publishers
@@ -125,7 +123,6 @@ def save_figure(figure: Figure, path: Path, *, dpi: float | None = None, force: 
     Args:
         figure: the figure.
         path: .png, .pdf or .svg.
-        dpi: dots per inch of bitmaps. Default: the figure's, 200.
         force: replace an existing file.
 
     Raises:
@@ -139,18 +136,16 @@ def save_figure(figure: Figure, path: Path, *, dpi: float | None = None, force: 
     drawn = BytesIO()
     undated = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}.get(path.suffix.lower())
     with mpl.rc_context({"svg.hashsalt": "dirprim", "svg.fonttype": "none", "pdf.fonttype": 42}):
-        figure.savefig(drawn, dpi=dpi or "figure", metadata=undated, format=path.suffix[1:].lower())
+        figure.savefig(drawn, metadata=undated, format=path.suffix[1:].lower())
     with PartialFile(path, force=force) as file:
         file.write(drawn.getvalue())
 
 
-def _page(box: FloatArray, width: float | None) -> tuple[Figure, Axes]:
+def _page(box: FloatArray) -> tuple[Figure, Axes]:
     """East and north in metres, of one scale, over a box of (2, 2) corners; what is around finds its own room."""
     shape = float(np.divide(*np.ptp(box, axis=0)))
-    across = width or WIDTH
-    height = (across - AROUND[0]) / shape + AROUND[1]
-    if width is None and height > TALLEST:
-        across, height = (TALLEST - AROUND[1]) * shape + AROUND[0], TALLEST
+    height = min((WIDTH - AROUND[0]) / shape + AROUND[1], TALLEST)
+    across = (height - AROUND[1]) * shape + AROUND[0]
     layout = ConstrainedLayoutEngine(w_pad=PAD, h_pad=PAD)
     figure = Figure(figsize=(across, height), dpi=DOTS_PER_INCH, layout=layout)
     axes = figure.subplots()

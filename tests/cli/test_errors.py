@@ -60,7 +60,6 @@ CASES = [
     ("evaluate forecast log.mcap --config fold.toml", FAILED, "experiment: n_fold: expected one of split_by"),
     ("evaluate density log.mcap --split group", FAILED, "at least two to split by group, got 1"),
     ("plot map.mcap -o x.png --extent 10 0 -10 5", USAGE, "expected west south east north"),
-    ("plot map.mcap -o x.png --width 1", USAGE, "--width"),
     ("convert no_y.csv -o x", FAILED, "missing: y_m"),
     ("convert kmh.csv -o x", FAILED, "speed_kmh"),
     ("convert two.csv -o x", FAILED, "two.csv, line 2: expected a number as x_m, got 'two'"),

@@ -82,7 +82,6 @@ def test_most_of_the_traffic_leaves_out_who_is_far_away_and_without_traffic_all_
     assert width(100) > 1000.0
     for quiet in (scene_map.without_places(), replace(scene_map, n_rows=np.zeros(4, np.int64))):
         assert (shapes.map_extent(quiet, share=0.5) == shapes.map_extent(quiet)).all()
-        assert (shapes.busy_square(quiet) == shapes.map_extent(quiet)).all()
 
 
 @pytest.mark.parametrize("probability", [0.5, 0.9])

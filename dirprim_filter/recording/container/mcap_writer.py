@@ -6,7 +6,7 @@ import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from threading import current_thread, main_thread
-from typing import Any, Protocol, cast
+from typing import Any, cast
 
 from mcap.writer import Writer
 
@@ -44,24 +44,16 @@ def uninterrupted() -> Iterator[None]:
 N_IDS = 1 << 16
 
 
-class Stream(Protocol):
-    """A file that may take less than it is given."""
-
-    def write(self, data: memoryview, /) -> int: ...  # noqa: D102
-    def tell(self) -> int: ...  # noqa: D102
-    def flush(self) -> None: ...  # noqa: D102
-
-
 class McapWriter(Writer):
     """Writes one file; `finish` makes it whole. The same calls give the same bytes.
 
     Args:
-        file: unbuffered, at its start.
+        file: unbuffered, at its start; it may take less than it is given.
         profile: of the header.
         library: of the header: who writes.
     """
 
-    def __init__(self, file: Stream, *, profile: str = "", library: str) -> None:
+    def __init__(self, file: Any, *, profile: str = "", library: str) -> None:
         super().__init__(cast("Any", _Through(file)))
         self._schemas: dict[Schema, int] = {NO_SCHEMA: 0}
         self._n_channels = 0
@@ -87,7 +79,7 @@ class McapWriter(Writer):
 class _Through:
     """A file that takes all of what it is given; what was written outlives the process."""
 
-    def __init__(self, file: Stream) -> None:
+    def __init__(self, file: Any) -> None:
         self._file = file
         self.tell, self.flush = file.tell, file.flush
 

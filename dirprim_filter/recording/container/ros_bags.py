@@ -11,7 +11,7 @@ from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
 from dirprim_filter.recording.container.errors import RecordingError
-from dirprim_filter.recording.container.mcap_writer import McapWriter, Stream
+from dirprim_filter.recording.container.mcap_writer import McapWriter
 from dirprim_filter.recording.container.records import Channel, Schema
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def files_of(folder: Path) -> list[Path]:
     return [] if storage == "sqlite3" else files
 
 
-def write_mcap(bag: Path, file: Stream) -> None:
+def write_mcap(bag: Path, file: Any) -> None:
     """Write the messages of a folder, or of a single file, as an MCAP log; those of ROS 1 as ROS 2 has them.
 
     Raises:

@@ -6,7 +6,6 @@ Prediction, 2018; https://sumo.dlr.de/docs/Simulation/Output/FCDOutput.html.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from xml.parsers import expat
@@ -24,7 +23,6 @@ from dirprim_filter.recording.tables.table import Table, table_of
 SDD = ("track id", "xmin", "ymin", "xmax", "ymax", "frame", "lost", "occluded", "generated", "label")
 TRAJNET = ("frame", "track id", "x", "y")
 FCD, NEEDED = ("time", "id", "x", "y", "angle", "speed"), ("id", "x", "y")
-READ_BYTES = 1 << 20
 
 
 def read_sdd(path: str | Path, *, metres_per_pixel: float, frames_per_second: float = 30.0) -> Table:
@@ -92,10 +90,9 @@ def read_sumo_fcd(path: str | Path) -> Table:
         OSError: the file cannot be read.
     """
     path, losses = Path(path), Losses()
-    blocks = list(_vehicles(path, losses))
-    if not any(map(len, blocks)):
+    cells = _vehicles(path, losses)
+    if not len(cells):
         raise TableError(path, "", "vehicles in time steps", "none", "run SUMO with --fcd-output")
-    cells = pa.concat_tables(blocks)
     table = Columns(path, cells, cells["line"].to_numpy())
     angle, speed = table.numbers(("angle", "speed")).T
     moves = not np.isnan(angle + speed).any()
@@ -107,8 +104,8 @@ def read_sumo_fcd(path: str | Path) -> Table:
     return table_of(rows, losses=losses)
 
 
-def _vehicles(path: Path, losses: Losses) -> Iterator[Any]:
-    """The line and the cells of each vehicle, as the xml streams by, as tables."""
+def _vehicles(path: Path, losses: Losses) -> Any:
+    """The line and the cells of each vehicle, as a table."""
     parser, found, time = expat.ParserCreate(), list[dict[str, Any]](), ""
     schema = pa.schema([("line", pa.int64()), *((name, pa.string()) for name in FCD)])
 
@@ -135,12 +132,8 @@ def _vehicles(path: Path, losses: Losses) -> Iterator[Any]:
 
     parser.StartDoctypeDeclHandler, parser.StartElementHandler = refuse, start
     with path.open("rb") as file:
-        data = b"start"
-        while data:
-            data = file.read(READ_BYTES)
-            try:
-                parser.Parse(data, not data)
-            except expat.ExpatError as error:
-                raise wrong("well-formed xml", expat.ErrorString(error.code), "write it anew") from error
-            yield pa.Table.from_pylist(found, schema)
-            found.clear()
+        try:
+            parser.ParseFile(file)
+        except expat.ExpatError as error:
+            raise wrong("well-formed xml", expat.ErrorString(error.code), "write it anew") from error
+    return pa.Table.from_pylist(found, schema)
