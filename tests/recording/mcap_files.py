@@ -7,6 +7,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import build_file_descriptor_set
@@ -95,6 +96,16 @@ def _written(path, messages, encoding, **options):
             writer.add_message(channels[topic], time_ns, data, time_ns)
         writer.finish()
     return path
+
+
+def transform(parent, child, *, time_ns=None, place=(0.0, 0.0, 0.0), turn=(0.0, 0.0, 0.0, 1.0)):
+    """One of Foxglove's; its turn is a quaternion, w last."""
+    one = FrameTransform(parent_frame_id=parent, child_frame_id=child)
+    if time_ns is not None:
+        one.timestamp.FromNanoseconds(time_ns)
+    one.translation.x, one.translation.y, one.translation.z = place
+    one.rotation.x, one.rotation.y, one.rotation.z, one.rotation.w = turn
+    return one
 
 
 def run(plan, payloads):

@@ -16,7 +16,7 @@ import pytest
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf.json_format import MessageToDict
-from mcap_files import columns_of, protobuf_schema, write_log
+from mcap_files import columns_of, protobuf_schema, transform, write_log
 from ros_messages import header, write_ros2_log
 from test_ros2_schemas import tracked
 
@@ -105,9 +105,7 @@ def a_scene():
 def some_transforms():
     frames = FrameTransforms()
     for k, (parent, child) in enumerate((("map", "car"), ("car", "lidar"), ("map", "pole"))):
-        one = frames.transforms.add(parent_frame_id=parent, child_frame_id=child)
-        one.timestamp.FromNanoseconds((k + 1) * 10**9)
-        one.translation.x, one.rotation.w = float(k), 1.0
+        frames.transforms.append(transform(parent, child, time_ns=(k + 1) * 10**9, place=(float(k), 0.0, 0.0)))
     return frames
 
 

@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
 from foxglove_schemas_protobuf.Odometry_pb2 import Odometry
-from mcap_files import scene, write_protobuf_log
+from mcap_files import scene, transform, write_protobuf_log
 from ros_messages import header, write_ros2_log
 from test_ros2_schemas import ARRAYS, N_TIMES, array_log, point, quaternion
 
@@ -89,10 +88,8 @@ def observations(frame, covariance, **columns):
 def turned(yaw_deg, roll_deg=0.0):
     from scipy.spatial.transform import Rotation
 
-    one = FrameTransform(parent_frame_id="map", child_frame_id="sensor")
     turn = Rotation.from_euler("ZX", [yaw_deg, roll_deg], degrees=True).as_quat().tolist()
-    one.rotation.x, one.rotation.y, one.rotation.z, one.rotation.w = turn
-    return one
+    return transform("map", "sensor", turn=turn)
 
 
 def test_errors_turn_with_the_frame_they_are_reported_in(tmp_path):

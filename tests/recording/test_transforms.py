@@ -6,11 +6,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
-from mcap_files import CHUNK, records, write_protobuf_log
+from mcap_files import CHUNK, records, transform, write_protobuf_log
 from ros_messages import header, write_ros2_log
 from scipy.spatial.transform import Rotation
 from test_ros2_schemas import carla, point, quaternion
@@ -123,10 +122,7 @@ def test_the_tree_agrees_with_pytransform3d(tmp_path):
         turn = Rotation.from_rotvec(np.cumsum(rng.normal(scale=0.1, size=(20, 3)), axis=0)).as_quat()
         poses[parent, child] = np.column_stack([place, turn[:, [3, 0, 1, 2]]])
         for t, p, q in zip(times.tolist(), place.tolist(), turn.tolist(), strict=True):
-            one = FrameTransform(parent_frame_id=parent, child_frame_id=child)
-            one.timestamp.FromNanoseconds(t)
-            one.translation.x, one.translation.y, one.translation.z = p
-            one.rotation.x, one.rotation.y, one.rotation.z, one.rotation.w = q
+            one = transform(parent, child, time_ns=t, place=p, turn=q)
             messages.append((f"/{child}", t, FrameTransforms(transforms=[one]) if child == "head" else one))
     tree = TransformTree.of_log(Log(write_protobuf_log(tmp_path / "tf.mcap", sorted(messages, key=lambda m: m[1]))))
     assert tree.root_of("camera") == "map"
@@ -145,10 +141,8 @@ def test_the_tree_agrees_with_pytransform3d(tmp_path):
 def test_rotation_is_at_a_constant_rate_the_short_way(tmp_path):
     messages = []
     for time_ns, yaw in ((0, 3.0), (1_000_000_000, -3.0)):
-        one = FrameTransform(parent_frame_id="map", child_frame_id="car")
-        one.timestamp.FromNanoseconds(time_ns + 10**9)
-        one.translation.x = yaw
-        one.rotation.z, one.rotation.w = np.sin(yaw / 2), np.cos(yaw / 2)
+        turn = 0.0, 0.0, np.sin(yaw / 2), np.cos(yaw / 2)
+        one = transform("map", "car", time_ns=time_ns + 10**9, place=(yaw, 0.0, 0.0), turn=turn)
         messages.append(("/tf", time_ns, one))
     tree = TransformTree.of_log(Log(write_protobuf_log(tmp_path / "tf.mcap", messages)))
     at = tree.placement("car", "map", 10**9 + np.array([250_000_000, 1_050_000_000, 1_200_000_000, -200_000_000]))

@@ -1,9 +1,19 @@
-"""What stands in an .rrd file, as arrays."""
+"""A run that is streamed to an .rrd file, and what stands in such a file, as arrays."""
 
 import numpy as np
 from rerun.chunk import RrdReader
 
+from dirprim_filter.viewer.sink import open_stream
 from dirprim_filter.viewer.stream import TIMELINE
+
+
+def write_run(path, frames, primitives, **options):
+    with open_stream(save=path, **options) as sink:
+        sink.log_map(primitives)
+        sink.log_run({}, {})
+        for frame in frames:
+            sink.write(frame)
+    return path
 
 
 def rows_of(path, entity, column):

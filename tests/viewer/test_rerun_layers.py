@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rrd_files import rows_of
+from rrd_files import rows_of, write_run
 
 from dirprim_filter.drawing import colors, shapes
 from dirprim_filter.estimates import EstimateList
@@ -27,17 +27,9 @@ def tracked(scene_frames):
     return [*frames, scene_frames[-1]]
 
 
-def write(path, frames, primitives, **options):
-    with open_stream(save=path, **options) as sink:  # type: ignore[arg-type]
-        sink.log_map(primitives)
-        for frame in frames:
-            sink.write(frame)
-    return path
-
-
 def test_every_layer_follows_the_frames_and_empties_with_them(tmp_path, scene_map, tracked):
     """Rows of each frame; vehicle 8 coasts: it is drawn darker, and its ellipse in a layer of its own."""
-    path = write(tmp_path / "run.rrd", tracked, scene_map, focus="8")
+    path = write_run(tmp_path / "run.rrd", tracked, scene_map, focus="8")
     for entity, column, n_each in [
         ("/detections", "Points3D:positions", [2, 2, 2, 2, 2, 0]),
         ("/tracks/estimates", "Points3D:positions", [2, 2, 2, 2, 2, 0]),
@@ -85,7 +77,7 @@ def test_nees_is_the_scores_and_nis_the_trackers(tmp_path, tracked, scene_tracks
 
 
 def test_the_map_is_static_and_its_petals_are_those_of_the_shapes(tmp_path, scene_map):
-    path = write(tmp_path / "map.rrd", [], scene_map)
+    path = write_run(tmp_path / "map.rrd", [], scene_map)
     ((time_ns, vertices),) = rows_of(path, "/map/roses", "Mesh3D:vertex_positions")
     assert time_ns is None
     assert vertices[:, :2] == pytest.approx(shapes.rose_petals(scene_map).polygon.reshape(-1, 2), rel=1e-6)

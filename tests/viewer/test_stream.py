@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import rerun as rr
 from rerun.chunk import RrdReader
-from rrd_files import rows_of
+from rrd_files import rows_of, write_run
 
 from dirprim_filter.viewer import process as viewer_room
 from dirprim_filter.viewer import stream
@@ -19,17 +19,8 @@ from dirprim_filter.viewer.sink import open_stream
 from dirprim_filter.viewer.stream import TIMELINE
 
 
-def write_all(path, frames, primitives, **options):
-    with open_stream(save=path, **options) as sink:
-        sink.log_map(primitives)
-        sink.log_run({}, {})
-        for frame in frames:
-            sink.write(frame)
-    return path
-
-
 def test_the_file_verifies_and_holds_one_blueprint(tmp_path, scene_map, scene_frames):
-    path = write_all(tmp_path / "run.rrd", scene_frames, scene_map)
+    path = write_run(tmp_path / "run.rrd", scene_frames, scene_map)
     subprocess.run([Path(sys.executable).with_name("rerun"), "rrd", "verify", path], check=True, capture_output=True)
     reader = RrdReader(path)
     assert len(reader.blueprints()) == 1
@@ -42,7 +33,7 @@ def test_the_file_verifies_and_holds_one_blueprint(tmp_path, scene_map, scene_fr
 
 def test_the_same_file_has_the_same_identity_in_every_run(tmp_path, scene_map):
     def identity(name):
-        path = write_all(tmp_path / name, [], scene_map, force=True)
+        path = write_run(tmp_path / name, [], scene_map, force=True)
         (recording,) = RrdReader(path).recordings()
         return str(recording.recording_id)
 
