@@ -28,6 +28,17 @@ def tracks_of(position, **columns):
     return Tracks(position=position.reshape(-1, 2), **filled)
 
 
+def keys(rows):
+    """Of which vehicle and instant each row is; an id is the same as a number and as a text."""
+    return list(zip(map(str, rows.track_id.tolist()), rows.time_ns.tolist(), strict=True))
+
+
+def beside(rows, others):
+    """(2, k) numbers of rows, and of those of others that are of the same vehicle and instant."""
+    row_of = {key: i for i, key in enumerate(keys(others))}
+    return np.array([(i, row_of[key]) for i, key in enumerate(keys(rows)) if key in row_of]).T
+
+
 def estimates_of(track_id, *, position=0.0, **columns):
     """Estimates at time 0 that are sure of a course to the east at 1 m/s, but for the columns given."""
     n = len(track_id)

@@ -12,6 +12,7 @@ from dirprim_filter.evaluation.calibration import self_calibration
 from dirprim_filter.recording.sensor_file import load_sensor, save_sensor
 from evaluation.test_calibration import BIASED, TRUTH
 from sensing import sense
+from situations import beside
 
 TRACK = "track log.mcap --map map.mcap --particles 20 -o out"
 OTHER = "[across]\nspread_m = 1"
@@ -99,12 +100,11 @@ def test_where_no_noise_is_stated_it_is_learned_from_the_log_which_is_tracked_wh
 
 def test_a_log_is_tracked_by_a_sensor_file(here, capsys):
     save_sensor(BIASED, "sensor.toml")
-    truth = {(str(n), t): x for n, t, x in zip(TRUTH.track_id, TRUTH.time_ns.tolist(), TRUTH.position, strict=True)}
     rmse = []
     for options in ("--noise 1", "--sensor sensor.toml"):
         assert dirprim(f"{TRACK} --force --particles 200 --end 3 {options}") == DONE
         found = read_estimates("out")
-        keys = zip(found.track_id.tolist(), found.time_ns.tolist(), strict=True)
-        away = np.array([found.position[i] - truth[key] for i, key in enumerate(keys) if key in truth])
+        here, there = beside(found, TRUTH)
+        away = found.position[here] - TRUTH.position[there]
         rmse.append(np.sqrt((away**2).sum(axis=1).mean()))
     assert rmse[1] < 0.8 * rmse[0]

@@ -16,6 +16,7 @@ from dirprim_filter.replay import replay
 from dirprim_filter.sensor import AxisError, Sensor
 from evaluation.test_calibration import circling
 from sensing import sense
+from situations import beside
 
 SENSOR = Sensor(
     along=AxisError(spread_m=0.6, bias_m=0.4, correlated_share=0.7, correlation_s=0.5),
@@ -74,17 +75,6 @@ def estimates_of(learned, seen, sensor, n_particles, *, seed=0, **given):
     kept, config = EstimateList(), FilterConfig(n_particles=n_particles, noise_m=0.5, **given)
     replay(seen.frames(), Tracker(learned, sensor=sensor, config=config, rng=np.random.default_rng(seed)), [kept])
     return kept.all()
-
-
-def keys(rows):
-    return list(zip(rows.track_id.tolist(), rows.time_ns.tolist(), strict=True))
-
-
-def beside(rows, others):
-    """Rows of the same vehicle and instant."""
-    row_of = {key: i for i, key in enumerate(keys(others))}
-    found = [(i, row_of[key]) for i, key in enumerate(keys(rows)) if key in row_of]
-    return np.array(found).T
 
 
 def test_with_white_round_errors_it_is_the_plain_filter(learned):

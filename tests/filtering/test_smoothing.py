@@ -19,7 +19,7 @@ from dirprim_filter.filtering.smoothing.smoother import Smoother
 from dirprim_filter.primitives.motion import PUSH_RATE
 from moving import ring_road
 from oracles import ring_forward_backward
-from situations import one_cell_map, ring_traffic
+from situations import beside, one_cell_map, ring_traffic
 
 NOISE_M, DENSITY = 0.7, 2.0
 ONE = np.zeros(1, np.int64)
@@ -355,15 +355,6 @@ def test_of_detections_that_are_smoother_than_the_map_the_sweep_back_stays_with_
         noise = np.random.default_rng(seed).normal(0, 0.02, out.shape)
         seen = Detections(track_id=tracks.track_id, time_ns=tracks.time_ns, position=out + noise)
         found, later = smoothed(seen, model=ring_map, config=config, seed=seed)
-        error = [np.hypot(*(rows.position - out[order(tracks, rows)]).T) for rows in (found, later)]
+        error = [np.hypot(*(rows.position - out[beside(rows, tracks)[1]]).T) for rows in (found, later)]
         assert np.mean(error[1]) <= 1.2 * np.mean(error[0]), seed
         assert error[1].max() <= 3.0, seed
-
-
-def order(tracks, rows):
-    """The row of the tracks of each estimate."""
-    place = {
-        (name, at): i
-        for i, (name, at) in enumerate(zip(tracks.track_id.tolist(), tracks.time_ns.tolist(), strict=True))
-    }
-    return [place[int(name), at] for name, at in zip(rows.track_id.tolist(), rows.time_ns.tolist(), strict=True)]

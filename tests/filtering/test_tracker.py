@@ -13,7 +13,7 @@ from dirprim_filter.estimates import Estimates
 from dirprim_filter.filtering import ConstantVelocityKalman, Tracker
 from dirprim_filter.filtering.belief import FIRST_CAPACITY
 from oracles import kalman_known_velocity
-from situations import TRUSTING, one_cell_map, ring_traffic
+from situations import TRUSTING, beside, one_cell_map, ring_traffic
 
 on_either_filter = pytest.mark.parametrize("filter_of", ["particles", "kalman"])
 
@@ -302,8 +302,7 @@ def coverage(primitive_map, stated_noise_m, *, n_vehicles, seed):
     seen = traffic.position + rng.normal(0, 0.5, traffic.position.shape)
     frames = Detections(track_id=traffic.track_id.astype(str), time_ns=traffic.time_ns, position=seen).frames()
     found, _ = track(primitive_map, frames, n_particles=500, noise_m=stated_noise_m)
-    truth = {(str(i), t): p for i, t, p in zip(traffic.track_id, traffic.time_ns, traffic.position, strict=True)}
-    off = found.position - [truth[key] for key in zip(found.track_id.astype(str), found.time_ns, strict=True)]
+    off = found.position - traffic.position[beside(found, traffic)[1]]
     squared = np.einsum("ni,nij,nj->n", off, np.linalg.inv(found.covariance[:, :2, :2]), off)
     late = squared[found.time_ns - traffic.time_ns.min() > 1e9]
     return np.array([(late <= -2.0 * np.log(1.0 - share)).mean() for share in (0.5, 0.9)])
