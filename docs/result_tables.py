@@ -248,15 +248,27 @@ TABLES: dict[str, Table] = {
     ),
     "peers": Table(
         command="python tests/benchmarks/peers.py {options} --json",
-        runs=(Run(name="A", options="A --seeds 3"), Run(name="B", options="B --seeds 3")),
+        runs=(
+            Run(name="A", options="A --seeds 3"),
+            Run(name="B", options="B --seeds 3"),
+            Run(name="dense intersection", options="intersection --seeds 3"),
+            Run(name="dense highway", options="highway --seeds 3"),
+            Run(name="Lankershim", options="lankershim", source="lankershim"),
+            Run(name="Mcity", options="mcity", source="mcity_roadside"),
+            Run(name="autoferry", options="autoferry", source="autoferry"),
+        ),
         entries=peers,
         of="tracker",
         columns=(
             Column(head="HOTA", read=of_key("hota"), digits=3),
             Column(head="ours with the map, HOTA more", read=of_key("behind"), digits=3),
             Column(head="RMSE in sight, m", read=of_key("seen_rmse")),
-            Column(head="switches, three runs", read=of_key("switches"), digits=0),
+            Column(head="switches, all runs", read=of_key("switches"), digits=0),
             Column(head="ms a frame", read=of_key("ms_per_frame"), digits=1),
+        ),
+        blocks=(
+            ("HOTA / switches, all runs", (0, 3)), ("ours with the map, HOTA more", (1,)),
+            ("RMSE in sight, m / ms a frame", (2, 4)),
         ),
     ),
     "real_sensors": Table(

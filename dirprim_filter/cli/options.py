@@ -112,7 +112,6 @@ Split = Annotated[
     typer.Option(help="What to hold out together. Default: groups if the log has several."),
 ]
 Folds = Annotated[int, typer.Option(min=1, help="Number of folds, each held out once.")]
-MinSpeed = Annotated[float, typer.Option(min=0.0, help="m/s; slower rows are left out, as in the paper.")]
 Tessellation = Annotated[
     Cells,
     typer.Option(help="joint: Voronoi cells learned with the primitives; voronoi: by positions only; grid: squares."),

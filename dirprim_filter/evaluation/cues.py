@@ -112,7 +112,6 @@ def evaluate_cues(
     split_by: SplitBy | None = None,
     n_folds: int = 5,
     tessellation: CellsRule = "joint",
-    min_speed: float = 0.5,
     progress: Callable[[int, int], None] | None = None,
     rng: np.random.Generator,
 ) -> CueTable:
@@ -123,14 +122,13 @@ def evaluate_cues(
         split_by: "vehicle" or "group"; left out, by group if there are several.
         n_folds: how many times.
         tessellation: the cells to learn, which are what vehicles step between; the paper's are "grid".
-        min_speed: m/s; rows that are not faster have no direction of their own.
         progress: called with the number of steps done, and their total.
         rng: deals the folds and feeds the learning.
 
     Raises:
         ValueError: random rows were asked for, no row is left, or no held-out vehicle goes from cell to cell.
     """
-    kept = rows_to_judge(tracks, min_speed=min_speed, interval_s=None)
+    kept = rows_to_judge(tracks, interval_s=None)
     by = split_by or honest_split(kept)
     if by == "random":
         raise ValueError("split_by: expected 'vehicle' or 'group', got 'random': steps need whole vehicles")

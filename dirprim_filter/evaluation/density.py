@@ -145,6 +145,8 @@ class Uninformative:
         return self.direction_log_density(position, direction) + self.speed_log_density(position, speed)
 
 
+MOVING_FROM = 0.5
+"""m/s, as in the paper: slower rows count for nothing, neither here nor there, as their direction is the body's."""
 INNER_FOLDS = 4
 """A fourth of the training part chooses a rival's settings."""
 
@@ -209,7 +211,6 @@ def evaluate_density(
     *,
     split_by: SplitBy | None = None,
     n_folds: int = 5,
-    min_speed: float = 0.5,
     interval_s: float | None = None,
     methods: Sequence[Method] | None = None,
     progress: Callable[[int, int], None] | None = None,
@@ -221,8 +222,6 @@ def evaluate_density(
         tracks: observed motion.
         split_by: how rows are held out; left out, by group if there are several, else by vehicle.
         n_folds: how many times.
-        min_speed: m/s; rows that are not faster count for nothing, neither here nor there: their direction is the
-            body's. 0.5 in the paper; 0 leaves out the rows at rest.
         interval_s: keep only rows of a vehicle at least so far apart; left out, all.
         methods: what to compare; left out, `all_methods`. The first is compared with each of the others.
         progress: called with the number of steps done, and their total.
@@ -231,7 +230,7 @@ def evaluate_density(
     Raises:
         ValueError: no row is left, or nothing can be held out.
     """
-    kept = rows_to_judge(tracks, min_speed=min_speed, interval_s=interval_s)
+    kept = rows_to_judge(tracks, interval_s=interval_s)
     by = split_by or honest_split(kept)
     folds = split(kept, by=by, n_folds=n_folds, rng=rng)
     asked = all_methods(max_speed=float(kept.speed.max())) if methods is None else methods
@@ -264,16 +263,16 @@ def evaluate_density(
     )  # fmt: skip
 
 
-def rows_to_judge(tracks: Tracks, *, min_speed: float, interval_s: float | None) -> Tracks:
+def rows_to_judge(tracks: Tracks, *, interval_s: float | None) -> Tracks:
     """The rows of vehicles in motion, thinned.
 
     Raises:
         ValueError: none is left.
     """
-    moving = tracks[tracks.speed > min_speed]
+    moving = tracks[tracks.speed > MOVING_FROM]
     kept = moving if interval_s is None or len(moving) == 0 else thinned(moving, interval_s=interval_s)
     if len(kept) == 0:
-        raise ValueError(f"tracks: expected rows faster than {min_speed} m/s, got none among {len(tracks)}")
+        raise ValueError(f"tracks: expected rows faster than {MOVING_FROM} m/s, got none among {len(tracks)}")
     return kept
 
 

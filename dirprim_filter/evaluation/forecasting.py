@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -45,15 +44,14 @@ Fit = Callable[[Tracks, tuple[float, ...], np.random.Generator], Mapping[str, Fo
 """Learns from tracks to forecast to some horizons, seconds: one or more rows of the table, by name."""
 
 
-def by_map(
-    train: Tracks, horizons_s: tuple[float, ...], rng: np.random.Generator, *, leaders: bool = False
-) -> dict[str, Forecaster]:
+def by_map(train: Tracks, horizons_s: tuple[float, ...], rng: np.random.Generator) -> dict[str, Forecaster]:
     """The map as it is learned by default, the same without its cells, and where vehicles respond to those ahead."""
     learned = learn_primitives(train, rng=rng)
-    rows = {"prior": rollouts_of(learned, horizons_s), "place-free": rollouts_of(learned.without_places(), horizons_s)}
-    if leaders:
-        rows["prior, leaders"] = rollouts_with_leaders(learned, horizons_s)
-    return {name: Forecaster(sample) for name, sample in rows.items()}
+    return {
+        "prior": Forecaster(rollouts_of(learned, horizons_s)),
+        "place-free": Forecaster(rollouts_of(learned.without_places(), horizons_s)),
+        "prior, leaders": Forecaster(rollouts_with_leaders(learned, horizons_s)),
+    }
 
 
 def by_one_cell(train: Tracks, horizons_s: tuple[float, ...], rng: np.random.Generator) -> dict[str, Forecaster]:
@@ -145,13 +143,11 @@ def _turned(vector: FloatArray, angle: FloatArray) -> FloatArray:
 
 
 METHODS: tuple[Fit, ...] = (by_map, by_one_cell, by_trajectory_memory, by_constant_velocity)
-WITH_LEADERS: tuple[Fit, ...] = (partial(by_map, leaders=True), *METHODS[1:])
-
 
 MIN_SAMPLES = 20
 """Fewer say little of a region that holds 90 % of them."""
 MIN_CASES = 20
-"""In a split. Below it a horizon is not scored: too few vehicles are still there."""
+"""Below it a horizon is not scored: too few vehicles are still there."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -160,7 +156,7 @@ class HorizonScore:
 
     Attributes:
         horizon_s: seconds ahead.
-        n_cases: forecasts that were scored, over all seeds.
+        n_cases: forecasts that were scored.
         energy: metres, energy score.
         gain: share by which the first method's energy is below this one's, with its interval over vehicles, or groups
             where these were held out.
@@ -187,7 +183,7 @@ class MethodForecasts:
     Attributes:
         name: of the method.
         horizons: a score for each horizon at which enough vehicles are still there.
-        settings: for each fold of each seed what was searched for, by name; empty where nothing was.
+        settings: for each fold what was searched for, by name; empty where nothing was.
     """
 
     name: str
@@ -202,16 +198,14 @@ class ForecastTable:
     Attributes:
         methods: the rows.
         split_by: how vehicles were held out.
-        n_folds: so many times in each split, another part of the vehicles each time.
-        n_seeds: how many splits, each with random numbers of its own.
+        n_folds: so many times, another part of the vehicles each time.
         n_samples: rollouts for each case.
-        n_vehicles: held-out vehicles with a forecast, over all seeds.
+        n_vehicles: held-out vehicles with a forecast.
     """
 
     methods: tuple[MethodForecasts, ...]
     split_by: SplitBy
     n_folds: int
-    n_seeds: int
     n_samples: int
     n_vehicles: int
 
@@ -222,7 +216,6 @@ def evaluate_forecasts(
     split_by: Literal["vehicle", "group"] = "vehicle",
     horizons_s: Sequence[float] = HORIZONS_S,
     n_folds: int = 4,
-    n_seeds: int = 1,
     n_samples: int = 100,
     methods: Sequence[Fit] = METHODS,
     progress: Callable[[int, int], None] | None = None,
@@ -235,11 +228,10 @@ def evaluate_forecasts(
         split_by: whether vehicles are held out one by one or with their group.
         horizons_s: ascending, seconds ahead.
         n_folds: in how many parts they are dealt; each is held out once.
-        n_seeds: number of random splits; one forecasts every vehicle, and more of them are no more vehicles.
         n_samples: rollouts for each case, at least 20.
         methods: what to compare with the first.
         progress: called with the number of steps done, and their total.
-        rng: deals the splits and feeds the methods; what one draws changes no other's.
+        rng: deals the folds and feeds the methods; what one draws changes no other's.
 
     Raises:
         ValueError: horizons that do not ascend, too few samples, nothing to hold out, or nothing that is seen so long.
@@ -247,16 +239,16 @@ def evaluate_forecasts(
     horizons = tuple(float(h) for h in horizons_s)
     if not horizons or horizons[0] <= 0 or (np.diff(horizons) <= 0).any():
         raise ValueError(f"horizons_s: expected ascending positive seconds, got {list(horizons_s)}")
-    if n_samples < MIN_SAMPLES or n_seeds < 1:
-        raise ValueError(f"n_samples, n_seeds: expected at least {MIN_SAMPLES} and 1, got {n_samples} and {n_seeds}")
+    if n_samples < MIN_SAMPLES:
+        raise ValueError(f"n_samples: expected at least {MIN_SAMPLES}, got {n_samples}")
     scores: dict[str, list[FloatArray]] = {}
     settings: dict[str, list[tuple[Choice, ...]]] = {}
     clusters: list[AnyArray] = []
     n_vehicles = 0
-    children = rng.spawn(n_seeds)
-    dealt = [(fold, child) for child in children for fold in split(tracks, by=split_by, n_folds=n_folds, rng=child)]
-    done = steps(len(dealt) * len(methods), progress)
-    for fold, child in dealt:
+    (child,) = rng.spawn(1)
+    folds = split(tracks, by=split_by, n_folds=n_folds, rng=child)
+    done = steps(len(folds) * len(methods), progress)
+    for fold in folds:
         cases = Cases.of(fold.test, horizons_s=horizons, among=tracks)
         clusters.append(cases.group if split_by == "group" else cases.name)
         n_vehicles += int(np.unique(cases.vehicle).size)
@@ -267,7 +259,7 @@ def evaluate_forecasts(
             done()
     scored = {name: np.concatenate(folds) for name, folds in scores.items()}
     first = next(iter(scored.values()))
-    at = np.flatnonzero(np.isfinite(first[..., 0]).sum(axis=0) >= MIN_CASES * n_seeds)
+    at = np.flatnonzero(np.isfinite(first[..., 0]).sum(axis=0) >= MIN_CASES)
     if not at.size:
         raise ValueError(f"tracks: expected {MIN_CASES} held-out forecasts {horizons[0]:g} s ahead, got fewer")
     cluster = np.concatenate(clusters)
@@ -279,9 +271,8 @@ def evaluate_forecasts(
         for name, own in scored.items()
     ]  # fmt: skip
     return ForecastTable(
-        methods=tuple(rows), split_by=split_by, n_folds=n_folds, n_seeds=n_seeds, n_samples=n_samples,
-        n_vehicles=n_vehicles,
-    )  # fmt: skip
+        methods=tuple(rows), split_by=split_by, n_folds=n_folds, n_samples=n_samples, n_vehicles=n_vehicles
+    )
 
 
 def _at_horizon(horizon_s: float, first: FloatArray, own: FloatArray, cluster: AnyArray) -> HorizonScore:

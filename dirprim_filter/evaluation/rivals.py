@@ -21,12 +21,10 @@ from dirprim_filter.tracks import Tracks
 
 Rival = Literal["constant velocity", "interacting models"]
 RIVALS: tuple[Rival, ...] = get_args(Rival)
-RAW: Literal["raw detections"] = "raw detections"
-"""No filter: what is reported is the estimate."""
 OnMap = Literal["prior", "place-free", "one cell"]
 """The map, the same filter without the map, and the same learning with a single cell."""
-Method = Literal[OnMap, Rival, "raw detections"]
-METHODS: tuple[Method, ...] = (*get_args(OnMap), *RIVALS, RAW)
+Method = Literal[OnMap, Rival]
+METHODS: tuple[Method, ...] = (*get_args(OnMap), *RIVALS)
 SMOOTHED: tuple[Method, ...] = ("prior", "place-free", "constant velocity")
 """Those whose smoother is evaluated beside them."""
 MakeFilter = Callable[[], BayesFilter]

@@ -12,8 +12,8 @@ import numpy as np
 
 from dirprim_filter.arrays import BoolArray, IntArray
 from dirprim_filter.config import TrackingConfig
-from dirprim_filter.detections import NO_ID, NO_TIME, Detections
-from dirprim_filter.estimates import EstimateList, Estimates, EstimateSink
+from dirprim_filter.detections import NO_TIME, Detections
+from dirprim_filter.estimates import EstimateList, EstimateSink
 from dirprim_filter.evaluation.rivals import MakeFilter
 from dirprim_filter.evaluation.scores import TrackedWorld, Truth
 from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
@@ -160,18 +160,3 @@ def _instants(time_ns: IntArray, group: IntArray) -> Iterator[tuple[int, list[in
     times, starts = np.unique(time_ns[order], return_index=True)
     for instant, present in zip(times.tolist(), np.split(group[order], starts[1:]), strict=True):
         yield instant, np.unique(present).tolist()
-
-
-def as_reported(scenes: Sequence[Scene], *, noise_m: float) -> list[TrackedWorld]:
-    """Each group's detections as its estimates, `noise_m` wide; a detection without an id is a track of its own."""
-    return [TrackedWorld(truth=s.truth, estimates=EstimateList(_estimates(s.seen, noise_m))) for s in scenes]
-
-
-def _estimates(seen: Detections, noise_m: float) -> Estimates:
-    n, unknown = len(seen), np.zeros(len(seen))
-    own = np.char.add("detection ", np.arange(n).astype(np.str_))
-    return Estimates(
-        track_id=np.where(seen.track_id == NO_ID, own, seen.track_id), time_ns=seen.time_ns, position=seen.position,
-        covariance=np.tile(noise_m**2 * np.eye(2), (n, 1, 1)), direction=unknown, direction_resultant=unknown,
-        speed=unknown, speed_std=unknown, effective_sample_size=unknown, log_evidence=unknown,
-    )  # fmt: skip

@@ -19,8 +19,8 @@ from dirprim_filter.arrays import FloatArray
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import EstimateSink
 from dirprim_filter.evaluation.intervals import Interval, difference_of_means, paired, reduction_of_rmse
-from dirprim_filter.evaluation.rivals import RAW, RIVALS, SMOOTHED, FittedRival, MakeFilter, Method, fitted
-from dirprim_filter.evaluation.scenes import Scene, as_reported, followed
+from dirprim_filter.evaluation.rivals import RIVALS, SMOOTHED, FittedRival, MakeFilter, Method, fitted
+from dirprim_filter.evaluation.scenes import Scene, followed
 from dirprim_filter.evaluation.scores import RowErrors, TrackedWorld, scored
 from dirprim_filter.evaluation.settings import Choice
 from dirprim_filter.evaluation.splits import held_out, honest_split, steps
@@ -120,10 +120,8 @@ def evaluate_tracking(
         progress: called with the number of steps done, and their total.
 
     Raises:
-        ValueError: too few vehicles to learn from and to track, or sinks where the first method has no frames.
+        ValueError: too few vehicles to learn from and to track.
     """
-    if sinks and experiment.methods[0] == RAW:
-        raise ValueError(f"methods: expected a tracker first, whose run can be written, got {RAW}")
     runs: dict[str, list[tuple[TrackingReport, tuple[TrackingReport, ...], RowErrors]]] = {}
     score = partial(scored, with_ids=experiment.with_ids, scales=experiment.scales)
 
@@ -151,14 +149,11 @@ def evaluate_tracking(
         seeds = filtering.integers(2**63, size=len(experiment.methods))
         for number, method in enumerate(experiment.methods):
             listening = sinks if i == 0 and number == 0 else ()
-            if method == RAW:
-                add(method, as_reported(scenes, noise_m=experiment.noise_m))
-            else:
-                smooth = experiment.smooth and method in SMOOTHED
-                tracked = followed(scenes, made[method], experiment, listening, smooth=smooth, seed=int(seeds[number]))
-                add(method, tracked.filtered)
-                if smooth:
-                    add(method + SMOOTHED_SUFFIX, tracked.smoothed)
+            smooth = experiment.smooth and method in SMOOTHED
+            tracked = followed(scenes, made[method], experiment, listening, smooth=smooth, seed=int(seeds[number]))
+            add(method, tracked.filtered)
+            if smooth:
+                add(method + SMOOTHED_SUFFIX, tracked.smoothed)
             done()
     results = [
         MethodResult(name=name, reports=reports, by_group=by_group, errors=errors)
@@ -226,12 +221,6 @@ class TrackingComparison(NamedTuple):
         if parts:
             return f"{of_both}: error {', '.join(parts)}"
         return f"{of_both}: HOTA {_difference(self.hota)}" if self.hota is not None else ""
-
-    def as_table(self) -> dict[str, object]:
-        """Names and values, for JSON."""
-        return {
-            name: value._asdict() if isinstance(value, Interval) else value for name, value in self._asdict().items()
-        }
 
 
 def comparisons(table: TrackingTable) -> list[TrackingComparison]:

@@ -55,9 +55,9 @@ TRACKING = (
     "--set miss_rate=0.1 --set false_per_frame=0.5 --set cutoff_m=4"
 )
 SETTINGS = {
-    DENSITY: {"split_by", "n_folds", "interval_s", "min_speed", "seed"},
-    CUES: {"split_by", "n_folds", "tessellation", "min_speed", "seed"},
-    FORECAST: {"split_by", "horizons_s", "n_folds", "n_seeds", "n_samples", "seed"},
+    DENSITY: {"split_by", "n_folds", "interval_s", "seed"},
+    CUES: {"split_by", "n_folds", "tessellation", "seed"},
+    FORECAST: {"split_by", "horizons_s", "n_folds", "n_samples", "seed"},
     TRACKING: {"noise_m", "gap_s", "methods", "filter", "tracking", "seed"},
 }
 
@@ -148,10 +148,10 @@ def test_forecast_is_the_same_for_people_and_machines_and_can_be_had_again(log, 
     Path("run.json").write_text(json.dumps(table))
     assert dirprim("evaluate forecast few.mcap --config run.json --json") == DONE
     assert json.loads(capsys.readouterr().out) == table
-    assert dirprim("evaluate forecast few.mcap --config run.json --set interaction=none --seed 0 --json") == DONE
+    assert dirprim("evaluate forecast few.mcap --config run.json --seed 0 --json") == DONE
     again = json.loads(capsys.readouterr().out)
-    assert again["experiment"] == table["experiment"] | {"seed": 0, "interaction": "none"}
-    assert [row["name"] for row in again["methods"]] == [name for name in names if name != "prior, leaders"]
+    assert again["experiment"] == table["experiment"] | {"seed": 0}
+    assert [row["name"] for row in again["methods"]] == names
 
 
 def test_forecast_concludes_with_what_the_map_takes_off_or_adds():
@@ -167,9 +167,7 @@ def test_forecast_concludes_with_what_the_map_takes_off_or_adds():
         "trajectory memory": [score(h, -0.03, -0.07, 0.1 * (h < 4) - 0.01) for h in (0.5, 1.0, 4.0, 8.0)],
     }
     methods = [forecasting.MethodForecasts(name=n, horizons=tuple(of), settings=()) for n, of in rows.items()]
-    table = forecasting.ForecastTable(
-        methods=tuple(methods), split_by="group", n_folds=2, n_seeds=1, n_samples=20, n_vehicles=9
-    )
+    table = forecasting.ForecastTable(methods=tuple(methods), split_by="group", n_folds=2, n_samples=20, n_vehicles=9)
     assert forecast_text(table).splitlines()[-5:] == [
         "Energy score of the prior, with 95 % intervals over 7 groups:",
         "  at 1 s   50.0 % (45.0 to 55.0 %) less than the same model without the map",

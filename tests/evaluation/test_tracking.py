@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from dirprim_filter.config import FilterConfig, from_table
-from dirprim_filter.estimates import EstimateList
 from dirprim_filter.evaluation.scenes import gaps
 from dirprim_filter.evaluation.splits import held_out
 from dirprim_filter.evaluation.tracking import comparisons, evaluate_tracking
@@ -58,24 +57,6 @@ def test_all_methods_track_the_same_and_tell_of_gaps(table):
         assert all(found.is_inside for settings in of_seed.values() for found in settings)
 
 
-def test_raw_detections_err_by_the_noise_and_know_nothing_of_gaps_or_of_each_other(traffic, ring_map):
-    experiment = TrackingExperiment(n_seeds=1, gap_s=2.0, methods=("raw detections",))
-    named = evaluate_tracking(traffic, experiment, primitive_map=ring_map).methods[0].reports[0]
-    n_seen = round(named.reported * len(traffic))
-    assert named.seen_rmse**2 == pytest.approx(2 * 0.5**2, rel=4 / np.sqrt(n_seen))  # variance of chi squared
-    assert named.seen_nees == pytest.approx(2.0, rel=4 / np.sqrt(n_seen))
-    assert named.reported == pytest.approx(1 - 4 * 20 / len(traffic), abs=0.02)
-    assert np.isnan(named.hidden_rmse)
-    unnamed = evaluate_tracking(
-        traffic, replace(experiment, with_ids=False), primitive_map=ring_map
-    ).methods[0].reports[0]  # fmt: skip
-    assert unnamed.deta == pytest.approx(named.deta, abs=0.02)
-    assert named.assa > 0.5
-    assert unnamed.assa < 0.05
-    with pytest.raises(ValueError, match="expected a tracker first"):
-        evaluate_tracking(traffic, experiment, primitive_map=ring_map, sinks=(EstimateList(),))
-
-
 def test_the_same_experiment_gives_the_same_figures_and_another_seed_others(table, traffic, ring_map):
     reported = json.loads(json.dumps(asdict(table.experiment)))
     reported["methods"], reported["n_seeds"] = ["prior"], 1
@@ -106,7 +87,7 @@ def test_methods_are_compared_row_by_row_where_both_have_an_estimate(table):
 
 def test_without_ids_hota_is_compared_and_of_one_group_run_by_run(traffic, ring_map):
     experiment = TrackingExperiment(
-        n_seeds=3, gap_s=0.0, with_ids=False, methods=("constant velocity", "raw detections")
+        n_seeds=3, gap_s=0.0, with_ids=False, methods=("constant velocity", "interacting models")
     )  # fmt: skip
     table = evaluate_tracking(traffic, experiment, primitive_map=ring_map)
     (found,) = comparisons(table)
@@ -114,8 +95,7 @@ def test_without_ids_hota_is_compared_and_of_one_group_run_by_run(traffic, ring_
     assert found.in_sight is None
     assert found.hota.n_clusters == 3
     assert found.hota.value == pytest.approx(np.subtract(*hotas).mean())
-    assert found.hota.low > 0.0  # each raw detection is a track of its own
-    assert found.sentence.startswith("constant velocity against raw detections: HOTA +")
+    assert found.sentence.startswith("constant velocity against interacting models: HOTA ")
 
 
 def in_groups(n_groups):

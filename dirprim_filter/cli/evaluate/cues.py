@@ -6,7 +6,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from dirprim_filter.cli.evaluate.density import interval_text
-from dirprim_filter.cli.options import Folds, Json, Logs, MinSpeed, Seed, Split, Tessellation
+from dirprim_filter.cli.options import Folds, Json, Logs, Seed, Split, Tessellation
 from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.results import report
 from dirprim_filter.cli.texts import columns, counted
@@ -21,7 +21,6 @@ def cues(
     split: Split = None,
     folds: Folds = 5,
     tessellation: Tessellation = "joint",
-    min_speed: MinSpeed = 0.5,
     seed: Seed = 0,
     as_json: Json = False,
     *,
@@ -40,15 +39,14 @@ def cues(
     (deal,) = np.random.default_rng(seed).spawn(1)
     with step_progress("evaluating", "folds") as step:
         table = evaluate_cues(
-            log.tracks, split_by=split, n_folds=folds, tessellation=tessellation, min_speed=min_speed, progress=step,
+            log.tracks, split_by=split, n_folds=folds, tessellation=tessellation, progress=step,
             rng=deal,
         )  # fmt: skip
     return report(
         "evaluate cues", logs, reading, log.losses, as_json=as_json, text=lambda: cues_text(table),
         table={"table": asdict(table)},
         settings={
-            "split_by": table.split_by, "n_folds": folds, "tessellation": tessellation, "min_speed": min_speed,
-            "seed": seed,
+            "split_by": table.split_by, "n_folds": folds, "tessellation": tessellation, "seed": seed,
         },
     )  # fmt: skip
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from dirprim_filter.cli.options import Folds, Json, Logs, MinSpeed, Seed
+from dirprim_filter.cli.options import Folds, Json, Logs, Seed
 from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.results import report
 from dirprim_filter.cli.texts import columns, counted
@@ -27,7 +27,6 @@ def density(
     ] = None,
     folds: Folds = 5,
     every: Annotated[float | None, typer.Option(help="Seconds between a vehicle's rows. Default: all rows.")] = None,
-    min_speed: MinSpeed = 0.5,
     seed: Seed = 0,
     as_json: Json = False,
     *,
@@ -45,14 +44,14 @@ def density(
     log = reading.tracks(logs)
     with step_progress("evaluating", "fits") as step:
         table = evaluate_density(
-            log.tracks, split_by=split, n_folds=folds, min_speed=min_speed, interval_s=every, progress=step,
+            log.tracks, split_by=split, n_folds=folds, interval_s=every, progress=step,
             rng=np.random.default_rng(seed),
         )  # fmt: skip
     return report(
         "evaluate density", logs, reading, log.losses, as_json=as_json, text=lambda: density_text(table),
         table=asdict(table) | {"conclusion": conclusion(table)},
         settings={
-            "split_by": table.split_by, "n_folds": folds, "interval_s": every, "min_speed": min_speed, "seed": seed,
+            "split_by": table.split_by, "n_folds": folds, "interval_s": every, "seed": seed,
         },
     )  # fmt: skip
 

@@ -11,7 +11,6 @@ import typer
 from dirprim_filter.cli.options import Config, Json, Logs, Split
 from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.results import read_experiment, report
-from dirprim_filter.cli.settings import Settings, deal
 from dirprim_filter.cli.texts import UNKNOWN, columns, counted
 
 if TYPE_CHECKING:
@@ -28,7 +27,7 @@ SAID = {"place-free": "the same model without the map", "one cell": "one cell fo
 """What the conclusion calls methods."""
 
 
-@reads_logs("interaction")
+@reads_logs()
 def forecast(
     logs: Logs,
     split: Split = None,
@@ -37,13 +36,11 @@ def forecast(
         list[float] | None, typer.Option(help="Seconds ahead; may be repeated. Default: 0.5 to 8 s.")
     ] = None,
     folds: Annotated[int | None, typer.Option(min=2, help="Number of folds, each held out once. Default: 4.")] = None,
-    seeds: Annotated[int | None, typer.Option(min=1, help="Number of random splits. Default: 1.")] = None,
     samples: Annotated[int | None, typer.Option(min=20, help="Rollouts of each vehicle. Default: 100.")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="The same seed gives the same result. Default: 0.")] = None,
     as_json: Json = False,
     *,
     reading: Reading,
-    settings: Settings,
 ) -> int:
     """Compare forecasts of held-out vehicles.
 
@@ -55,27 +52,26 @@ def forecast(
 
     from dirprim_filter.cli.progress import step_progress
     from dirprim_filter.evaluation.forecast_cases import HORIZONS_S
-    from dirprim_filter.evaluation.forecasting import METHODS, WITH_LEADERS, evaluate_forecasts
+    from dirprim_filter.evaluation.forecasting import evaluate_forecasts
     from dirprim_filter.evaluation.splits import honest_split
 
-    given: dict[str, Any] = deal(settings, ("interaction",))[0] | {
-        "split_by": split, "horizons_s": horizon or None, "n_folds": folds, "n_seeds": seeds,
+    given: dict[str, Any] = {
+        "split_by": split, "horizons_s": horizon or None, "n_folds": folds,
         "n_samples": samples, "seed": seed,
     }  # fmt: skip
     given = read_experiment(config, of="evaluate forecast") | {n: of for n, of in given.items() if of is not None}
     log = reading.tracks(logs)
     defaults = {
-        "split_by": honest_split(log.tracks), "horizons_s": list(HORIZONS_S), "n_folds": 4, "n_seeds": 1,
-        "n_samples": 100, "seed": 0, "interaction": "leader",
+        "split_by": honest_split(log.tracks), "horizons_s": list(HORIZONS_S), "n_folds": 4,
+        "n_samples": 100, "seed": 0,
     }  # fmt: skip
     if unknown := [name for name in given if name not in defaults]:
         raise ValueError(f"experiment: {unknown[0]}: expected one of {', '.join(defaults)}")
     made: dict[str, Any] = defaults | given
-    of_table = {name: value for name, value in made.items() if name not in ("seed", "interaction")}
+    of_table = {name: value for name, value in made.items() if name != "seed"}
     with step_progress("evaluating", "fits") as step:
         table = evaluate_forecasts(
-            log.tracks, **of_table, methods=WITH_LEADERS if made["interaction"] == "leader" else METHODS,
-            progress=step, rng=np.random.default_rng(made["seed"]),
+            log.tracks, **of_table, progress=step, rng=np.random.default_rng(made["seed"]),
         )  # fmt: skip
     return report(
         "evaluate forecast", logs, reading, log.losses, table=asdict(table), settings=made,
@@ -86,8 +82,8 @@ def forecast(
 def forecast_text(table: ForecastTable) -> str:
     """The table as text: a block for each method, a line for each horizon; then what the first gains."""
     lines = [
-        f"{counted(table.n_vehicles, 'vehicle')} held out by {table.split_by}, {counted(table.n_folds, 'fold')}, "
-        f"{counted(table.n_seeds, 'seed')}; {counted(table.n_samples, 'rollout')} each"
+        f"{counted(table.n_vehicles, 'vehicle')} held out by {table.split_by}, {counted(table.n_folds, 'fold')}; "
+        f"{counted(table.n_samples, 'rollout')} each"
     ]
     first, *others = table.methods
     for row in table.methods:

@@ -149,4 +149,4 @@ def tracking_object(table: TrackingTable) -> dict[str, Any]:
     from dirprim_filter.evaluation.tracking import comparisons
 
     bare = replace(table, methods=tuple(replace(method, errors=()) for method in table.methods))
-    return asdict(bare) | {"comparisons": [found.as_table() for found in comparisons(table)]}
+    return asdict(bare) | {"comparisons": comparisons(table)}

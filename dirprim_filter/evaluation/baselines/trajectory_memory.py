@@ -24,8 +24,6 @@ ROW_S = 0.5
 """Between rows of the memory: at 10 m/s on a bend of 20 m radius the chord is 0.15 m off the arc."""
 LONGEST_GAP_S = 1.5
 """Between two rows further apart the vehicle's way is not known: another track begins."""
-MOST_ROWS = 60_000
-"""Of a log of more, every so many-th vehicle is remembered."""
 MOVING = 0.5
 """m/s; slower rows have no direction of their own."""
 PLACE_M, DIRECTION, SPEED, SPEED_SHARE = 1.5, 0.12, 0.5, 0.15
@@ -289,12 +287,10 @@ def _resampled(tracks: Tracks) -> Iterator[tuple[int, States]]:
     time_s = (tracks.time_ns[order] - tracks.time_ns.min(initial=0)) * 1e-9
     begins = np.flatnonzero((np.diff(vehicle[order], prepend=-1) != 0) | (np.diff(time_s, prepend=0.0) > LONGEST_GAP_S))
     ends = np.append(begins[1:], order.size)
-    seconds = (time_s[ends - 1] - time_s[begins]).sum()
-    share = max(1, int(np.ceil(seconds / ROW_S / MOST_ROWS)))
     for begin, end in zip(begins, ends, strict=True):
         rows, known = order[begin:end], time_s[begin:end]
         at = np.arange(known[0], known[-1] + 1e-6, ROW_S)
-        if at.size < 2 or vehicle[rows[0]] % share:
+        if at.size < 2:
             continue
         moves = tracks.speed[rows] >= MOVING
         moves = moves if moves.any() else ~moves
