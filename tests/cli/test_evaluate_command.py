@@ -134,7 +134,7 @@ def test_an_experiment_file_is_followed(log, capsys):
 @pytest.mark.slow
 def test_forecast_is_the_same_for_people_and_machines_and_can_be_had_again(log, capsys):
     lines, table = both(FORECAST, capsys)
-    assert lines[0] == "8 vehicles held out by vehicle, 2 folds, 1 seed; 20 rollouts each"
+    assert lines[0] == "8 vehicles held out by vehicle, 2 folds; 20 rollouts each"
     names = ["prior", "place-free", "prior, leaders", "one cell", "trajectory memory", "constant velocity"]
     assert [row["name"] for row in table["methods"]] == names
     rows = [line.split() for line in lines if re.match(r"[0-9.]+ s ", line)]
