@@ -8,12 +8,12 @@ of the simulated detections missed and ten false ones a frame. `mcity` has real 
 real radar of boats.
 
 Every tracker is given the sensor's true noise, detection rate and density of false detections. Those with settings to
-choose are tuned on other traffic of the same place, with the same sensor and the same blind ring, by HOTA: from a usual
-start each setting goes to its neighbours on a log grid while that gains, in turn, until none does; the grid has no end
-but those that have a meaning, such as two detections before a track is confirmed. Ours with the map keeps its defaults.
-Without it, and with constant velocity, how often vehicles leave is tuned too: where they leave is what the map knows.
-
-At Mcity ours also knows how late and biased the sensor is, which others do not take; a row has ours without.
+choose are tuned on other traffic of the same place (another seed, group, drive or scenario), with the same sensor and
+the same blind ring, by HOTA: from a usual start each setting goes to its neighbours on a log grid while that gains, in
+turn, until none does; the grid has no end but those that have a meaning, such as two detections before a track is
+confirmed. Ours with the map keeps its defaults. Without it, and with constant velocity, how often vehicles leave is
+tuned too: where they leave is what the map knows. At Mcity ours also knows how late and biased the sensor is, which
+others do not take; a row has ours without that.
 
 Figures are means over seeds, groups, drives or scenarios with 95 % intervals; switches are sums. `behind` is how
 much less HOTA a tracker has than ours with the map, paired.
