@@ -11,21 +11,20 @@ from dataclasses import replace
 from enum import StrEnum
 from multiprocessing import get_context
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
+from dirprim_filter.cli import exit_codes
 from dirprim_filter.cli.compiling import has_kernels, warm_up
 from dirprim_filter.cli.options import WRITTEN, Force, Seed
 from dirprim_filter.cli.texts import FIGURES, columns, number
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from multiprocessing.pool import AsyncResult
-
     from dirprim_filter.arrays import BoolArray, FloatArray
     from dirprim_filter.detections import Detections
-    from dirprim_filter.estimates import Estimates, EstimateSink
+    from dirprim_filter.estimates import Estimates
     from dirprim_filter.evaluation.tracking_report import TrackingReport
     from dirprim_filter.filtering import BayesFilter
     from dirprim_filter.primitives import PrimitiveMap
@@ -42,6 +41,8 @@ N_FITTED = 20
 SEEN_FIGURES = ("rmse", "direction_rmse", "speed_rmse", "nees")
 BLIND_FIGURES = ("hota", "idf1", "mota", "switches", "seen_rmse")
 """What is printed of each way."""
+NOISE_M, FORECAST_S = 0.5, 5.0
+"""Of the sensor in the recordings; and how far ahead vehicles are forecast."""
 NEAR_M, FAR_M = 25.0, 45.0
 """Borders of the ring, a square about the junction's middle: max(|x|, |y|)."""
 
@@ -91,12 +92,12 @@ def departure_rate(tracks: Tracks) -> float:
 
 
 class Run(NamedTuple):
-    """How a recording is tracked, whichever way: what is known of the traffic, and the seed of the particles."""
+    """What is tracked, whichever way; what is known of the traffic, and the seed of the particles."""
 
-    scene: Scene
     log: Path
     tracks: Tracks
     seed: int
+    is_blind: bool
 
 
 def demo(
@@ -115,63 +116,78 @@ def demo(
     """
     from dirprim_filter.recording.errors import OutputExistsError
 
-    outputs = {name: folder / name for name in ("map.mcap", "tracks.mcap", "tracks.rrd", "demo.png")}
-    for path in outputs.values():
+    names = ("map.mcap", "tracks.mcap", "tracks.rrd", "demo.png")
+    map_file, estimates, shown, picture = outputs = [folder / name for name in names]
+    for path in outputs:
         if path.exists() and not force:
             raise OutputExistsError(path)
     folder.mkdir(parents=True, exist_ok=True)
-    with get_context("spawn").Pool(1, signal.signal, (signal.SIGINT, signal.SIG_IGN)) as second:
+    with (
+        TemporaryDirectory() as work,
+        get_context("spawn").Pool(1, signal.signal, (signal.SIGINT, signal.SIG_IGN)) as second,
+    ):
         compiled = None if has_kernels(KERNEL) else second.apply_async(warm_up)
 
-        import numpy as np
-
-        from dirprim_filter.cli.learn import map_text
-        from dirprim_filter.cli.progress import learning_progress
-        from dirprim_filter.cli.results import provenance
-        from dirprim_filter.primitives import learn_primitives
-        from dirprim_filter.recording import read_tracks, save_map
+        from dirprim_filter.recording import load_map, read_estimates, read_tracks
 
         learning, tracking = scene.recording("learn"), scene.recording("track")
-        tracks, truth = read_tracks(learning), read_tracks(tracking)
-        run, rng = Run(scene, tracking, tracks, seed), np.random.default_rng(seed)
+        seen, truth = _seen(scene, Path(work)), read_tracks(tracking)
+        run = Run(seen, read_tracks(learning), seed, is_blind=scene is Scene.BLIND)
         rivals = {CONSTANT_VELOCITY: second.apply_async(by_constant_velocity, (run,))}
-        typer.echo(f"learning from {learning.name}: {tracks.n_tracks} vehicles, {len(tracks)} rows ...", err=True)
-        with learning_progress() as bars:
-            learned = learn_primitives(tracks, progress=bars.progress, stage=bars.stage, rng=rng)
-        rivals[WITHOUT_MAP] = second.apply_async(track, (run, learned.without_places()))
-        save_map(learned, outputs["map.mcap"], metadata=provenance("demo", inputs=[learning], seed=seed), force=force)
+        _step("learn", learning, "-o", map_file, "--seed", seed)
+        rivals[WITHOUT_MAP] = second.apply_async(track, (run, load_map(map_file).without_places()))
         if compiled is not None:
             compiled.wait(LONGEST_S)
-        typer.echo(f"tracking {tracking.name}: {truth.n_tracks} vehicles for 90 s, three ways ...", err=True)
-        found = track_all_ways(run, learned, truth, rivals, outputs)
-    typer.echo(f"\nlearned: {map_text(learned)}; tracked: {truth.n_tracks} vehicles\n")
-    typer.echo("\n".join(columns(found)))
-    typer.echo("\nwrote " + ", ".join(str(path) for path in outputs.values()))
-    typer.echo(f"next: open {outputs['demo.png']}; `dirprim view {outputs['tracks.rrd']}` plays it in rerun;")
-    typer.echo(f"      {outputs['tracks.mcap']} opens in Foxglove, with the layout in docs/guides;")
+        _step("track", seen, "--map", map_file, "-o", estimates, "--save", shown, "--seed", seed,
+              "--noise", NOISE_M, "--forecast", FORECAST_S, "--set", f"truth={tracking}")  # fmt: skip
+        _step("plot", map_file, "-o", picture, "--estimates", estimates)
+        found = {WITH_MAP: read_estimates(estimates)}
+        found |= {name: rivals[name].get(LONGEST_S) for name in (WITHOUT_MAP, CONSTANT_VELOCITY)}
+    figures = BLIND_FIGURES if run.is_blind else SEEN_FIGURES
+    reports = {name: report(of, truth, is_blind=run.is_blind) for name, of in found.items()}
+    table = [(name, *(number(getattr(of, figure)) for figure in figures)) for name, of in reports.items()]
+    typer.echo("\n".join(["", *columns([("tracking", *(FIGURES[figure] for figure in figures)), *table])]))
+    typer.echo(f"\nnext: open {picture}; `dirprim view {shown}` plays it in rerun;")
+    typer.echo(f"      {estimates} opens in Foxglove, with the layout in docs/guides;")
     typer.echo("      `dirprim info LOG` summarises a log of yours")
 
 
-def track(run: Run, model: PrimitiveMap | BayesFilter, sinks: Sequence[EstimateSink] = ()) -> Estimates:
-    """Track by a model; `sinks`: those of the way that is shown."""
+def _step(*words: object) -> None:
+    """Run another command, whose outputs may be overwritten."""
+    from dirprim_filter.cli.main import run
+
+    if (code := run([*map(str, words), "--force"])) not in (exit_codes.DONE, exit_codes.INPUT_LOST):
+        raise typer.Exit(code)
+
+
+def _seen(scene: Scene, folder: Path) -> Path:
+    """A log of what is detected: the recording, but in the blind scene."""
+    from dirprim_filter.detections import Detections
+    from dirprim_filter.recording import read_tracks, write_tracks
+    from dirprim_filter.recording.reader import stream_detections
+
+    log, path = scene.recording("track"), folder / "seen.mcap"
+    if scene is not Scene.BLIND:
+        return log
+    seen = with_blind_ring(Detections.concatenate(list(stream_detections(log))))
+    write_tracks(read_tracks(log)[:0], path, detections=seen)
+    return path
+
+
+def track(run: Run, model: PrimitiveMap | BayesFilter) -> Estimates:
+    """Track by another model."""
     import numpy as np
 
-    from dirprim_filter.cli.progress import with_progress
     from dirprim_filter.config import TrackingConfig
     from dirprim_filter.estimates import EstimateList
     from dirprim_filter.filtering import Tracker
     from dirprim_filter.recording.reader import stream_detections
     from dirprim_filter.replay import replay
 
-    is_blind, tracking = run.scene is Scene.BLIND, TrackingConfig()
-    if is_blind and not sinks:
+    tracking, kept = TrackingConfig(), EstimateList()
+    if run.is_blind:
         tracking = replace(tracking, departure_rate=departure_rate(run.tracks))
-    stream, kept = stream_detections(run.log), EstimateList()
-    frames = with_progress(stream, what=f"tracking {run.log.name}", end_ns=stream.end_ns) if sinks else stream
-    if is_blind:
-        frames = (seen for seen in map(with_blind_ring, frames) if len(seen))
-    rng = np.random.default_rng(run.seed)
-    replay(frames, Tracker(model, tracking=tracking, with_innovations=bool(sinks), rng=rng), [*sinks, kept])
+    replay(stream_detections(run.log), Tracker(model, tracking=tracking, rng=np.random.default_rng(run.seed)), [kept])
     return kept.all()
 
 
@@ -188,41 +204,6 @@ def by_constant_velocity(run: Run) -> Estimates:
     noise = config.noise_m * rng.standard_normal(some.position.shape)
     seen = replace(Detections.of(some), position=some.position + noise)
     return track(run, fitted("constant velocity", seen, tracks, config)())
-
-
-def track_all_ways(
-    run: Run, learned: PrimitiveMap, truth: Tracks, rivals: Mapping[str, AsyncResult[Estimates]],
-    outputs: Mapping[str, Path],
-) -> list[Sequence[str]]:  # fmt: skip
-    """Track with the map, writing and drawing everything; wait for the rivals; -> a table of all scores."""
-    import numpy as np
-
-    from dirprim_filter.cli.results import provenance
-    from dirprim_filter.forecasting import Forecaster
-    from dirprim_filter.recording.writer import EstimateWriter
-    from dirprim_filter.viewer.figures import map_figure, save_figure
-    from dirprim_filter.viewer.sink import open_stream
-
-    said = provenance("demo", inputs=[run.log], seed=run.seed)
-    with (
-        EstimateWriter(outputs["tracks.mcap"], metadata=said, force=True) as written,
-        open_stream("dirprim demo", save=outputs["tracks.rrd"], force=True) as shown,
-    ):
-        written.write_map_scene(learned)
-        shown.log_map(learned)
-        shown.log_truth(truth)
-        forecaster = Forecaster(learned, [written, shown], rng=np.random.default_rng([run.seed, 1]))
-        found = {WITH_MAP: track(run, learned, [written, shown, forecaster])}
-        found |= {name: rivals[name].get(LONGEST_S) for name in (WITHOUT_MAP, CONSTANT_VELOCITY)}
-        figures = BLIND_FIGURES if run.scene is Scene.BLIND else SEEN_FIGURES
-        reports = {name: report(of, truth, is_blind=run.scene is Scene.BLIND) for name, of in found.items()}
-        table = [(name, *(number(getattr(of, figure)) for figure in figures)) for name, of in reports.items()]
-        heads = [FIGURES[figure] for figure in figures]
-        shown.log_run(
-            said, {f"{head}, {name}": of for name, *row in table for head, of in zip(heads, row, strict=True)}
-        )
-    save_figure(map_figure(learned, estimates=found[WITH_MAP]), outputs["demo.png"], force=True)
-    return [("tracking", *heads), *table]
 
 
 def report(estimates: Estimates, truth: Tracks, *, is_blind: bool) -> TrackingReport:
