@@ -43,17 +43,12 @@ _EMPTY: dict[str, Any] = {
 
 
 class Gaps:
-    """The last times between two of some events.
-
-    Attributes:
-        seen_ns: of the last event; None before the first.
-        usual_ns: median, the lower one of an even number, and median of how far off it they are; 0 while unknown.
-    """
+    """The last times between two of some events."""
 
     def __init__(self) -> None:
-        self.seen_ns: int | None = None
+        self.seen_ns: int | None = None  # of the last event
         self._gaps: deque[int] = deque(maxlen=REMEMBERED)
-        self.usual_ns = 0, 0
+        self.usual_ns = 0, 0  # lower median, and median of how far off it they are; 0 while unknown
 
     def add(self, gap_ns: int) -> None:
         """One more, unless it is a pause."""
@@ -72,15 +67,10 @@ class Gaps:
 
 
 class Intervals:
-    """How often a sensor looks: at each vehicle that it labels, by its own detections alone; at all others; at all.
-
-    Attributes:
-        of_frames: between two frames.
-        of_others: of vehicles without a label, from one detection to the next.
-    """
+    """How often a sensor looks: at each vehicle that it labels, by its own detections alone; at all others; at all."""
 
     def __init__(self) -> None:
-        self.of_frames, self.of_others = Gaps(), Gaps()
+        self.of_frames, self.of_others = Gaps(), Gaps()  # of others: from one detection to the next
         self._of: dict[str, Gaps] = {}
 
     def see(self, names: Sequence[str], time_ns: int) -> None:

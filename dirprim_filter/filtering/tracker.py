@@ -135,14 +135,17 @@ class Tracker:
             is_scan: the sensor looked; else no vehicle was missed at `time_ns`, which is between its frames.
 
         Raises:
-            ValueError: several instants or groups, a repeated id, or time going backwards; the beliefs are as before.
+            ValueError: several instants or groups, a repeated id, time going backwards, or another time than that of
+                the detections; the beliefs are as before.
         """
         require("detections", detections, Detections)
         if self._latency_ns:
             detections = replace(detections, time_ns=detections.time_ns - self._latency_ns)
             time_ns = None if time_ns is None else time_ns - self._latency_ns
         if time_ns is None or len(detections):
-            time_ns = detections.instant(after_ns=self._time_ns)
+            asked_ns, time_ns = time_ns, detections.instant(after_ns=self._time_ns)
+            if asked_ns not in (None, time_ns):
+                raise ValueError(f"time_ns: expected {time_ns}, that of the detections, got {asked_ns}")
         else:
             check_after(time_ns, self._time_ns)
         is_frame = time_ns > self._time_ns

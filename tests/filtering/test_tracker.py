@@ -128,6 +128,7 @@ def both(times_s, names=("a", "b")):
         (both([0.6, 0.7]), None, "one instant"),
         (both([0.4, 0.4]), None, "expected times after 500000000 ns, got 400000000"),
         (one("b", 0.5, 20.0, 0.0), None, "expected times after 500000000 ns, got 500000000"),
+        (one("b", 0.6, 20.0, 0.0), 700_000_000, "time_ns: expected 600000000, that of the detections, got 700000000"),
         (Detections.none(), 0, "expected times after 500000000 ns, got 0"),
         (Detections.none(), 500_000_000, "expected times after 500000000 ns, got 500000000"),
         (Detections.none(), None, None),
