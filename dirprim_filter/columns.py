@@ -36,8 +36,8 @@ def chosen(column: AnyArray, rows: BoolArray | IntArray | slice) -> AnyArray:
     """The chosen rows, by mask, indices or slice."""
     if is_held(column):
         return column[rows]
-    n = np.broadcast_to(False, len(column))[rows].size
-    return np.broadcast_to(column[:1], (n, *column.shape[1:]))
+    n = np.arange(len(column))[rows].size
+    return column[:n] if n <= len(column) else np.broadcast_to(column[:1], (n, *column.shape[1:]))
 
 
 def joined(parts: Sequence[AnyArray]) -> AnyArray:

@@ -52,9 +52,8 @@ def as_track_ids(value: npt.ArrayLike) -> AnyArray:
     if array.dtype.kind == "i" or (array.dtype.kind == "u" and array.dtype.itemsize < 8):
         return array.astype(np.int64, copy=False)
     text = as_texts(array)
-    if all(map(_is_decimal_int64, numbered(text)[0])):
-        return text.astype(np.int64)
-    return text
+    blocks = (set(text[start : start + BLOCK_ROWS].tolist()) for start in range(0, text.size, BLOCK_ROWS))
+    return text.astype(np.int64) if all(_is_decimal_int64(name) for block in blocks for name in block) else text
 
 
 @lru_cache(maxsize=1 << 16)

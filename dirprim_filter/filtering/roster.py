@@ -7,7 +7,7 @@ nothing of it. And a sensor that looks at a vehicle each ten seconds needs belie
 
 from __future__ import annotations
 
-from collections import deque
+from collections import defaultdict, deque
 from collections.abc import Iterable, Sequence
 from itertools import compress
 from typing import Any
@@ -71,15 +71,16 @@ class Intervals:
 
     def __init__(self) -> None:
         self.of_frames, self.of_others = Gaps(), Gaps()  # of others: from one detection to the next
-        self._of: dict[str, Gaps] = {}
+        self._of: dict[str, Gaps] = defaultdict(Gaps)
 
     def see(self, names: Sequence[str], time_ns: int) -> None:
         """Take the labelled vehicles of a frame."""
         self.of_frames.see(time_ns)
         for name in names:
-            self._of.setdefault(name, Gaps()).see(time_ns)
+            self._of[name].see(time_ns)
         if len(self._of) > 2 * len(names) + MOST_NAMES:
-            self._of = {name: of for name, of in self._of.items() if time_ns - (of.seen_ns or 0) <= MOST_NS}
+            for name in [name for name, of in self._of.items() if time_ns - (of.seen_ns or 0) > MOST_NS]:
+                del self._of[name]
 
     def of(self, names: Iterable[str]) -> FloatArray:
         """(n, 2) usual time and jitter of each, nanoseconds."""

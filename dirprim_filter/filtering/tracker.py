@@ -264,6 +264,8 @@ class Tracker:
     def _associate(self, row: IntArray) -> Hits:
         """Move the unlabelled tracks to the frame's time; which of its unlabelled rows (d,) are theirs."""
         roster, slot = self._roster, self._roster.unlabelled
+        if slot.size == 0:
+            return Hits(slot, row[:0])
         self._motion.advance_to(slot, now_ns=self._time_ns)
         roster.age(slot, slot, self._time_ns)
         return associated(
@@ -274,10 +276,12 @@ class Tracker:
 
     def _begin_tracks(self, row: IntArray, is_labelled: BoolArray) -> None:
         """Initialise a track for each unassigned detection (d,); an unlabelled track is named when it is confirmed."""
-        seen, labelled = self._frame.detections[row], is_labelled[row]
-        names = np.array(seen.track_id, dtype=object)
+        labelled, detections = is_labelled[row], self._frame.detections
+        exists = existence.at_birth(self._undetected.see(detections.position[row], labelled), self.tracking)
+        if row.size == 0:
+            return
+        names = np.array(detections.track_id[row], dtype=object)
         names[~labelled] = self._roster.tentative_names(int((~labelled).sum()))
-        exists = existence.at_birth(self._undetected.see(seen.position, labelled), self.tracking)
         slot = self._roster.enter(names.tolist(), is_labelled=labelled, time_ns=self._time_ns, exists=exists)
         self._begin(slot, row)
 
