@@ -121,6 +121,7 @@ class Roster:
         self._filter, self._config = bayes_filter, config
         self._on_map = bayes_filter if isinstance(bayes_filter, OnMap) else None
         self._slot: dict[str, int] = {}
+        self._slots: IntArray | None = None  # of these, since they last changed
         self._name: dict[int, str] = {}
         self._free: list[int] = []
         self._n_tentative = self._n_numbered = 0
@@ -141,6 +142,7 @@ class Roster:
             self._grow(max(self.time_ns.size, len(names)))
         slot = np.array([self._free.pop() for _ in names], dtype=np.int64)
         self._slot.update(zip(names, slot.tolist(), strict=True))
+        self._slots = None
         self._name.update(zip(slot.tolist(), names, strict=True))
         for name, empty in _EMPTY.items():
             getattr(self, name)[slot] = empty
@@ -153,7 +155,9 @@ class Roster:
     @property
     def slots(self) -> IntArray:
         """(v,) of all tracks, in the order they came."""
-        return np.fromiter(self._slot.values(), np.int64, len(self._slot))
+        if self._slots is None:
+            self._slots = np.fromiter(self._slot.values(), np.int64, len(self._slot))
+        return self._slots
 
     @property
     def labelled(self) -> IntArray:
@@ -183,6 +187,7 @@ class Roster:
         while (new := f"track-{self._n_numbered}") in self:
             self._n_numbered += 1
         self._slot[new] = slot = self._slot.pop(name)
+        self._slots = None
         self._name[slot] = new
 
     def give_way(self, names: Sequence[str]) -> None:
@@ -198,6 +203,12 @@ class Roster:
     def names_of(self, slot: IntArray) -> list[str]:
         """The names of those who have the slots (v,)."""
         return [self._name[place] for place in slot.tolist()]
+
+    def without(self, slot: IntArray, others: IntArray) -> IntArray:
+        """Those of the slots (v,) that are not among others."""
+        is_other = np.zeros(self.time_ns.size, np.bool_)
+        is_other[others] = True
+        return slot[~is_other[slot]]
 
     def spare(self, n: int) -> IntArray:
         """(n,) free slots, for temporary beliefs until a track takes them."""
@@ -228,7 +239,9 @@ class Roster:
         first = existence.at_birth(np.array([config.birth_density]), config)[0, existence.VISIBLE]
         last_ns = self.measured_ns + np.maximum(self._least_gap_ns, GAP_INTERVALS * self.interval[:, 0])
         ended = (self.probability < config.forget_below * first) | (last_ns < now_ns)
-        self._free += [self._slot.pop(self._name.pop(place)) for place in slot[ended[slot]].tolist()]
+        if ended[slot].any():
+            self._free += [self._slot.pop(self._name.pop(place)) for place in slot[ended[slot]].tolist()]
+            self._slots = None
 
     def age(self, slot: IntArray, held: IntArray, time_ns: int) -> None:
         """Let existence (v,) come to a time, by where the beliefs in the slots `held` (v,) are then."""
@@ -246,8 +259,8 @@ class Roster:
 
         One is due some time after its last hit or miss; not while its sensor's interval is unknown.
         """
-        slot = self.slots
-        slot = slot[~np.isin(slot, hit) & (self.measured_ns[slot] < time_ns) & (self.interval[slot, 0] > 0)]
+        slot = self.without(self.slots, hit)
+        slot = slot[(self.measured_ns[slot] < time_ns) & (self.interval[slot, 0] > 0)]
         due_ns = DUE_FROM * self.interval[slot, 0] + JITTERS * self.interval[slot, 1]
         return np.asarray(slot[time_ns - self.counted_ns[slot] >= due_ns])
 

@@ -162,7 +162,9 @@ class Tracker:
         self._roster.forget(now_ns=time_ns)
         frame.hits = Hits.concatenate([self._match(labels, row), self._associate(np.flatnonzero(~is_labelled))])
         if is_scan:
-            self._begin_tracks(np.setdiff1d(np.arange(len(detections)), frame.hits.row), is_labelled)
+            is_new = np.ones(len(detections), np.bool_)
+            is_new[frame.hits.row] = False
+            self._begin_tracks(np.flatnonzero(is_new), is_labelled)
         self._hold(labels)
 
     def weigh(self) -> None:
@@ -237,7 +239,7 @@ class Tracker:
             time_ns=time_ns, detections=seen, estimates=estimates,
             particles=Particles.none() if self._on_map is None else self._on_map.particles(slot),
             innovations=None if frame.innovation is None else frame.innovation[home],
-            reinitialised=tuple(compress(names, np.isin(home, frame.lost).tolist())),
+            reinitialised=tuple(compress(names, np.isin(home, frame.lost).tolist())) if frame.lost.size else (),
         )  # fmt: skip
 
     def resample(self) -> None:
@@ -289,8 +291,7 @@ class Tracker:
         """Have all beliefs at the frame's time: those of labelled tracks that it does not hold are moved aside."""
         roster, frame = self._roster, self._frame
         seen = roster.slots_of(labels)
-        absent = roster.labelled
-        absent = absent[~np.isin(absent, seen)]
+        absent = roster.without(roster.labelled, seen)
         dt_ns = self._time_ns - roster.time_ns[absent]
         aside = absent.copy()
         between = dt_ns > 0
