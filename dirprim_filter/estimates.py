@@ -71,7 +71,7 @@ class Particles(ArrayValue):
         direction: (n,) radians.
         speed: (n,) m/s.
         weight: (n,) sums to one for each vehicle.
-        vehicle: (n,) int64, the row of the vehicle in the frame's estimates.
+        vehicle: (n,) int64, the row of the vehicle in the frame's estimates, ascending.
         mode: (n,) int64, the mode that the particle follows in its cell. Left out: -1, none.
         manoeuvre: (n,) int64, the manoeuvre of the map's motion. Left out: -1, none.
         push: (n,) the vehicle's own acceleration, in standard deviations of its manoeuvre's. Left out: 0.
@@ -109,15 +109,16 @@ class Particles(ArrayValue):
 
     def of(self, row: int) -> Particles:
         """The samples of one vehicle, by its row in the frame's estimates."""
-        return self[self.vehicle == row]
+        first, end = np.searchsorted(self.vehicle, [row, row + 1])
+        return self[slice(first, end)]
 
     def thinned(self, stride: int, *, rows: BoolArray | None = None) -> Particles:
         """A copy of every `stride`-th sample; of some vehicles, where `rows` of the frame's estimates are given."""
         kept = np.arange(0, len(self), stride)
         return self[kept if rows is None else kept[rows[self.vehicle[kept]]]]
 
-    def __getitem__(self, rows: BoolArray | IntArray) -> Particles:
-        """The chosen samples, by mask or indices."""
+    def __getitem__(self, rows: BoolArray | IntArray | slice) -> Particles:
+        """The chosen samples, by mask, indices or slice."""
         return Particles(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
 
 
