@@ -15,7 +15,6 @@ from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from dirprim_filter.course import HALF_WINDOWS_S, MAX_GAP_S, STANDING_M
 from dirprim_filter.distributions.angles import difference
 from dirprim_filter.evaluation import _kernels
-from dirprim_filter.instants import Instants
 from dirprim_filter.track_ids import qualified_names
 from dirprim_filter.tracks import Tracks
 
@@ -28,6 +27,8 @@ MAX_MATCH_S = 0.25
 """Between rows further from an instant than this, where the vehicle was is not known."""
 PAST_NS = int(HALF_WINDOWS_S[0] * 1e9)
 """A vehicle's motion is its move over so long before, or since the row before where rows are further apart."""
+FEWEST_CASES = 20
+"""At a horizon by which settings are chosen."""
 MOVES_M = 0.5 * STANDING_M
 """A shorter move has no course."""
 
@@ -43,8 +44,8 @@ class Cases(NamedTuple):
         direction: (n,) radians, by no later row than the instant's: `seen_so_far`.
         speed: (n,) m/s, likewise.
         later: (n, n_horizons, 2) metres, where the vehicle was that much later; NaN where the log does not say.
-        around: all vehicles that were there at the instants, those that are not forecast too, likewise.
-        at: (n,) which row of these each case is.
+        log: all rows of the log, those of vehicles that are not forecast too, likewise.
+        row: (n,) which of these each case is.
     """
 
     vehicle: IntArray
@@ -54,8 +55,8 @@ class Cases(NamedTuple):
     direction: FloatArray
     speed: FloatArray
     later: FloatArray
-    around: Instants
-    at: IntArray
+    log: Tracks
+    row: IntArray
 
     @classmethod
     def of(
@@ -79,14 +80,15 @@ class Cases(NamedTuple):
             starts.append(rows[at])
             later.append(_position_at(time_s[at][:, None] + np.asarray(horizons_s), time_s, log.position[rows]))
         row = np.concatenate(starts)
-        instant, which = np.unique(np.column_stack([log.group[row], log.time_ns[row]]), axis=0, return_inverse=True)
-        around = Instants.of(log[is_known], instant[:, 0], instant[:, 1])
-        number = np.searchsorted(np.unique(vehicle[is_known]), vehicle[row])  # among those of which any motion is known
         return cls(
             vehicle=np.asarray(vehicle[row], np.int64), name=names[vehicle[row]], group=log.group[row],
             position=log.position[row], direction=log.direction[row], speed=log.speed[row],
-            later=np.concatenate(later), around=around, at=around.rows_of(which.ravel(), number),
+            later=np.concatenate(later), log=log, row=row,
         )  # fmt: skip
+
+    def some(self, chosen: BoolArray) -> Cases:
+        """Those that are chosen, (n,), of the same log."""
+        return Cases(**{name: of if name == "log" else of[chosen] for name, of in self._asdict().items()})
 
 
 def seen_so_far(tracks: Tracks) -> tuple[Tracks, BoolArray]:
@@ -144,6 +146,18 @@ def _position_at(wanted: FloatArray, time_s: FloatArray, position: FloatArray) -
     between = (time_s[before] <= wanted) & (wanted <= time_s[after])
     near |= between & (wanted - time_s[before] <= MAX_MATCH_S) & (time_s[after] - wanted <= MAX_MATCH_S)
     return np.where(near[..., None], found, np.nan)
+
+
+def mean_log_energy(sample: FloatArray, later: FloatArray) -> float:
+    """Mean over horizons of the log of the mean energy score; NaN where no horizon has `FEWEST_CASES`.
+
+    The score is proper (Gneiting and Raftery 2007, Eq. 22): of settings too wide a net and too narrow a one both cost.
+    """
+    judged = np.flatnonzero(np.isfinite(later[..., 0]).sum(axis=0) >= FEWEST_CASES)
+    if not judged.size:
+        return float("nan")
+    energy = score_cases(sample[:, :, judged], later[:, judged])[..., SCORES.index("energy")]
+    return float(np.log(np.nanmean(energy, axis=0)).mean())
 
 
 def score_cases(sample: FloatArray, later: FloatArray) -> FloatArray:

@@ -14,13 +14,12 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, FloatArray
-from dirprim_filter.config import FilterConfig
 from dirprim_filter.evaluation.baselines.trajectory_memory import States, TrajectoryMemory
+from dirprim_filter.evaluation.belief_forecasts import NOISE, chosen_noise, forecast_beliefs
 from dirprim_filter.evaluation.forecast_cases import HORIZONS_S, SCORES, Cases, score_cases
 from dirprim_filter.evaluation.intervals import Interval, paired, reduction_of_mean
 from dirprim_filter.evaluation.settings import Choice
 from dirprim_filter.evaluation.splits import SplitBy, split, steps
-from dirprim_filter.forecasting import forecast_states
 from dirprim_filter.primitives import PrimitiveMap, learn_primitives
 from dirprim_filter.tracks import Tracks
 
@@ -46,47 +45,44 @@ Fit = Callable[[Tracks, tuple[float, ...], np.random.Generator], Mapping[str, Fo
 
 def by_map(train: Tracks, horizons_s: tuple[float, ...], rng: np.random.Generator) -> dict[str, Forecaster]:
     """The map as it is learned by default, the same without its cells, and where vehicles respond to those ahead."""
-    learned = learn_primitives(train, rng=rng)
+    learned, known = learn_primitives(train, rng=rng), Cases.of(train, horizons_s=horizons_s)
+    prior = from_beliefs(learned, known, horizons_s, rng)
+    behind_leaders = rollouts_of(learned, horizons_s, noise_m=noise_of(prior.settings), leaders=True)
     return {
-        "prior": Forecaster(rollouts_of(learned, horizons_s)),
-        "place-free": Forecaster(rollouts_of(learned.without_places(), horizons_s)),
-        "prior, leaders": Forecaster(rollouts_with_leaders(learned, horizons_s)),
+        "prior": prior,
+        "place-free": from_beliefs(learned.without_places(), known, horizons_s, rng),
+        "prior, leaders": Forecaster(behind_leaders, prior.settings),
     }
 
 
 def by_one_cell(train: Tracks, horizons_s: tuple[float, ...], rng: np.random.Generator) -> dict[str, Forecaster]:
     """The same learning with a single cell for all places: the negative control. What is left owes nothing to cells."""
     learned = learn_primitives(train, tessellation="grid", n_cells=1, rng=rng)
-    return {"one cell": Forecaster(rollouts_of(learned, horizons_s))}
+    return {"one cell": from_beliefs(learned, Cases.of(train, horizons_s=horizons_s), horizons_s, rng)}
 
 
-def rollouts_of(primitive_map: PrimitiveMap, horizons_s: tuple[float, ...]) -> SampleRollouts:
-    """Forecasts on a map."""
+def from_beliefs(
+    primitive_map: PrimitiveMap, known: Cases, horizons_s: tuple[float, ...], rng: np.random.Generator
+) -> Forecaster:
+    """On a map, with the noise of positions that suits cases of training vehicles."""
+    settings = chosen_noise(primitive_map, known, horizons_s, rng=rng)
+    return Forecaster(rollouts_of(primitive_map, horizons_s, noise_m=noise_of(settings)), settings)
+
+
+def noise_of(settings: tuple[Choice, ...]) -> float:
+    """Metres: as chosen, where it could be."""
+    return settings[0].chosen if settings else NOISE.start
+
+
+def rollouts_of(
+    primitive_map: PrimitiveMap, horizons_s: tuple[float, ...], *, noise_m: float = NOISE.start, leaders: bool = False
+) -> SampleRollouts:
+    """Forecasts on a map; see `forecast_beliefs`."""
 
     def sample(cases: Cases, n_samples: int, rng: np.random.Generator) -> FloatArray:
-        return forecast_states(
-            primitive_map, position=cases.position, direction=cases.direction, speed=cases.speed,
-            time_s=horizons_s, n_samples=n_samples, rng=rng,
-        )  # fmt: skip
-
-    return sample
-
-
-def rollouts_with_leaders(primitive_map: PrimitiveMap, horizons_s: tuple[float, ...]) -> SampleRollouts:
-    """Forecasts on a map of all vehicles that were there at an instant together."""
-
-    def sample(cases: Cases, n_samples: int, rng: np.random.Generator) -> FloatArray:
-        path = np.empty((cases.speed.size, n_samples, len(horizons_s), 2))
-        instant = cases.around.instant[cases.at]
-        for i in np.unique(instant):
-            first, end = cases.around.first[i : i + 2]
-            east, north, direction, speed = cases.around.state[first:end].T
-            here = np.flatnonzero(instant == i)
-            path[here] = forecast_states(
-                primitive_map, position=np.column_stack([east, north]), direction=direction, speed=speed,
-                time_s=horizons_s, n_samples=n_samples, config=FilterConfig(interaction="leader"), rng=rng,
-            )[cases.at[here] - first]  # fmt: skip
-        return path
+        return forecast_beliefs(
+            primitive_map, cases, horizons_s, noise_m=noise_m, leaders=leaders, n_samples=n_samples, rng=rng
+        )
 
     return sample
 

@@ -14,7 +14,7 @@ from dirprim_filter.arrays import AnyArray, FloatArray
 from dirprim_filter.config import FilterConfig, from_table
 from dirprim_filter.detections import Detections
 from dirprim_filter.evaluation.forecast_cases import SCORES, Cases, score_cases
-from dirprim_filter.evaluation.forecasting import rollouts_of, rollouts_with_leaders
+from dirprim_filter.evaluation.forecasting import rollouts_of
 from dirprim_filter.evaluation.scenes import Scene, followed
 from dirprim_filter.evaluation.scores import RowErrors, TrackedWorld, scored
 from dirprim_filter.evaluation.splits import held_out
@@ -107,7 +107,7 @@ class Simulated:
     def forecast(self, learned: PrimitiveMap, *, alone: bool = False) -> Outcome:
         """Energies of forecasts, without leaders or with them, and the log density of motion."""
         cases = Cases.of(self.cases, horizons_s=HORIZONS_S, among=self.among)
-        sample = (rollouts_of if alone else rollouts_with_leaders)(learned, HORIZONS_S)
+        sample = rollouts_of(learned, HORIZONS_S, leaders=not alone)
         energy = score_cases(sample(cases, N_SAMPLES, np.random.default_rng(self.seed)), cases.later)
         energy = energy[..., SCORES.index("energy")]
         has_groups = np.unique(self.among.group).size > 1

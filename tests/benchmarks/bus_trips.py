@@ -19,8 +19,7 @@ from dirprim_filter import PrimitiveMap, Tracks, learn_primitives
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.evaluation.baselines.trajectory_memory import States, TrajectoryMemory
 from dirprim_filter.evaluation.forecast_cases import Cases, score_cases
-from dirprim_filter.evaluation.forecasting import SampleRollouts, rollouts_of, straight_on_as
-from dirprim_filter.instants import Instants
+from dirprim_filter.evaluation.forecasting import SampleRollouts, from_beliefs, straight_on_as
 
 DATA = Path(__file__).parents[2] / "../shared/data/chicago_bus/chicago_bus.csv"
 N_FOLDS = 2
@@ -94,12 +93,14 @@ def starts_of(given: Fixes) -> Cases:
         chosen.append(rows[at])
         later.append(np.where(near[..., None], np.stack(place, axis=-1), np.nan))
     row = np.concatenate(chosen)
-    step = (given.position[row] - given.position[row - 1]) / (given.time_s[row] - given.time_s[row - 1])[:, None]
-    alone, no_vehicle = np.zeros(row.size, np.int64), np.empty(0, np.int64)
+    step = np.diff(given.position, axis=0, prepend=0.0) / np.diff(given.time_s, prepend=-np.inf)[:, None]
+    log = Tracks(
+        track_id=given.trip, time_ns=np.round(given.time_s * 1e9).astype(np.int64), position=given.position,
+        direction=np.arctan2(step[:, 1], step[:, 0]), speed=np.hypot(*step.T),
+    )  # fmt: skip
     return Cases(
-        vehicle=given.trip[row], name=given.trip[row].astype(np.str_), group=alone, position=given.position[row],
-        direction=np.arctan2(step[:, 1], step[:, 0]), speed=np.hypot(*step.T), later=np.concatenate(later),
-        around=Instants(np.empty((0, 4)), no_vehicle, np.zeros(1, np.int64)), at=alone,
+        vehicle=given.trip[row], name=given.trip[row].astype(np.str_), group=log.group[row], position=log.position[row],
+        direction=log.direction[row], speed=log.speed[row], later=np.concatenate(later), log=log, row=row,
     )  # fmt: skip
 
 
@@ -197,11 +198,11 @@ def samplers(fold: Fold) -> dict[str, tuple[SampleRollouts, np.random.Generator]
         now = States(cases.position, cases.direction, cases.speed)
         return memory.sample(now, time_s=np.array(HORIZONS_S), n_samples=n_samples, rng=rng)
 
-    straight_on = straight_on_as(starts_of(fold.train), HORIZONS_S)
+    known = starts_of(fold.train)
     return {
-        "constant velocity": (straight_on, np.random.default_rng(fold.seed)),
+        "constant velocity": (straight_on_as(known, HORIZONS_S), np.random.default_rng(fold.seed)),
         "trajectory memory": (remembered, np.random.default_rng([fold.seed, 1])),
     } | {
-        name: (rollouts_of(learned, HORIZONS_S), np.random.default_rng([fold.seed, 2]))
+        name: (from_beliefs(learned, known, HORIZONS_S, rng := np.random.default_rng([fold.seed, 2])).sample, rng)
         for name, learned in maps(fold.seed).items()
     }

@@ -7,8 +7,10 @@ import pytest
 from scipy import stats
 
 from dirprim_filter.course import motion_of
+from dirprim_filter.evaluation.belief_forecasts import _slots
 from dirprim_filter.evaluation.forecast_cases import SCORES, Cases, score_cases, seen_so_far
-from dirprim_filter.evaluation.forecasting import Forecaster, by_constant_velocity, evaluate_forecasts
+from dirprim_filter.evaluation.forecasting import Forecaster, by_constant_velocity, evaluate_forecasts, rollouts_of
+from dirprim_filter.primitives import learn_primitives
 from dirprim_filter.tracks import Tracks
 from situations import ring_traffic
 
@@ -71,6 +73,16 @@ def test_cases_are_where_the_vehicle_was_later():
                 assert np.isnan(cases.later[i, h]).all()
 
 
+def test_vehicles_that_are_there_together_have_beliefs_of_their_own():
+    rng = np.random.default_rng(0)
+    first = rng.integers(0, 200, 40)
+    last = first + rng.integers(0, 30, 40)
+    frames = [np.flatnonzero((first <= i) & (i <= last)) for i in range(230)]
+    slots = _slots(np.arange(41), frames)  # one is in no frame
+    assert all(np.unique(slots[rows]).size == rows.size for rows in frames)
+    assert slots.max() + 1 == max(rows.size for rows in frames)
+
+
 @pytest.mark.parametrize("dt_s", [0.1, 0.5, 1.0])
 def test_what_comes_after_an_instant_changes_no_start(dt_s):
     """Neither of the vehicle nor of those around it; the control: central differences do change."""
@@ -84,15 +96,17 @@ def test_what_comes_after_an_instant_changes_no_start(dt_s):
         speed=np.where(is_later, 50.0, log.speed),
     )  # fmt: skip
     now, then = (Cases.of(tracks[tracks.track_id < 3], horizons_s=(1.0,), among=tracks) for tracks in (log, other))
-    row = [int(np.flatnonzero((log.position == place).all(axis=1))[0]) for place in now.position]
-    early = np.flatnonzero(log.time_ns[row] <= until)
+    early = np.flatnonzero(log.time_ns[now.row] <= until)
     assert 8 < early.size < now.speed.size
-    np.testing.assert_array_equal(now.at, then.at)
+    np.testing.assert_array_equal(now.row, then.row)
     for column in ("position", "direction", "speed"):
         np.testing.assert_array_equal(getattr(now, column)[early], getattr(then, column)[early])
-    around = np.isin(now.around.instant, now.around.instant[now.at[early]])
-    assert around.sum() == 2 * early.size
-    np.testing.assert_array_equal(now.around.state[around], then.around.state[around])
+    learned = learn_primitives(log, tessellation="grid", cell_size=10.0, rng=rng)
+    for leaders in (False, True):
+        sample = rollouts_of(learned, (1.0, 2.0), leaders=leaders)
+        mine, theirs = (sample(cases, 20, np.random.default_rng(2)) for cases in (now, then))
+        np.testing.assert_array_equal(mine[early], theirs[early])
+        assert (mine != theirs).any()
     central, changed = (motion_of(t.vehicle, t.time_ns, t.position) for t in (log, other))
     assert (central.speed != changed.speed)[log.time_ns == until].all()
 
@@ -160,10 +174,12 @@ def test_on_a_ring_the_prior_beats_constant_velocity_on_the_same_cases():
     assert {score.gain.n_clusters for scores in rows.values() for score in scores} == {24}
     assert table.n_vehicles == 24
     settings = {row.name: row.settings for row in table.methods}
-    assert len(settings["trajectory memory"]) == 2  # one for each fold, none of them on a bound of what was searched
-    for fold in settings["trajectory memory"]:
-        assert [found.name for found in fold] == ["nearness", "strength"]
-        assert all(found.is_inside for found in fold)
+    searched = {key: ["noise_m"] for key in ("prior", "place-free", "prior, leaders", "one cell")}
+    for name, names in (searched | {"trajectory memory": ["nearness", "strength"]}).items():
+        assert len(settings[name]) == 2  # one for each fold, none of them on a bound of what was searched
+        for fold in settings[name]:
+            assert [found.name for found in fold] == names
+            assert all(found.is_inside for found in fold)
 
 
 def shifted(name, metres):

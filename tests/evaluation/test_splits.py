@@ -52,11 +52,9 @@ def test_an_id_in_two_groups_is_two_vehicles_to_whoever_evaluates():
     kept, expected = thinned(both, interval_s=0.5), thinned(apart, interval_s=0.5)
     np.testing.assert_array_equal(kept.position, expected.position)
     ours, theirs = Cases.of(both), Cases.of(apart)
-    for field in set(Cases._fields) - {"name", "around"}:
+    for field in set(Cases._fields) - {"name", "log"}:
         np.testing.assert_array_equal(getattr(ours, field), getattr(theirs, field))
-    for mine, other in zip(ours.around, theirs.around, strict=True):
-        np.testing.assert_array_equal(mine, other)
-    np.testing.assert_array_equal(ours.around.state[ours.at, :2], ours.position)
+    np.testing.assert_array_equal(ours.log.position[ours.row], ours.position)
     off = np.linalg.norm(ours.later - ours.position[:, None], axis=-1)
     assert np.nanmax(off) < 8.0 * 8.0 * 1.5  # no vehicle is interpolated over to the other group, 700 m away
     assert acceleration_density(both) == acceleration_density(apart)

@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.distributions.angles import difference
-from dirprim_filter.evaluation.forecast_cases import SCORES, Cases, score_cases
+from dirprim_filter.evaluation.forecast_cases import Cases, mean_log_energy
 from dirprim_filter.evaluation.settings import Axis, Choice, choose
 from dirprim_filter.tracks import Tracks
 
@@ -47,7 +47,7 @@ NEIGHBOURS = 64
 """Rows that are weighed: the nearest."""
 FORGET_RATE = 0.1
 """1/s, how often a vehicle goes over to another track that it has come to be like."""
-MOST_STARTS, FEWEST_STARTS, N_SAMPLES = 1000, 20, 16
+MOST_STARTS, N_SAMPLES = 1000, 16
 """Of the training cases by which nearness and strength are chosen."""
 FACTOR = 1.5
 """Between neighbours of the grid on which these are searched."""
@@ -197,8 +197,7 @@ class TrajectoryMemory:
     ) -> tuple[Self, tuple[Choice, ...]]:
         """The same with the nearness and strength that forecast its vehicles best, each from all others.
 
-        Best is the least mean over horizons of the log of the mean energy score (Gneiting and Raftery 2007, Eq. 22),
-        which is proper: too wide a net and too narrow a one both cost.
+        Best is the least `mean_log_energy`.
 
         Args:
             cases: of the vehicles that are remembered.
@@ -210,8 +209,7 @@ class TrajectoryMemory:
         """
         some = rng.permutation(cases.speed.size)[:MOST_STARTS]
         start, later = States(cases.position, cases.direction, cases.speed).of(some), cases.later[some]
-        judged = np.flatnonzero(np.isfinite(later[..., 0]).sum(axis=0) >= FEWEST_STARTS)
-        if not judged.size:
+        if np.isnan(mean_log_energy(np.zeros((some.size, 2, len(horizons_s), 2)), later)):
             return self, ()
         seed = rng.integers(2**63)
 
@@ -220,8 +218,7 @@ class TrajectoryMemory:
                 start, time_s=np.asarray(horizons_s), n_samples=N_SAMPLES, but=cases.vehicle[some],
                 rng=np.random.default_rng(seed),
             )  # fmt: skip
-            energy = score_cases(path, later)[:, judged, SCORES.index("energy")]
-            return -float(np.log(np.nanmean(energy, axis=0)).mean())
+            return -mean_log_energy(path, later)
 
         axes = [Axis(name, getattr(self, name), factor=FACTOR) for name in ("nearness", "strength")]
         found = choose(axes, score)
