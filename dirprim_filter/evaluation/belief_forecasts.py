@@ -88,7 +88,7 @@ def forecast_beliefs(
         if not asked.size:
             continue
         scene = np.union1d(around, begun) if leaders else own[asked]
-        samples = beliefs.particles(scene)
+        samples = beliefs.particles(scene).thinned(1)
         clouds = [sampled_belief(table, samples.of(i), n_samples, rng=rng) for i in range(scene.size)]
         paths = projected(table, side_by_side(clouds), dt_s, response)
         place = np.zeros(n_slots, np.int64)
