@@ -192,13 +192,13 @@ class Roster:
 
     def give_way(self, names: Sequence[str]) -> None:
         """Number unlabelled tracks anew that have one of these ids: the sensor's come before ours."""
-        for name in names:
-            if name in self and not self.is_labelled[self._slot[name]]:
-                self.number(name)
+        slot = self.slots_of(names)
+        for name in compress(names, ((slot >= 0) & ~self.is_labelled[slot]).tolist()):
+            self.number(name)
 
     def slots_of(self, names: Sequence[str]) -> IntArray:
-        """(v,) the slots of tracks that have one."""
-        return np.array([self._slot[name] for name in names], dtype=np.int64)
+        """(v,) the slot of each track; -1 of a name that none has."""
+        return np.array([self._slot.get(name, -1) for name in names], dtype=np.int64)
 
     def names_of(self, slot: IntArray) -> list[str]:
         """The names of those who have the slots (v,)."""
@@ -220,8 +220,8 @@ class Roster:
         """Learn from a frame how often the sensor looks: at each vehicle it labels, at all others together, at any."""
         intervals = self._intervals
         intervals.see(labels, time_ns)
-        known = [name for name in labels if name in self]
-        self.interval[self.slots_of(known)] = intervals.of(known)
+        slot = self.slots_of(labels)
+        self.interval[slot[slot >= 0]] = intervals.of(labels)[slot >= 0]
         self.interval[self.unlabelled, 0] = intervals.of_others.usual_ns[0]
         self._least_gap_ns = max(self._max_gap_ns, GAP_INTERVALS * intervals.of_frames.usual_ns[0])
         self.longest_gap_ns = int(max(self._least_gap_ns, GAP_INTERVALS * self.interval[:, 0].max(initial=0.0)))

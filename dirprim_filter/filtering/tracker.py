@@ -258,10 +258,10 @@ class Tracker:
         roster = self._roster
         self._motion.advance_in_whole_steps(roster.labelled, now_ns=self._time_ns)
         roster.give_way(labels)
-        is_known = np.array([name in roster for name in labels], dtype=np.bool_)
-        slot = roster.slots_of(list(compress(labels, is_known.tolist())))
+        slot = roster.slots_of(labels)
+        slot, row = slot[slot >= 0], row[slot >= 0]
         self._motion.advance_to(slot, now_ns=self._time_ns)
-        return Hits(slot, row[is_known])
+        return Hits(slot, row)
 
     def _associate(self, row: IntArray) -> Hits:
         """Move the unlabelled tracks to the frame's time; which of its unlabelled rows (d,) are theirs."""
@@ -291,6 +291,7 @@ class Tracker:
         """Have all beliefs at the frame's time: those of labelled tracks that it does not hold are moved aside."""
         roster, frame = self._roster, self._frame
         seen = roster.slots_of(labels)
+        seen = seen[seen >= 0]
         absent = roster.without(roster.labelled, seen)
         dt_ns = self._time_ns - roster.time_ns[absent]
         aside = absent.copy()
