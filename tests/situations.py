@@ -50,6 +50,14 @@ def estimates_of(track_id, *, position=0.0, **columns):
     )  # fmt: skip
 
 
+def simulated(truth, n, seed):
+    """Directions and speeds of n vehicles, of modes (weight, mean direction, concentration, shape, mean speed)."""
+    rng, (weight, mean, concentration, shape, mean_speed) = np.random.default_rng(seed), np.asarray(truth).T
+    mode = rng.choice(weight.size, size=n, p=weight)
+    direction = wrap(rng.vonmises(mean[mode], concentration[mode]))
+    return direction, rng.standard_gamma(shape[mode]) * mean_speed[mode] / shape[mode]
+
+
 def ring_traffic(rng, *, n_vehicles=40, radius=20.0, speed=8.0, n_rows=100, dt_s=0.1):
     """Vehicles that drive counter-clockwise around the origin, at speeds and radii of their own."""
     start = rng.uniform(0, 2 * np.pi, n_vehicles)

@@ -14,15 +14,14 @@ differ in the half that is held out.
 
 from __future__ import annotations
 
-import argparse
-import json
 from typing import NamedTuple
 
 import numpy as np
+from rows_of_logs import print_rows
 from scipy.spatial import cKDTree
 from sklearn.cluster import DBSCAN
 
-from dirprim_filter import FilterConfig, learn_primitives, read_tracks
+from dirprim_filter import FilterConfig, learn_primitives
 from dirprim_filter.detections import Detections
 from dirprim_filter.evaluation.density import mean_over
 from dirprim_filter.evaluation.splits import split
@@ -169,15 +168,5 @@ def table(tracks, n_seeds):
     return rows
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("logs", nargs="+")
-    parser.add_argument("--seeds", type=int, default=5)
-    parser.add_argument("--json", action="store_true")
-    given = parser.parse_args()
-    rows = table(read_tracks(given.logs), given.seeds)
-    print(json.dumps({"rows": rows}, default=float, indent=None if given.json else 1))
-
-
 if __name__ == "__main__":
-    main()
+    print_rows(__doc__, table, seeds=5)

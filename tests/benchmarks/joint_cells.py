@@ -9,12 +9,10 @@ cells less the row's, with its 95 % interval over vehicles or groups.
 
 from __future__ import annotations
 
-import argparse
-import json
-
 import numpy as np
+from rows_of_logs import print_rows
 
-from dirprim_filter import learn_primitives, read_tracks
+from dirprim_filter import learn_primitives
 from dirprim_filter.evaluation.density import Method, evaluate_density
 
 SIZES = (2.0, 3.0, 4.5, 7.0, 10.0, 15.0)
@@ -63,15 +61,5 @@ def table(tracks, n_folds):
     return found
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("logs", nargs="+")
-    parser.add_argument("--folds", type=int, default=4)
-    parser.add_argument("--json", action="store_true")
-    given = parser.parse_args()
-    rows = table(read_tracks(given.logs), given.folds)
-    print(json.dumps({"rows": rows}, default=float, indent=None if given.json else 1))
-
-
 if __name__ == "__main__":
-    main()
+    print_rows(__doc__, table, folds=4)

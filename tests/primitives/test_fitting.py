@@ -16,7 +16,7 @@ from dirprim_filter.distributions.modes import dbscan
 from dirprim_filter.primitives._kernels import ON_CIRCLE, ascend, sort_around, start_evenly
 from dirprim_filter.primitives._modes import N_CURVED, Modes
 from dirprim_filter.primitives.fitting import bounds_of, columns_of, fit_all
-from situations import one_cell
+from situations import one_cell, simulated
 
 # The mixture of the paper's Fig. 2; all modes at one distribution of speed, which says nothing of the mode.
 FIG_2 = np.array(
@@ -26,17 +26,6 @@ FIG_2 = np.array(
         [1 / 3, np.deg2rad(45), 20.0, 20.0, 10.0],
     ]
 )
-
-
-def simulated(truth, n, seed):
-    """Directions and speeds of modes (weight, mean direction, concentration, shape, mean speed)."""
-    rng = np.random.default_rng(seed)
-    weight, mean, concentration, shape, mean_speed = np.asarray(truth).T
-    mode = rng.choice(weight.size, size=n, p=weight)
-    return (
-        wrap(rng.vonmises(mean[mode], concentration[mode])),
-        rng.standard_gamma(shape[mode]) * mean_speed[mode] / shape[mode],
-    )
 
 
 def log_density(modes, rows):

@@ -6,12 +6,12 @@ from scipy.special import polygamma
 
 from dirprim_filter import forecast, learn_primitives
 from dirprim_filter.config import LearningConfig
-from dirprim_filter.distributions.angles import difference, wrap
+from dirprim_filter.distributions.angles import difference
 from dirprim_filter.distributions.von_mises import mean_resultant_length
 from dirprim_filter.primitives.rows import TrackRows
 from dirprim_filter.tracks import Tracks
 from hexagons import Hexagons
-from situations import ring_traffic, rows_of
+from situations import ring_traffic, rows_of, simulated
 from tessellation import GridTessellation
 
 # (weight, mean direction, concentration, shape, mean speed) of each mode, of each of two cells
@@ -23,22 +23,12 @@ N_VEHICLES = 3000
 FALSE_ALARM_SIGMAS = 5.0  # of 25 parameters, each off by that much once in 1.7e6 draws
 
 
-def simulated(truth, rng, *, n=N_VEHICLES):
-    """Directions and speeds of n vehicles."""
-    weight, mean, concentration, shape, mean_speed = truth.T
-    mode = rng.choice(weight.size, size=n, p=weight)
-    return (
-        wrap(rng.vonmises(mean[mode], concentration[mode])),
-        rng.standard_gamma(shape[mode]) * mean_speed[mode] / shape[mode],
-    )
-
-
 @pytest.fixture(scope="module")
 def two_cells():
     """Rows in cells west and east of x = 0; no two rows share a vehicle."""
     rng = np.random.default_rng(3)
-    west = rows_of(*simulated(TRUTH["west"], rng), position=(-5.0, 5.0))
-    east = rows_of(*simulated(TRUTH["east"], rng), position=(5.0, 5.0), first_id=N_VEHICLES)
+    west = rows_of(*simulated(TRUTH["west"], N_VEHICLES, rng), position=(-5.0, 5.0))
+    east = rows_of(*simulated(TRUTH["east"], N_VEHICLES, rng), position=(5.0, 5.0), first_id=N_VEHICLES)
     return Tracks.concatenate([west, east])
 
 

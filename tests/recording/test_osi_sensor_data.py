@@ -73,7 +73,7 @@ def turn(message, yaw, pitch, roll):
 
 def homogeneous(place, angles):
     matrix = np.eye(4)
-    matrix[:3, :3] = Rotation.from_euler("ZYX", angles).as_matrix()
+    matrix[:3, :3] = Rotation.from_euler("ZYX"[: np.size(angles)], angles).as_matrix()
     matrix[:3, 3] = place
     return matrix
 
@@ -99,7 +99,7 @@ def test_what_a_moving_sensor_perceives_arrives_in_the_world(tmp_path):
         put(host.base.position, place)
         turn(host.base.orientation, *angles)
         put(host.vehicle_attributes.bbcenter_to_rear, rear)
-        vehicle = homogeneous(place, angles) @ homogeneous(rear, [0, 0, 0])
+        vehicle = homogeneous(place, angles) @ homogeneous(rear, 0.0)
         back = np.linalg.inv(vehicle @ homogeneous(mount, mounted))
         body = Rotation.from_matrix(back[:3, :3]) * Rotation.from_euler("Z", HEADING)
         for i in range(2):

@@ -12,6 +12,7 @@ from mcap.writer import CompressionType, Writer
 from mcap_files import CHUNK, records, transform, write_protobuf_log
 from ros_messages import header, write_ros2_log
 from scipy.spatial.transform import Rotation
+from test_osi_sensor_data import homogeneous
 from test_ros2_schemas import carla, point, quaternion
 
 from dirprim_filter.recording.container.log import Log
@@ -63,13 +64,6 @@ def write_ros(path, objects, *, transforms=range(-1, N + 1), static_only=False, 
     messages += [("/tf", time_ns, "tf2_msgs/msg/TFMessage", {"transforms": [one]}) for time_ns, one in more]
     messages += [("/tf_static", time_ns, "tf2_msgs/msg/TFMessage", {"transforms": [one]}) for time_ns, one in static]
     return write_ros2_log(path, sorted(messages, key=lambda message: message[1]))
-
-
-def homogeneous(place, yaw):
-    matrix = np.eye(4)
-    matrix[:3, :3] = Rotation.from_euler("Z", yaw).as_matrix()
-    matrix[:3, 3] = place
-    return matrix
 
 
 def sensor_in_map(time_s):

@@ -41,12 +41,12 @@ def signed_area(polygon):
 
 
 def inside(polygon, position, tolerance):
-    """Which positions lie in a convex polygon: (k, 2), (n, 2) -> (n,)."""
+    """Which positions lie in a convex polygon, or so many metres beside it: (k, 2), (n, 2) -> (n,)."""
     if len(polygon) == 0:
         return np.zeros(len(position), bool)
     side = np.roll(polygon, -1, axis=0) - polygon
     away = position[:, None] - polygon
-    return (side[:, 0] * away[..., 1] - side[:, 1] * away[..., 0] >= -tolerance).all(axis=1)
+    return (side[:, 0] * away[..., 1] - side[:, 1] * away[..., 0] >= -tolerance * np.hypot(*side.T)).all(axis=1)
 
 
 @pytest.mark.parametrize("twin", TWINS)

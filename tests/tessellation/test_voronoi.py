@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
+from test_tessellation_laws import inside
 
 from tessellation import OUTSIDE, GridTessellation, VoronoiTessellation
 
@@ -81,15 +82,6 @@ def test_the_region_is_what_lies_near_the_data_and_no_more():
     np.testing.assert_array_equal(covered, cells.region.cell_of(position) != OUTSIDE)
 
 
-def polygon_mask(polygon, position):
-    """Which positions lie in a convex counter-clockwise polygon, to rounding."""
-    if len(polygon) == 0:
-        return np.zeros(len(position), bool)
-    side = np.roll(polygon, -1, axis=0) - polygon
-    away = position[:, None] - polygon
-    return (side[:, 0] * away[..., 1] - side[:, 1] * away[..., 0] >= -1e-6 * np.hypot(*side.T)).all(axis=1)
-
-
 @pytest.mark.parametrize("name", ["one", "two", "collinear", "lattice", "circle", "clustered", "far away"])
 def test_polygons_are_the_nearest_positions_within_their_boxes(name):
     rng = np.random.default_rng(3)
@@ -102,9 +94,9 @@ def test_polygons_are_the_nearest_positions_within_their_boxes(name):
     for c in np.unique(cell[cell >= 0]):
         mine = position[cell == c]
         boxed = ((position >= mine.min(axis=0)) & (position <= mine.max(axis=0))).all(axis=1)
-        inside = polygon_mask(polygons[c], position)
-        assert inside[boxed & (owner == c)].all()
-        assert not inside[owner != c].any()
+        held = inside(polygons[c], position, 1e-6)
+        assert held[boxed & (owner == c)].all()
+        assert not held[owner != c].any()
 
 
 def test_polygons_of_a_filled_region_are_those_of_qhull():
