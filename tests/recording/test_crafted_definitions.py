@@ -47,6 +47,13 @@ def test_definitions_that_double_at_each_level_are_refused_soon(leaf):
         cdr_plan("p/M", "ros2msg", nested(MAX_DEPTH, "ab", leaf), {"b": Field(path=".b")})
 
 
+def test_arrays_of_empty_messages_within_each_other_end_with_the_bytes_there_are():
+    """131072^3 of them: each takes a byte at least, so a walk of 20 bytes is short."""
+    parts = ["p/A[131072] a\nfloat64 b", "MSG: p/A\np/B[131072] a", "MSG: p/B\np/C[131072] a", "MSG: p/C\n"]
+    plan = cdr_plan("p/M", "ros2msg", f"\n{'=' * 80}\n".join(parts).encode(), {"b": Field(path=".b")})
+    assert run(plan, [b"\0\1\0\0" + bytes(16)]).failures == {0: "a message that ends within a field"}
+
+
 def test_a_broken_idl_definition_is_read_or_refused_in_one_line():
     """Those of ROS 2 and of protobuf break in test_mutated_payloads.py."""
     fields = {"x": Field(path=".at.x"), "y": Field(path=".many[].y"), "name": Field(path=".name", kind="name")}
