@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.detections import Detections
 from dirprim_filter.track_ids import as_texts
 from dirprim_filter.tracks import Tracks
@@ -49,6 +50,13 @@ def detect(
         return Detections.of(tracks)
     seen = np.flatnonzero(rng.random(len(tracks)) >= miss_rate)
     position = tracks.position[seen] + noise_m * rng.standard_normal((seen.size, 2))
+    return with_false(tracks, seen, position, false_per_frame, rng)
+
+
+def with_false(
+    tracks: Tracks, seen: IntArray, position: FloatArray, false_per_frame: float, rng: np.random.Generator
+) -> Detections:
+    """Positions of the rows that were seen, and false ones among them, in order of time."""
     frames = np.unique(tracks.time_ns)
     false_time_ns = np.repeat(frames, rng.poisson(false_per_frame, frames.size))
     n_false = false_time_ns.size
