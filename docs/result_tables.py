@@ -377,6 +377,7 @@ SUMMARY = (
       for run, row in (("Mcity", "Mcity, in sight: without the map"),
                        ("autoferry", "autoferry, both: without the map"))),
     *(("HOTA beside other packages", "", "peers", run, row, "ours with the map, HOTA more")
-      for run in ("A", "B") for row in ("Stone Soup GNN", "norfair")),
+      for run in ("A", "B", "dense intersection", "Lankershim", "Mcity", "autoferry")
+      for row in ("Stone Soup GNN", "norfair")),
 )  # fmt: skip
 """First of all: a question, its unit, and the table, run, row and column of its answer."""
