@@ -346,7 +346,7 @@ TABLES: dict[str, Table] = {
                 entries=printed(
                     **{
                         "predict, weigh, resample": r"whole step ([\d.]+) ms",
-                        "times real time, 100 vehicles of 1,000": r"whole log ([\d.]+) x",
+                        "times real time, 100 vehicles, `dirprim track`": r"whole log ([\d.]+) x",
                     }
                 ),
             ),
