@@ -21,6 +21,9 @@ from dirprim_filter.filtering.existence import OCCLUDED, VISIBLE
 from dirprim_filter.filtering.measurements import measured_covariance
 from dirprim_filter.filtering.protocols import BayesFilter
 
+MOST_NEAR = 32
+"""Detections that a track is compared with: of a crowd within a metre all pairs would be its square."""
+
 
 class Pairs(NamedTuple):
     """Rows of one side, each with a row of the other. (n,), (n,)."""
@@ -81,7 +84,7 @@ def associated(
 
 
 def gated(mean: FloatArray, covariance: FloatArray, position: FloatArray, noise: FloatArray, *, gate: float) -> Pairs:
-    """Tracks and detections that may belong together: a tree finds what is near, the ellipse decides.
+    """Tracks and detections that may belong together: a tree finds what is nearest, the ellipse decides.
 
     Args:
         mean: (t, 2) predicted positions, metres.
@@ -94,9 +97,11 @@ def gated(mean: FloatArray, covariance: FloatArray, position: FloatArray, noise:
         return Pairs(np.empty(0, np.int64), np.empty(0, np.int64))
     widest = np.linalg.eigvalsh(noise)[:, -1].max()
     reach = np.sqrt(gate * (np.linalg.eigvalsh(covariance)[:, -1] + widest))
-    near = KDTree(position).query_ball_point(mean, reach, return_sorted=True)
-    track = np.repeat(np.arange(len(mean)), [len(found) for found in near])
-    detection = np.concatenate([np.asarray(found, dtype=np.int64) for found in near])
+    away, near = KDTree(position).query(mean, k=np.arange(1, min(MOST_NEAR, len(position)) + 1))
+    track, place = np.nonzero(away <= reach[:, None])
+    detection = near[track, place]
+    in_order = np.lexsort((detection, track))
+    track, detection = track[in_order], detection[in_order]
     off = position[detection] - mean[track]
     spread = covariance[track] + noise[detection]
     distance = np.einsum("ni,ni->n", off, np.linalg.solve(spread, off[..., None])[..., 0])

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from dirprim_filter.detections import Detections
 from dirprim_filter.filtering import Tracker
-from dirprim_filter.filtering.association import Pairs, best_assignment, gated
+from dirprim_filter.filtering.association import MOST_NEAR, Pairs, best_assignment, gated
 from situations import TRUSTING, one_cell_map
 
 
@@ -58,6 +58,18 @@ def test_gates_hold_what_a_loop_over_all_pairs_finds(seed):
             expected.add((t, d))
     assert set(zip(found.one.tolist(), found.other.tolist(), strict=True)) == expected
     assert 20 < len(expected) < 500
+
+
+def test_of_a_crowd_each_track_is_compared_with_the_nearest_alone():
+    rng = np.random.default_rng(0)
+    mean, position = rng.normal(0, 0.1, (2, 600, 2))
+    one = np.broadcast_to(np.eye(2), (600, 2, 2))
+    found = gated(mean, one, position, one, gate=9.0)
+    away = np.linalg.norm(mean[:, None] - position, axis=-1)
+    nearest = np.argsort(away, axis=1)[:, :MOST_NEAR]
+    assert set(zip(found.one.tolist(), found.other.tolist(), strict=True)) == {
+        (t, d) for t, of in enumerate(nearest.tolist()) for d in of
+    }
 
 
 def test_of_two_that_pass_each_other_the_course_says_which_is_which():
