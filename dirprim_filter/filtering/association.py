@@ -99,7 +99,7 @@ def gated(mean: FloatArray, covariance: FloatArray, position: FloatArray, noise:
     reach = np.sqrt(gate * (np.linalg.eigvalsh(covariance)[:, -1] + widest))
     away, near = KDTree(position).query(mean, k=np.arange(1, min(MOST_NEAR, len(position)) + 1))
     track, place = np.nonzero(away <= reach[:, None])
-    detection = near[track, place]
+    detection = np.asarray(near)[track, place]
     in_order = np.lexsort((detection, track))
     track, detection = track[in_order], detection[in_order]
     off = position[detection] - mean[track]
