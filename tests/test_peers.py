@@ -1,6 +1,7 @@
 """What the comparison with other packages' trackers rests on: search, truth, training traffic."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +13,11 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.evaluation.settings import Axis
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
+from dirprim_filter.evaluation.tracking_report import Scales
 
 sys.path.insert(0, str(Path(__file__).with_name("benchmarks")))
 
-from peer_scenes import Fold, Part, at_ten_hertz
+from peer_scenes import Fold, Part, at_ten_hertz, near_the_truth
 from peer_trackers import HALF_DECADE, Peer, Tracked
 from peers import PACKAGES, scored, tuned
 
@@ -61,6 +63,21 @@ def test_the_search_goes_as_far_as_the_optimum_lies():
     best = tuned(Peer(off_by_settings, (Axis("far", 1.0, HALF_DECADE), Axis("near", 1.0, 1.5))), fold, {})
     assert best["far"] == pytest.approx(10.0**2.5, rel=1e-3)  # the grid's nearest to 300 and to .2
     assert best["near"] == pytest.approx(1.5**-4, rel=1e-3)
+
+
+def test_a_partial_truth_of_any_group_judges_the_rows_near_it_alone():
+    """One of three vehicles is instrumented: tracks of the others are no false ones, a second one beside it is."""
+    whole = circling(rate_hz=10.0)
+    truth = replace(whole[whole.track_id == 0], group=np.full(200, 7))
+    part = Part(seen=Detections.of(whole).without_ids(), truth=truth, judged=near_the_truth)
+
+    def hota(position, names):
+        rows = TrackedRows(track_id=names, time_ns=np.tile(whole.time_ns, len(names) // 600), position=position)
+        return scored(Tracked(rows, 0.0), part, Scales()).hota
+
+    assert hota(whole.position, whole.track_id) == pytest.approx(1.0)
+    twice = np.concatenate([whole.position, whole.position + 1.0])
+    assert hota(twice, np.concatenate([whole.track_id, whole.track_id + 10])) < 0.8
 
 
 def test_slow_rows_are_filled_in_along_the_bend():

@@ -216,7 +216,7 @@ def drives(_: int) -> list[Fold]:
     def part(drive: int) -> Part:
         seen = Detections.of(mcity.detected(drive)).without_ids()
         truth = true_rows(mcity.true(drive), seen.time_ns)[0]
-        return Part(seen=seen, truth=truth, judged=_near)
+        return Part(seen=seen, truth=truth, judged=near_the_truth)
 
     def fold(i: int) -> Fold:
         drive, after, *_ = (*mcity.WITH_TRUTH, *mcity.WITH_TRUTH)[i:]
@@ -232,7 +232,8 @@ def drives(_: int) -> list[Fold]:
     return [fold(i) for i in range(len(mcity.WITH_TRUTH))]
 
 
-def _near(rows: TrackedRows, truth: Tracks) -> TrackedRows:
+def near_the_truth(rows: TrackedRows, truth: Tracks) -> TrackedRows:
+    """Those within the gate of an instrumented vehicle: of others the truth does not say whether they are right."""
     near = Comparison.of(truth, rows, reach_m=mcity.GATE_M).near
     return rows[np.unique(near.column)]
 
