@@ -57,3 +57,10 @@ def short_recordings(tmp_path_factory):
         tracks = read_tracks(log, end_ns=until_ns)
         write_tracks(tracks, folder / log.name, detections=Detections.concatenate(seen) if seen else None)
     return folder
+
+
+@pytest.fixture
+def beside_recordings(tmp_path, short_recordings, monkeypatch):
+    """Where commands of the pages find their recordings."""
+    (tmp_path / "recordings").symlink_to(short_recordings)
+    monkeypatch.chdir(tmp_path)

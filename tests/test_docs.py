@@ -29,9 +29,7 @@ WITHOUT_BLOCKS = {"method.md", "results.md"}  # and its figures are of logs that
 
 @pytest.mark.slow
 @pytest.mark.parametrize("page", [page for page in PAGES if page.name not in WITHOUT_BLOCKS], ids=lambda p: p.name)
-def test_every_block_of_a_page_runs(page, short_recordings, tmp_path, monkeypatch, capsys):
-    (tmp_path / "recordings").symlink_to(short_recordings)
-    monkeypatch.chdir(tmp_path)
+def test_every_block_of_a_page_runs(page, beside_recordings, monkeypatch, capsys):
     shown: list[list[Path]] = []
     monkeypatch.setattr("dirprim_filter.viewer.process.spawn_viewer", shown.append)  # there is no screen
     blocks = FENCE.findall(page.read_text())
@@ -71,9 +69,7 @@ def follow(line):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("notebook", sorted((ROOT / "docs" / "notebooks").glob("*.ipynb")), ids=lambda p: p.name)
-def test_every_cell_of_a_notebook_runs(notebook, short_recordings, tmp_path, monkeypatch):
-    (tmp_path / "recordings").symlink_to(short_recordings)
-    monkeypatch.chdir(tmp_path)
+def test_every_cell_of_a_notebook_runs(notebook, beside_recordings, monkeypatch):
     monkeypatch.setenv("MPLBACKEND", "agg")
     names: dict[str, object] = {}
     for cell in json.loads(notebook.read_text())["cells"]:

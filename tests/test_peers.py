@@ -21,21 +21,15 @@ from peer_scenes import Fold, Part, at_ten_hertz, near_the_truth
 from peer_trackers import HALF_DECADE, Peer, Tracked
 from peers import PACKAGES, scored, tuned
 
+from situations import tracks_of
+
 
 def circling(*, rate_hz: float, n: int = 3, seconds: float = 20.0) -> Tracks:
     """Vehicles at 8 m/s on a circle of 20 m radius, a third of it apart."""
     time_s = np.arange(0.0, seconds, 1.0 / rate_hz)
-    parts = []
-    for i in range(n):
-        turned = 8.0 / 20.0 * time_s + i * 2.0 * np.pi / n
-        parts.append(
-            Tracks(
-                track_id=np.full(time_s.size, i), time_ns=np.round(time_s * 1e9).astype(np.int64),
-                position=20.0 * np.column_stack([np.cos(turned), np.sin(turned)]), direction=wrap(turned + np.pi / 2),
-                speed=np.full(time_s.size, 8.0),
-            )
-        )  # fmt: skip
-    return Tracks.concatenate(parts)
+    turned = 8.0 / 20.0 * time_s + 2.0 * np.pi / n * np.arange(n)[:, None]
+    place, time_ns = 20.0 * np.stack([np.cos(turned), np.sin(turned)], axis=-1), np.round(time_s * 1e9).astype(np.int64)
+    return tracks_of(place, time_ns=time_ns, direction=wrap(turned + np.pi / 2), speed=8.0)
 
 
 def fold_of(truth: Tracks, *, noise_m: float = 0.3) -> Fold:

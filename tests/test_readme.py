@@ -5,7 +5,6 @@ import shlex
 import tomllib
 from pathlib import Path
 
-import pytest
 from ruamel.yaml import YAML  # rosbags brings it
 
 from dirprim_filter.cli.main import run
@@ -13,12 +12,6 @@ from dirprim_filter.cli.main import run
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
 BLOCKS = re.findall(r"^```(\w+)(?: (\w+))?\n(.*?)^```$", README, flags=re.MULTILINE | re.DOTALL)
-
-
-@pytest.fixture
-def beside_recordings(tmp_path, short_recordings, monkeypatch):
-    (tmp_path / "recordings").symlink_to(short_recordings)
-    monkeypatch.chdir(tmp_path)
 
 
 def test_there_are_two_set_up_commands_of_one_line_each():

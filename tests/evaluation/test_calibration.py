@@ -7,11 +7,13 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from dirprim_filter.detections import Detections
+from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.evaluation.calibration import calibrate
 from dirprim_filter.evaluation.calibration.gauss_markov import Profile
 from dirprim_filter.sensor import AxisError, Sensor, without_bias
 from dirprim_filter.tracks import Tracks
 from sensing import sense
+from situations import tracks_of
 
 WHITE = Sensor(
     along=AxisError(spread_m=0.5), across=AxisError(spread_m=0.3), detection_probability=0.9, clutter_density=2e-5
@@ -37,15 +39,7 @@ def circling(n_vehicles=15, n_rows=100, speeds=(2.0, 12.0)):
         speed = low + (high - low) * (0.5 + 0.5 * np.sin(0.7 * time_s + i))
         angle = np.cumsum(speed) * 0.1 / 30.0 + i
         place = 30.0 * np.column_stack([np.cos(angle), np.sin(angle)]) + 80.0 * np.array([i % 4, i // 4])
-        parts.append(
-            Tracks(
-                track_id=np.full(n_rows, f"v{i}"),
-                time_ns=np.round(time_s * 1e9).astype(np.int64),
-                position=place,
-                direction=np.mod(angle + 1.5 * np.pi, 2 * np.pi) - np.pi,
-                speed=speed,
-            )
-        )
+        parts.append(tracks_of([place], track_id=f"v{i}", direction=wrap(angle + 0.5 * np.pi), speed=speed))
     return Tracks.concatenate(parts)
 
 

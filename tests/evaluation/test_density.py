@@ -8,8 +8,7 @@ from dirprim_filter.evaluation.baselines import gaussian_process
 from dirprim_filter.evaluation.density import Method, all_methods, conclusion, evaluate_density, rows_to_judge
 from dirprim_filter.evaluation.intervals import Interval
 from dirprim_filter.evaluation.settings import Axis
-from dirprim_filter.tracks import Tracks
-from situations import rows_of
+from situations import rows_of, tracks_of
 
 
 class Constant:
@@ -66,10 +65,7 @@ def test_the_first_method_is_compared_with_each_by_pairs():
 
 
 def test_slow_rows_count_for_nothing(few):
-    speed = np.where(few.track_id == 3, 0.5, few.speed)
-    tracks = Tracks(
-        track_id=few.track_id, time_ns=few.time_ns, position=few.position, direction=few.direction, speed=speed
-    )
+    tracks = replace(few, speed=np.where(few.track_id == 3, 0.5, few.speed))
     assert 3 not in rows_to_judge(tracks, interval_s=None).track_id
     assert len(rows_to_judge(few, interval_s=1.0)) == 12 * 10
     with pytest.raises(ValueError, match=r"faster than 0.5 m/s, got none among 100"):
@@ -139,10 +135,9 @@ def test_settings_are_chosen_without_the_held_out_rows():
 
 def test_where_the_place_says_nothing_the_primitive_gains_nothing():  # the negative control of the test above
     rng = np.random.default_rng(5)
-    n = 800
-    tracks = Tracks(
-        track_id=np.repeat(np.arange(80), 10), time_ns=np.tile(np.arange(10) * 10**9, 80),
-        position=rng.uniform(0, 40, (n, 2)), direction=rng.uniform(-np.pi, np.pi, n), speed=rng.gamma(9.0, 1.0, n),
+    tracks = tracks_of(
+        rng.uniform(0, 40, (80, 10, 2)), time_ns=np.arange(10) * 10**9,
+        direction=rng.uniform(-np.pi, np.pi, (80, 10)), speed=rng.gamma(9.0, 1.0, (80, 10)),
     )  # fmt: skip
     methods = chosen({"primitive, flat", "uninformative"}, tracks)
     primitive, nothing = evaluate_density(tracks, n_folds=2, methods=methods, rng=rng).methods
@@ -152,13 +147,10 @@ def test_where_the_place_says_nothing_the_primitive_gains_nothing():  # the nega
 @pytest.mark.slow
 def test_random_rows_leak_what_held_out_vehicles_do_not():
     rng = np.random.default_rng(6)
-    course = rng.uniform(
-        -np.pi, np.pi, 12
-    )  # each drives its own way through its own square: none says anything of another
-    tracks = Tracks(
-        track_id=np.repeat(np.arange(12), 40), time_ns=np.tile(np.arange(40) * 10**9, 12),
-        position=np.repeat(20.0 * np.arange(12), 40)[:, None] + rng.uniform(0, 3, (480, 2)),
-        direction=np.repeat(course, 40) + rng.normal(0, 0.1, 480), speed=np.full(480, 5.0) + rng.random(480),
+    course = rng.uniform(-np.pi, np.pi, (12, 1))  # each through its own square: none says anything of another
+    tracks = tracks_of(
+        20.0 * np.arange(12)[:, None, None] + rng.uniform(0, 3, (12, 40, 2)), time_ns=np.arange(40) * 10**9,
+        direction=course + rng.normal(0, 0.1, (12, 40)), speed=5.0 + rng.random((12, 40)),
     )  # fmt: skip
     methods = chosen({"primitive, the paper's"}, tracks)
     by = {

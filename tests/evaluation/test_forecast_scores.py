@@ -12,7 +12,7 @@ from dirprim_filter.evaluation.forecast_cases import SCORES, Cases, score_cases,
 from dirprim_filter.evaluation.forecasting import Forecaster, by_constant_velocity, evaluate_forecasts, rollouts_of
 from dirprim_filter.primitives import learn_primitives
 from dirprim_filter.tracks import Tracks
-from situations import ring_traffic
+from situations import ring_traffic, tracks_of
 
 HORIZONS = (0.5, 1.0, 2.0)
 
@@ -125,10 +125,8 @@ def test_starts_are_exact_on_arcs_of_rows_far_apart_and_at_most_an_eighth_of_a_s
 def test_who_brakes_at_rows_far_apart_is_as_slow_as_it_is_now_and_who_stands_keeps_its_course():
     time_s = np.arange(12) * 0.5
     along = np.where(time_s < 3.0, 9.0 * time_s - 1.5 * time_s**2, 13.5)
-    braking = Tracks(
-        track_id=np.zeros(12, np.int64), time_ns=(time_s * 1e9).astype(np.int64), direction=np.zeros(12),
-        position=np.column_stack([0 * along, along]), speed=np.zeros(12), heading=np.full(12, 1.0),
-    )  # fmt: skip
+    way = np.column_stack([0 * along, along])
+    braking = tracks_of([way], time_ns=(time_s * 1e9).astype(np.int64), speed=0.0, heading=1.0)
     seen, is_known = seen_so_far(braking)
     np.testing.assert_allclose(seen.speed[is_known], np.maximum(9.0 - 3.0 * time_s, 0.0)[2:], atol=1e-9)
     np.testing.assert_allclose(seen.direction[is_known], np.pi / 2)

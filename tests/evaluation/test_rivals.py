@@ -8,7 +8,7 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.evaluation.rivals import RIVALS, fitted, log_evidence
 from dirprim_filter.evaluation.settings import LEAST_GAIN
 from dirprim_filter.filtering import ConstantVelocityKalman
-from dirprim_filter.tracks import Tracks
+from situations import tracks_of
 
 CONFIG = FilterConfig(noise_m=0.4)
 DT_S = 0.2
@@ -18,11 +18,8 @@ def driven(density, *, n_vehicles, n_rows, rng):
     """Vehicles of white acceleration of this spectral density, m^2/s^3, and what a sensor reports of them."""
     speed = 8.0 + np.cumsum(rng.normal(0, np.sqrt(density * DT_S), (n_vehicles, n_rows, 2)), axis=1)
     position = np.cumsum(speed * DT_S, axis=1)
-    time_ns = np.tile((np.arange(n_rows) * DT_S * 1e9).round().astype(np.int64), n_vehicles)
-    tracks = Tracks(
-        track_id=np.repeat(np.arange(n_vehicles), n_rows), time_ns=time_ns, position=position.reshape(-1, 2),
-        direction=np.arctan2(speed[..., 1], speed[..., 0]).ravel(), speed=np.hypot(*np.moveaxis(speed, -1, 0)).ravel(),
-    )  # fmt: skip
+    time_ns, (east, north) = (np.arange(n_rows) * DT_S * 1e9).round().astype(np.int64), np.moveaxis(speed, -1, 0)
+    tracks = tracks_of(position, time_ns=time_ns, direction=np.arctan2(north, east), speed=np.hypot(east, north))
     noisy = tracks.position + CONFIG.noise_m * rng.standard_normal(tracks.position.shape)
     return tracks, Detections(track_id=tracks.track_id, time_ns=tracks.time_ns, position=noisy)
 

@@ -15,14 +15,7 @@ from situations import ring_traffic
 @pytest.fixture(scope="module")
 def tracks():
     ring = ring_traffic(np.random.default_rng(1), n_vehicles=14, n_rows=30)
-    return Tracks(
-        track_id=ring.track_id, time_ns=ring.time_ns, position=ring.position, direction=ring.direction,
-        speed=ring.speed, group=np.asarray(ring.track_id) // 4,
-    )  # fmt: skip
-
-
-def rows_of(tracks):
-    return set(zip(tracks.track_id.tolist(), tracks.time_ns.tolist(), strict=True))
+    return replace(ring, group=ring.track_id // 4)
 
 
 @pytest.mark.parametrize(

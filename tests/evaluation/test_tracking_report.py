@@ -11,15 +11,12 @@ from dirprim_filter.tracks import Tracks
 from situations import tracks_of
 
 N = 40
-TIMES = np.arange(N) * 100_000_000
 
 
 def lane(name, north, *, group=0):
     """A vehicle that drives east at 10 m/s, and stands in its first five rows as far as its speed says."""
-    return Tracks(
-        track_id=[name] * N, time_ns=TIMES, position=np.column_stack([np.arange(N), np.full(N, north)]),
-        direction=np.full(N, 3.1), speed=np.where(np.arange(N) < 5, 0.4, 10.0), group=np.full(N, group),
-    )  # fmt: skip
+    way, speed = np.column_stack([np.arange(N), np.full(N, north)]), np.where(np.arange(N) < 5, 0.4, 10.0)
+    return tracks_of([way], track_id=name, direction=3.1, speed=speed, group=group)
 
 
 TRUTH = Tracks.concatenate([lane(name, 20.0 * k, group=g) for g in (0, 4) for k, name in enumerate("abc")])

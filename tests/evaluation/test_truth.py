@@ -12,7 +12,7 @@ from dirprim_filter.evaluation.tracked_rows import TrackedRows
 from dirprim_filter.evaluation.tracking_report import Scales, TrackingReport
 from dirprim_filter.evaluation.truth import judged_truth
 from dirprim_filter.tracks import Tracks
-from situations import estimates_of
+from situations import estimates_of, tracks_of
 
 STEP_NS = 100_000_000
 N_VEHICLES, N = 6, 80
@@ -94,11 +94,8 @@ def test_frames_are_judged_as_they_are_to_the_last_digit():
 
 def of_one(times_s, *, group=0, track_id="a"):
     times_s = np.asarray(times_s, np.float64)
-    n = times_s.size
-    return Tracks(
-        track_id=np.full(n, track_id), time_ns=(times_s * 1e9).astype(np.int64), group=np.full(n, group),
-        position=np.column_stack([10.0 * times_s, -times_s]), direction=np.zeros(n), speed=2.0 * times_s,
-    )  # fmt: skip
+    place, time_ns = np.column_stack([10.0 * times_s, -times_s]), (times_s * 1e9).astype(np.int64)
+    return tracks_of([place], track_id=track_id, time_ns=time_ns, group=group, speed=2.0 * times_s)
 
 
 def asked_at(times_s, *, group=0):

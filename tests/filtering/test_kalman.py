@@ -18,8 +18,7 @@ from dirprim_filter.filtering.kalman import (
     acceleration_density,
     turned,
 )
-from dirprim_filter.tracks import Tracks
-from situations import TRUSTING
+from situations import TRUSTING, tracks_of
 
 
 def run(frames, **settings):
@@ -46,10 +45,8 @@ def test_the_density_of_known_white_acceleration_is_found():
     rng = np.random.default_rng(5)
     n, dt_s, density = 20_000, 0.2, 1.5
     velocity = [20.0, 0.0] + rng.normal(0, np.sqrt(density * dt_s), (n, 2)).cumsum(axis=0) * 1.0
-    tracks = Tracks(
-        track_id=np.zeros(n, int), time_ns=np.arange(n) * 200_000_000, position=np.zeros((n, 2)),
-        direction=np.arctan2(velocity[:, 1], velocity[:, 0]), speed=np.hypot(*velocity.T),
-    )  # fmt: skip
+    course, time_ns = np.arctan2(velocity[:, 1], velocity[:, 0]), np.arange(n) * 200_000_000
+    tracks = tracks_of(np.zeros((1, n, 2)), time_ns=time_ns, direction=course, speed=np.hypot(*velocity.T))
     five_errors = 5 / np.sqrt(n)  # of a chi squared of 2 n degrees of freedom, relative
     assert acceleration_density(tracks) == pytest.approx(density, rel=five_errors)
     assert acceleration_density(tracks) != pytest.approx(1.1 * density, rel=five_errors)

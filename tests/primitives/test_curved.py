@@ -11,7 +11,6 @@ from dirprim_filter.distributions.angles import difference, wrap
 from dirprim_filter.distributions.von_mises import mean_resultant_length
 from dirprim_filter.primitives._modes import Modes
 from dirprim_filter.primitives.fitting import bounds_of, fit_all
-from dirprim_filter.tracks import Tracks
 from situations import one_cell, one_cell_map, ring_traffic
 
 SIDE = 10.0  # metres, of the one cell
@@ -120,10 +119,7 @@ def quarter_turn(position):
 
 def test_a_quarter_turn_of_the_traffic_turns_the_map(ring, ring_map):
     """The squares of the grid lie around the origin, so they turn into each other."""
-    turned = Tracks(
-        track_id=ring.track_id, time_ns=ring.time_ns, position=quarter_turn(ring.position),
-        direction=wrap(ring.direction + np.pi / 2), speed=ring.speed,
-    )  # fmt: skip
+    turned = replace(ring, position=quarter_turn(ring.position), direction=wrap(ring.direction + np.pi / 2))
     other = learn_primitives(turned, tessellation="grid", cell_size=6.0, rng=np.random.default_rng(7))
     assert ring_map.bend.any()
     test = ring_traffic(np.random.default_rng(5), n_vehicles=20)

@@ -23,10 +23,6 @@ PLACE = np.column_stack([20 * np.cos(ANGLE), 20 * np.sin(ANGLE)])
 TIMES = (START_NS + STEP_NS * np.arange(N)).tolist()
 
 
-def seconds(time_ns):
-    return {"sec": time_ns // 10**9, "nsec": time_ns % 10**9}
-
-
 def check_circle(tracks, times=TIMES):
     assert tracks.time_ns.tolist() == times
     np.testing.assert_array_equal(tracks.position, PLACE)

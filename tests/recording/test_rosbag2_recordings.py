@@ -18,7 +18,7 @@ from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.scan import scan
 from dirprim_filter.recording.summary import summarise_by_index
 
-DONE, FAILED, INPUT_LOST = 0, 1, 3
+DONE, FAILED = 0, 1
 PARTS = [  # channel 1 is another topic in each; the second begins before the first ends
     [("/a", t, b"0") for t in range(0, 60, 2)] + [("/b", 40, b"b")],
     [("/b", 55, b"1"), *(("/a", t, b"1") for t in range(55, 90))],

@@ -8,8 +8,8 @@ import pytest
 from matplotlib.collections import LineCollection, PolyCollection
 
 from dirprim_filter.drawing import shapes
-from dirprim_filter.tracks import Tracks
 from dirprim_filter.viewer.figures import map_figure, save_figure
+from situations import tracks_of
 
 
 def test_the_map_shows_every_petal_with_north_up_and_equal_scales(scene_map, scene_tracks):
@@ -36,10 +36,7 @@ def test_what_is_asked_for_is_shown_else_the_forecasts_else_the_map(scene_map):
 
 def test_a_vehicle_is_one_line_for_each_time_it_is_in_sight(scene_map):
     time_ns = np.array([0, 1, 2, 100, 101, 0, 1]) * 1_000_000_000
-    tracks = Tracks(
-        track_id=np.array([1, 1, 1, 1, 1, 2, 2]), time_ns=time_ns, position=np.arange(14.0).reshape(7, 2),
-        direction=np.zeros(7), speed=np.ones(7),
-    )  # fmt: skip
+    tracks = tracks_of(np.arange(14.0).reshape(1, 7, 2), track_id=[1, 1, 1, 1, 1, 2, 2], time_ns=time_ns)
     axes = map_figure(scene_map, tracks=tracks).axes[0]
     ways = [c for c in axes.collections if isinstance(c, LineCollection)][-1]
     assert sorted(len(path.vertices) for path in ways.get_paths()) == [2, 2, 3]
