@@ -6,7 +6,11 @@ import numpy as np
 import pytest
 
 from dirprim_filter import Detections, FilterConfig, Tracker, Tracks, forecast, learn_primitives, save_map
+from dirprim_filter.distributions import Gamma
+from dirprim_filter.evaluation.metrics.comparison import Comparison
 from dirprim_filter.forecasting import forecast_states
+from dirprim_filter.recording.tables.datasets import read_sdd
+from dirprim_filter.recording.writer import EstimateWriter
 from situations import one_cell_map
 
 RNG = np.random.default_rng(0)
@@ -56,6 +60,12 @@ CALLS = {
     "forecast, degrees": (lambda m: forecast(m, **STATE | {"direction": 90.0}), DEGREES.replace("row 1", "row 0")),
     "forecast_states, degrees": (lambda m: forecast_states(m, **MANY), DEGREES),
     "sample, rng": (lambda m: m.sample(np.zeros((1, 2)), rng=0), GENERATOR),
+    "gamma": (lambda _: Gamma(shape=np.zeros(1), rate=np.ones(1)), "shape, rate: expected positive numbers"),
+    "draw, fewer than none": (lambda m: m.direction.sample(n_samples=-1, rng=RNG), "n_samples: expected no negative"),
+    "compare, reach": (lambda _: Comparison.of(tracks(), tracks(), reach_m=0.0), "reach_m: expected a positive"),
+    "compare, limit": (lambda _: Comparison.of(tracks(), tracks()).within(9.0), "limit_m: expected a positive"),
+    "write, stride": (lambda _: EstimateWriter("x", metadata={}, particle_stride=0), "particle_stride: expected at"),
+    "read, scale": (lambda _: read_sdd("x", metres_per_pixel=0.0), "metres_per_pixel: expected a positive number"),
     "save, swapped": (lambda m: save_map("m.mcap", m), "primitive_map: expected a PrimitiveMap, as load_map"),
 }
 
