@@ -7,6 +7,7 @@ import pytest
 
 from dirprim_filter import Tracks, learn_primitives
 from dirprim_filter.course import motion_of
+from dirprim_filter.primitives.learning import LEAST_ROWS, enough_rows
 from dirprim_filter.primitives.rows import Scale, TrackRows
 from situations import ring_traffic
 
@@ -47,6 +48,17 @@ def test_a_larger_world_seen_more_seldom_is_learned_alike(tessellation):
     assert density > one.without_places().log_density(seen.position, seen.direction, seen.speed).mean() + 0.5
     assert other.tessellation.n_cells == pytest.approx(one.tessellation.n_cells, rel=0.3)
     assert other.motion.n_placed > 0
+
+
+def test_many_places_are_laid_out_by_more_rows_than_one():
+    """However far apart; one place by `LEAST_ROWS`."""
+    ring = ring_traffic(np.random.default_rng(0), n_vehicles=24).position
+    alone = enough_rows(ring, 3.0)
+    assert alone == LEAST_ROWS
+    places = 500.0 * np.arange(60)[:, None, None] * [1.0, 0.5] + ring
+    of_all = enough_rows(places.reshape(-1, 2), 3.0)
+    assert of_all == pytest.approx(2 * enough_rows(places[:30].reshape(-1, 2), 3.0), rel=0.05)
+    assert of_all > 5 * LEAST_ROWS
 
 
 @pytest.mark.skipif(not AIS.exists(), reason="no AIS in ../shared/data")
