@@ -26,8 +26,8 @@ from dirprim_filter.tracks import Tracks
 
 NOISE = Axis("noise_m", 0.1)
 """Of a log's rows; they are tracks already, so it is small."""
-MOST_VEHICLES, N_SAMPLES = 50, 16
-"""Of the training vehicles by which the noise is chosen, and rollouts of each case."""
+MOST_VEHICLES, FEWEST_VEHICLES, MOST_SECONDS, N_SAMPLES = 50, 10, 5000.0, 16
+"""Of the training vehicles by which the noise is chosen, and rollouts of each case. Ships are seen for an hour each."""
 NOBODY, LOST_AFTER = -1, TrackingConfig().lost_after
 
 
@@ -101,8 +101,10 @@ def chosen_noise(
     primitive_map: PrimitiveMap, known: Cases, horizons_s: tuple[float, ...], *, rng: np.random.Generator
 ) -> tuple[Choice, ...]:
     """The noise with which training vehicles are forecast best, as rivals' settings are; none of too few cases."""
-    vehicle, seed = known.log.vehicle[known.row], rng.integers(2**63)
-    cases = known.some(np.isin(vehicle, rng.permutation(np.unique(vehicle))[:MOST_VEHICLES]))
+    log, vehicle, seed = known.log, known.log.vehicle[known.row], rng.integers(2**63)
+    some = rng.permutation(np.unique(vehicle))[:MOST_VEHICLES]
+    seconds = np.cumsum([1e-9 * np.ptp(log.time_ns[log.vehicle == v]) for v in some])
+    cases = known.some(np.isin(vehicle, some[: max(FEWEST_VEHICLES, np.count_nonzero(seconds < MOST_SECONDS))]))
     if np.isnan(mean_log_energy(np.zeros((cases.row.size, 2, len(horizons_s), 2)), cases.later)):
         return ()
 
