@@ -377,7 +377,7 @@ SUMMARY = (
       for run, row in (("Mcity", "Mcity, in sight: without the map"),
                        ("autoferry", "autoferry, both: without the map"))),
     *(("HOTA beside other packages", "", "peers", run, row, "ours with the map, HOTA more")
-      for run in ("A", "B", "dense intersection", "Lankershim", "Mcity", "autoferry")
-      for row in ("Stone Soup GNN", "norfair")),
+      for run, row in (("A", "norfair"), ("B", "norfair"), ("Lankershim", "norfair"), ("Mcity", "norfair"),
+                       ("autoferry", "Stone Soup GNN"))),
 )  # fmt: skip
 """First of all: a question, its unit, and the table, run, row and column of its answer."""
