@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 from dataclasses import replace
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -52,6 +53,11 @@ def test_the_help_of_a_command_has_a_first_screen_and_an_example(command, capsys
     listed = re.findall(r"^  (?:-\w, )?(--[a-z-]+)", options, flags=re.MULTILINE)
     assert len(listed) - 1 <= MOST_OPTIONS.get(command, 22)  # --help is one
     assert max(map(len, said.splitlines())) <= 80
+
+
+def test_the_version(capsys):
+    assert dirprim("--version") == DONE
+    assert capsys.readouterr().out == f"dirprim {version('dirprim-filter')}\n"
 
 
 @pytest.mark.parametrize("group", ["", *GROUPS])

@@ -128,6 +128,8 @@ def test_trajnet_frames_are_those_of_the_video(tmp_path, between):
     assert table.tracks[table.tracks.track_id == 1].time_ns.tolist() == [k * 400_000_000 for k in range(5)]
     np.testing.assert_allclose(table.tracks.speed, 1.0)
     np.testing.assert_allclose(table.tracks.direction, 0.0, atol=1e-12)
+    with pytest.raises(ValueError, match="frames_per_second: expected a positive number"):
+        read_trajnet(path, frames_per_second=0)
 
 
 SDD = """\

@@ -121,3 +121,13 @@ def test_the_command_tells_what_was_lost_and_exits_with_3(tmp_path, capsys):
     assert run(["recover", str(fixed), "-o", str(tmp_path / "c.mcap")]) == 0
     assert "nothing was damaged" in capsys.readouterr().out
     assert run(["recover", str(broken), "-o", str(tmp_path / "d.mcap"), "--strict"]) == 1
+
+
+def test_a_flipped_topic_outside_of_chunks_is_put_right_by_the_summary(tmp_path):
+    """Nothing but the summary's checksum protects it."""
+    data = bytearray(log_bytes(SENT, use_chunking=False))
+    data[data.index(b"/topic1") + 1] ^= 1
+    (tmp_path / "a.mcap").write_bytes(data)
+    log = scan(tmp_path / "a.mcap")
+    assert [(m.topic, m.log_time_ns, m.data) for m in log] == SENT
+    assert [(damage.kind, damage.messages) for damage in log.damage] == [("definition", 0)]
