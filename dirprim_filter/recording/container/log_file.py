@@ -49,6 +49,7 @@ class LogFile:
         self._name, self._all, self._all_numbers = name, channels, numbers
         self.outline = Outline(bytes_of)
         self._kept: dict[int, tuple[bytes, Damage | None]] = {}
+        self._kept_bytes = 0
         summary = self.outline.summary
         said = (summary.schemas, summary.channels) if summary.is_whole else ({}, {})
         self._schemas: ChainMap[int, Schema] = ChainMap({}, said[0], self.outline.schemas)
@@ -104,12 +105,12 @@ class LogFile:
 
     def _contents(self, chunk: Chunk) -> tuple[bytes, Damage | None]:
         """See `read_contents`; the first ones are kept for passes to come."""
-        kept = self._kept
-        if chunk.offset in kept:
-            return kept[chunk.offset]
+        if chunk.offset in self._kept:
+            return self._kept[chunk.offset]
         contents, damage = read_contents(self.bytes_of, chunk)
-        if len(contents) + sum(len(other) for other, _ in kept.values()) <= KEPT_BYTES:
-            kept[chunk.offset] = contents, damage
+        if self._kept_bytes + len(contents) <= KEPT_BYTES:
+            self._kept[chunk.offset] = contents, damage
+            self._kept_bytes += len(contents)
         return contents, damage
 
     def _keep(self, schemas: Mapping[int, Schema], channels: Mapping[int, Channel]) -> None:
