@@ -98,8 +98,10 @@ def starts_of(given: Fixes) -> Cases:
         track_id=given.trip, time_ns=np.round(given.time_s * 1e9).astype(np.int64), position=given.position,
         direction=np.arctan2(step[:, 1], step[:, 0]), speed=np.hypot(*step.T),
     )  # fmt: skip
+    vehicle = given.trip[row]
+    row = np.argsort(np.argsort(given.time_s, kind="stable"))[row]  # tracks are in order of time
     return Cases(
-        vehicle=given.trip[row], name=given.trip[row].astype(np.str_), group=log.group[row], position=log.position[row],
+        vehicle=vehicle, name=vehicle.astype(np.str_), group=log.group[row], position=log.position[row],
         direction=log.direction[row], speed=log.speed[row], later=np.concatenate(later), log=log, row=row,
     )  # fmt: skip
 
