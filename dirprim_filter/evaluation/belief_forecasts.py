@@ -13,7 +13,7 @@ import numpy as np
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
-from dirprim_filter.evaluation.forecast_cases import Cases, mean_log_energy
+from dirprim_filter.evaluation.forecast_cases import Cases, mean_log_energy, usual_interval_s
 from dirprim_filter.evaluation.settings import Axis, Choice, choose
 from dirprim_filter.filtering.particle_filter import ParticleFilter
 from dirprim_filter.filtering.roster import GAP_INTERVALS
@@ -63,7 +63,7 @@ def forecast_beliefs(
     beliefs.reserve(n_slots := 1 + int(slots.max(initial=0)))
     held = np.full(n_slots, NOBODY)  # the vehicle that a slot's belief is of
     seen_ns, at_ns = np.zeros((2, n_slots), np.int64)  # of its last row, and of the belief
-    longest_ns = int(max(config.max_gap_s * 1e9, GAP_INTERVALS * _usual_interval_ns(log)))
+    longest_ns = int(max(config.max_gap_s * 1e9, 1e9 * GAP_INTERVALS * usual_interval_s(log)))
     group, unexplained = None, np.zeros(n_slots, np.int64)
     for rows in frames:
         now_ns, own = int(log.time_ns[rows[0]]), slots[vehicle[rows]]
@@ -115,13 +115,6 @@ def chosen_noise(
         return -mean_log_energy(path, cases.later)
 
     return choose([NOISE], score)
-
-
-def _usual_interval_ns(log: Tracks) -> float:
-    """Median time between rows of a vehicle."""
-    order = np.lexsort((log.time_ns, log.vehicle))
-    follows = np.diff(log.vehicle[order]) == 0
-    return float(np.median(np.diff(log.time_ns[order])[follows])) if follows.any() else 0.0
 
 
 def _frames(log: Tracks, rows: IntArray) -> list[IntArray]:

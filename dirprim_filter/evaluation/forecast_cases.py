@@ -15,6 +15,7 @@ from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from dirprim_filter.course import HALF_WINDOWS_S, MAX_GAP_S, STANDING_M
 from dirprim_filter.distributions.angles import difference
 from dirprim_filter.evaluation import _kernels
+from dirprim_filter.filtering.roster import GAP_INTERVALS
 from dirprim_filter.track_ids import qualified_names
 from dirprim_filter.tracks import Tracks
 
@@ -24,7 +25,8 @@ START_EVERY_S = 1.0
 MAX_STARTS = 8
 """Of a vehicle: that one which waits for minutes does not outweigh all others."""
 MAX_MATCH_S = 0.25
-"""Between rows further from an instant than this, where the vehicle was is not known."""
+"""Between rows further from an instant than this, and than a vehicle's rows usually are from each other, its place is
+not known."""
 PAST_NS = int(HALF_WINDOWS_S[0] * 1e9)
 """A vehicle's motion is its move over so long before, or since the row before where rows are further apart."""
 FEWEST_CASES = 20
@@ -73,12 +75,14 @@ class Cases(NamedTuple):
         order = np.lexsort((log.time_ns, vehicle))
         begin = np.searchsorted(vehicle[order], np.arange(names.size + 1))
         starts, later = [np.empty(0, np.int64)], [np.empty((0, len(horizons_s), 2))]
+        near_s = max(MAX_MATCH_S, usual_interval_s(log))
         for v in np.flatnonzero(np.isin(names, own)):
             rows = order[begin[v] : begin[v + 1]]
             time_s = (log.time_ns[rows] - log.time_ns[rows[0]]) * 1e-9
             at = _spread(time_s, is_known[rows], horizon_s=min(horizons_s))
             starts.append(rows[at])
-            later.append(_position_at(time_s[at][:, None] + np.asarray(horizons_s), time_s, log.position[rows]))
+            wanted_s = time_s[at][:, None] + np.asarray(horizons_s)
+            later.append(_position_at(wanted_s, time_s, log.position[rows], near_s))
         row = np.concatenate(starts)
         return cls(
             vehicle=np.asarray(vehicle[row], np.int64), name=names[vehicle[row]], group=log.group[row],
@@ -89,6 +93,13 @@ class Cases(NamedTuple):
     def some(self, chosen: BoolArray) -> Cases:
         """Those that are chosen, (n,), of the same log."""
         return Cases(**{name: of if name == "log" else of[chosen] for name, of in self._asdict().items()})
+
+
+def usual_interval_s(tracks: Tracks) -> float:
+    """Median seconds between rows of a vehicle; 0 where each has one."""
+    order = np.lexsort((tracks.time_ns, tracks.vehicle))
+    follows = np.diff(tracks.vehicle[order]) == 0
+    return 1e-9 * float(np.median(np.diff(tracks.time_ns[order])[follows])) if follows.any() else 0.0
 
 
 def seen_so_far(tracks: Tracks) -> tuple[Tracks, BoolArray]:
@@ -102,7 +113,8 @@ def seen_so_far(tracks: Tracks) -> tuple[Tracks, BoolArray]:
     order = np.lexsort((tracks.time_ns, vehicle))
     time_ns, position, row = tracks.time_ns[order], tracks.position[order], np.arange(order.size)
     step_ns = np.diff(time_ns, prepend=0)
-    begins = (np.diff(vehicle[order], prepend=-1) != 0) | (step_ns > int(MAX_GAP_S * 1e9))
+    longest_ns = int(1e9 * max(MAX_GAP_S, GAP_INTERVALS * usual_interval_s(tracks)))
+    begins = (np.diff(vehicle[order], prepend=-1) != 0) | (step_ns > longest_ns)
     first = np.maximum.accumulate(np.where(begins, row, 0))
     axis = np.cumsum(np.where(begins, 2 * PAST_NS, step_ns))  # one search serves all pieces
     before = np.maximum(first, np.minimum(np.searchsorted(axis, axis - PAST_NS), row - 1))
@@ -137,14 +149,14 @@ def _spread(time_s: FloatArray, is_known: BoolArray, *, horizon_s: float) -> Int
     return possible[np.unique(np.searchsorted(time_s[possible], instants[chosen] - 1e-6))]
 
 
-def _position_at(wanted: FloatArray, time_s: FloatArray, position: FloatArray) -> FloatArray:
-    """(...) seconds -> (..., 2), linear between rows at most `MAX_MATCH_S` away; NaN elsewhere."""
+def _position_at(wanted: FloatArray, time_s: FloatArray, position: FloatArray, near_s: float) -> FloatArray:
+    """(...) seconds -> (..., 2), linear between rows at most `near_s` away; NaN elsewhere."""
     found = np.stack([np.interp(wanted, time_s, position[:, axis]) for axis in (0, 1)], axis=-1)
     after = np.clip(np.searchsorted(time_s, wanted - 1e-6), 0, time_s.size - 1)
     before = np.maximum(after - 1, 0)
     near = np.abs(time_s[after] - wanted) <= 1e-6
     between = (time_s[before] <= wanted) & (wanted <= time_s[after])
-    near |= between & (wanted - time_s[before] <= MAX_MATCH_S) & (time_s[after] - wanted <= MAX_MATCH_S)
+    near |= between & (wanted - time_s[before] <= near_s) & (time_s[after] - wanted <= near_s)
     return np.where(near[..., None], found, np.nan)
 
 

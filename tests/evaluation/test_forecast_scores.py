@@ -141,6 +141,15 @@ def test_across_a_hole_in_the_log_the_place_of_a_vehicle_is_unknown():
     assert np.isfinite(later[0]).all()
 
 
+def test_of_rows_far_apart_the_place_between_two_is_known():
+    """At a sensor's usual interval, and across no hole that is longer."""
+    ring = ring_traffic(np.random.default_rng(0), n_vehicles=3, dt_s=3.0, n_rows=40)
+    later = Cases.of(ring, horizons_s=(5.0,)).later[:, 0]
+    assert np.isfinite(later).all()
+    holed = ring[(ring.time_ns < 40_000_000_000) | (ring.time_ns > 80_000_000_000)]
+    assert np.isnan(Cases.of(holed, horizons_s=(20.0,)).later[:, 0]).any()
+
+
 def test_constant_velocity_is_as_wide_as_the_training_vehicles_err():
     rng = np.random.default_rng(0)
     ring = ring_traffic(rng, n_vehicles=200, n_rows=30)
