@@ -17,7 +17,7 @@ from dirprim_filter.evaluation.forecast_cases import Cases, mean_log_energy, usu
 from dirprim_filter.evaluation.settings import Axis, Choice, choose
 from dirprim_filter.filtering.particle_filter import ParticleFilter
 from dirprim_filter.filtering.roster import GAP_INTERVALS
-from dirprim_filter.forecasting import leader_table, projected, sampled_belief, side_by_side
+from dirprim_filter.forecasting import forecast_states, leader_table, projected, sampled_belief, side_by_side
 from dirprim_filter.instants import LONGEST_UNSEEN_S
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.primitives._leader import ALONE
@@ -100,7 +100,10 @@ def forecast_beliefs(
 def chosen_noise(
     primitive_map: PrimitiveMap, known: Cases, horizons_s: tuple[float, ...], *, rng: np.random.Generator
 ) -> tuple[Choice, ...]:
-    """The noise with which training vehicles are forecast best, as rivals' settings are; none of too few cases."""
+    """The noise with which training vehicles are forecast best, as rivals' settings are chosen.
+
+    None where `forecast_points` is better, as of rows seconds apart, which the filter follows badly, or of few cases.
+    """
     log, vehicle, seed = known.log, known.log.vehicle[known.row], rng.integers(2**63)
     some = rng.permutation(np.unique(vehicle))[:MOST_VEHICLES]
     seconds = np.cumsum([1e-9 * np.ptp(log.time_ns[log.vehicle == v]) for v in some])
@@ -114,7 +117,20 @@ def chosen_noise(
         )
         return -mean_log_energy(path, cases.later)
 
-    return choose([NOISE], score)
+    found = choose([NOISE], score)
+    points = forecast_points(primitive_map, cases, horizons_s, n_samples=N_SAMPLES, rng=np.random.default_rng(seed))
+    return found if score((found[0].chosen,)) >= -mean_log_energy(points, cases.later) else ()
+
+
+def forecast_points(
+    primitive_map: PrimitiveMap, cases: Cases, horizons_s: tuple[float, ...], *, n_samples: int,
+    rng: np.random.Generator,
+) -> FloatArray:  # fmt: skip
+    """As `forecast_beliefs`, each case alone and from its motion of late, as if that were known."""
+    return forecast_states(
+        primitive_map, position=cases.position, direction=cases.direction, speed=cases.speed, time_s=horizons_s,
+        n_samples=n_samples, rng=rng,
+    )  # fmt: skip
 
 
 def _frames(log: Tracks, rows: IntArray) -> list[IntArray]:

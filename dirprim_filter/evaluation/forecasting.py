@@ -15,7 +15,7 @@ import numpy as np
 
 from dirprim_filter.arrays import AnyArray, FloatArray
 from dirprim_filter.evaluation.baselines.trajectory_memory import States, TrajectoryMemory
-from dirprim_filter.evaluation.belief_forecasts import NOISE, chosen_noise, forecast_beliefs
+from dirprim_filter.evaluation.belief_forecasts import NOISE, chosen_noise, forecast_beliefs, forecast_points
 from dirprim_filter.evaluation.forecast_cases import HORIZONS_S, SCORES, Cases, score_cases
 from dirprim_filter.evaluation.intervals import Interval, paired, reduction_of_mean
 from dirprim_filter.evaluation.settings import Choice
@@ -47,7 +47,8 @@ def by_map(train: Tracks, horizons_s: tuple[float, ...], rng: np.random.Generato
     """The map as it is learned by default, the same without its cells, and where vehicles respond to those ahead."""
     learned, known = learn_primitives(train, rng=rng), Cases.of(train, horizons_s=horizons_s)
     prior = from_beliefs(learned, known, horizons_s, rng)
-    behind_leaders = rollouts_of(learned, horizons_s, noise_m=noise_of(prior.settings), leaders=True)
+    noise_m = prior.settings[0].chosen if prior.settings else NOISE.start
+    behind_leaders = rollouts_of(learned, horizons_s, noise_m=noise_m, leaders=True)
     return {
         "prior": prior,
         "place-free": from_beliefs(learned.without_places(), known, horizons_s, rng),
@@ -64,14 +65,15 @@ def by_one_cell(train: Tracks, horizons_s: tuple[float, ...], rng: np.random.Gen
 def from_beliefs(
     primitive_map: PrimitiveMap, known: Cases, horizons_s: tuple[float, ...], rng: np.random.Generator
 ) -> Forecaster:
-    """On a map, with the noise of positions that suits cases of training vehicles."""
+    """On a map, with the noise of positions that suits cases of training vehicles; without settings from a point."""
     settings = chosen_noise(primitive_map, known, horizons_s, rng=rng)
-    return Forecaster(rollouts_of(primitive_map, horizons_s, noise_m=noise_of(settings)), settings)
+    if settings:
+        return Forecaster(rollouts_of(primitive_map, horizons_s, noise_m=settings[0].chosen), settings)
 
+    def sample(cases: Cases, n_samples: int, rng: np.random.Generator) -> FloatArray:
+        return forecast_points(primitive_map, cases, horizons_s, n_samples=n_samples, rng=rng)
 
-def noise_of(settings: tuple[Choice, ...]) -> float:
-    """Metres: as chosen, where it could be."""
-    return settings[0].chosen if settings else NOISE.start
+    return Forecaster(sample)
 
 
 def rollouts_of(
