@@ -28,7 +28,7 @@ NOISE = Axis("noise_m", 0.1)
 """Of a log's rows; they are tracks already, so it is small."""
 MOST_VEHICLES, FEWEST_VEHICLES, MOST_SECONDS, N_SAMPLES = 50, 10, 5000.0, 16
 """Of the training vehicles by which the noise is chosen, and rollouts of each case. Ships are seen for an hour each."""
-NOBODY, LOST_AFTER = -1, TrackingConfig().lost_after
+NO_VEHICLE, LOST_AFTER = -1, TrackingConfig().lost_after
 
 
 def forecast_beliefs(
@@ -53,7 +53,7 @@ def forecast_beliefs(
     table = motion_table(primitive_map, step_s=config.step_s)
     response, dt_s = leader_table(primitive_map, config) if leaders else ALONE, np.diff(horizons_s, prepend=0.0)
     detections, key = Detections.of(log), rng.integers(2**63, size=len(log)).astype(np.uint64)
-    case = np.full(len(log), NOBODY)
+    case = np.full(len(log), NO_VEHICLE)
     case[cases.row] = np.arange(cases.row.size)
     path = np.empty((cases.row.size, n_samples, dt_s.size, 2))
 
@@ -61,19 +61,19 @@ def forecast_beliefs(
     slots = _slots(vehicle, frames)
     beliefs = ParticleFilter(primitive_map, config)
     beliefs.reserve(n_slots := 1 + int(slots.max(initial=0)))
-    held = np.full(n_slots, NOBODY)  # the vehicle that a slot's belief is of
+    held = np.full(n_slots, NO_VEHICLE)  # the vehicle that a slot's belief is of
     seen_ns, at_ns = np.zeros((2, n_slots), np.int64)  # of its last row, and of the belief
     longest_ns = int(max(config.max_gap_s * 1e9, 1e9 * GAP_INTERVALS * usual_interval_s(log)))
     group, unexplained = None, np.zeros(n_slots, np.int64)
     for rows in frames:
         now_ns, own = int(log.time_ns[rows[0]]), slots[vehicle[rows]]
         if log.group[rows[0]] != group:
-            group, held[:] = log.group[rows[0]], NOBODY
+            group, held[:] = log.group[rows[0]], NO_VEHICLE
         goes_on = (held[own] == vehicle[rows]) & (now_ns - seen_ns[own] <= longest_ns)
         held[own], seen_ns[own] = vehicle[rows], now_ns
         known = around = own[goes_on]
         if leaders:
-            around = np.flatnonzero((held != NOBODY) & (now_ns - seen_ns <= int(LONGEST_UNSEEN_S * 1e9)))
+            around = np.flatnonzero((held != NO_VEHICLE) & (now_ns - seen_ns <= int(LONGEST_UNSEEN_S * 1e9)))
             around = around[~np.isin(around, own[~goes_on])]
         beliefs.predict(around, (now_ns - at_ns[around]) * 1e-9)
         evidence = beliefs.weigh(known, detections[rows[goes_on]])
@@ -84,7 +84,7 @@ def forecast_beliefs(
         unexplained[begun] = 0
         beliefs.resample(known)
         at_ns[around], at_ns[begun] = now_ns, now_ns
-        asked = np.flatnonzero(case[rows] != NOBODY)
+        asked = np.flatnonzero(case[rows] != NO_VEHICLE)
         if not asked.size:
             continue
         scene = np.union1d(around, begun) if leaders else own[asked]
@@ -142,14 +142,14 @@ def _frames(log: Tracks, rows: IntArray) -> list[IntArray]:
 
 def _slots(vehicle: IntArray, frames: list[IntArray]) -> IntArray:
     """(n_vehicles,) a slot for each vehicle of the frames; those that never meet may have the same."""
-    first, last = np.full((2, 1 + int(vehicle.max(initial=-1))), NOBODY)
+    first, last = np.full((2, 1 + int(vehicle.max(initial=-1))), NO_VEHICLE)
     for i, rows in enumerate(frames):
         last[vehicle[rows]] = i
     for i, rows in reversed(list(enumerate(frames))):
         first[vehicle[rows]] = i
     slot, n = np.zeros(first.size, np.int64), 0
     busy: list[tuple[int, int]] = []
-    for v in np.argsort(first, kind="stable")[np.count_nonzero(first == NOBODY) :]:
+    for v in np.argsort(first, kind="stable")[np.count_nonzero(first == NO_VEHICLE) :]:
         if busy and busy[0][0] < first[v]:
             slot[v] = heapq.heappop(busy)[1]
         else:
