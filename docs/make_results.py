@@ -1,7 +1,7 @@
 """Runs the tables of `results.md` and writes the page: `python docs/make_results.py [TABLE...] [--all]`.
 
 TABLE/RUN is one run of a table, `--all` is every run that has no figures of this very commit yet, so that it may be
-stopped and begun again; without either only the page is written. What a run reached stands in `results/TABLE.json`
+resumed; without either only the page is written. What a run reached stands in `results/TABLE.json`
 with its command, commit, date and versions; the text around the tables in `results/page.md`. A run whose data are
 absent is skipped; one that fails, or takes longer than its table allows, keeps its former figures.
 """

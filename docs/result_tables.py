@@ -100,6 +100,8 @@ class Table:
 TRACKERS = "".join(
     f' --method "{name}"' for name in ("prior", "place-free", "one cell", "constant velocity", "interacting models")
 )
+WITHOUT = (("place-free", "without the map"),)
+"""The method's name in files, and what the page says."""
 DEATH_CIRCLE = ("death_circle_2.mcap", "death_circle_4.mcap")
 LOGGED = (
     Run(name="roundabout", logs=("roundabout.mcap",)),
@@ -155,7 +157,8 @@ TABLES: dict[str, Table] = {
             ("RMSE in sight / in gaps, m", (0, 1)), ("NEES in sight / in gaps", (2, 3)),
             ("the map is nearer, in sight / in gaps, %", (4, 5)),
         ),
-        left_out=("place-free smoothed",),
+        left_out=("without the map smoothed",),
+        renamed=WITHOUT,
     ),
     "no_ids": Table(
         command="dirprim evaluate tracking {logs} --no-ids --set miss_rate=0.2 --set false_per_frame=10 "
@@ -179,6 +182,7 @@ TABLES: dict[str, Table] = {
             Column(head="the map's HOTA less this", read=of_key("against", "hota"), digits=3),
         ),
         blocks=(("HOTA / switches", (0, 2)), ("the map's HOTA less the row's", (3,))),
+        renamed=WITHOUT,
     ),
     "forecasts": Table(
         command="dirprim evaluate forecast {logs} --folds 4 --horizon 1 --horizon 3 --horizon 5 --horizon 8 --json",
@@ -193,6 +197,7 @@ TABLES: dict[str, Table] = {
         ),
         blocks=(("energy at 1 s / 5 s, m / truth in the 90 % regions", (0, 1, 6)),
                 ("the map is nearer at 1 s / 5 s / 8 s, %", (2, 4, 5))),
+        renamed=WITHOUT,
     ),
     "densities": Table(
         command="dirprim evaluate density {logs} --folds 4 --every 0.5{options} --json",
@@ -313,6 +318,7 @@ TABLES: dict[str, Table] = {
             Column(head="Mcity", read=worth("Mcity", in_sight=(100.0, 1))),
             Column(head="autoferry", read=worth("autoferry", HOTA=(100.0, 2))),
         ),
+        renamed=(("begun anew", "reinitialised"),),
         minutes=240,
     ),
     "ablation_learning": Table(

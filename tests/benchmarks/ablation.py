@@ -4,7 +4,7 @@ Decides what stays. Each mechanism of filter, association and learning is off al
 on, over five seeds. Beside "all on" stand the shares by which errors rise without it, paired row by row, with 95 %
 intervals over vehicles (groups, drives, scenarios where there are several; runs where tracks have no ids): a mechanism
 whose interval holds 0 everywhere gains nothing that can be shown. Two processes. What a clean commit
-has done is kept in `.cache/ablation/COMMIT`, so that a run may be stopped and begun again, or made in pieces.
+has done is kept in `.cache/ablation/COMMIT`, so that a run may be resumed, or made in pieces.
 
 Scenes: the town's roundabout and intersection and Lankershim (with ids, each vehicle out of sight once for 3 s); dense
 traffic without ids (a fifth missed, ten false a frame); vehicles that misbehave; Mcity's and autoferry's real sensors.
@@ -91,7 +91,7 @@ MECHANISMS: dict[str, Mechanism] = {
     "vehicles go their own way": Mechanism(filter={"own_way_rate": 0.0}),
     "measurement outliers": Mechanism(filter={"outlier_probability": 0.0}),
     "carried errors": Mechanism(scenes=("Mcity",), white=True),
-    "beliefs begun anew when lost": Mechanism(tracking={"lost_after": PATIENT}),
+    "beliefs reinitialised when lost": Mechanism(tracking={"lost_after": PATIENT}),
     "occlusion": Mechanism(scenes=UNNAMED, tracking={"occlusion_rate": 0.0}),
     "births by the map": Mechanism(scenes=UNNAMED, strip=without_births),
     "ends by the map": Mechanism(scenes=UNNAMED, strip=without_ends),

@@ -1,14 +1,11 @@
 """What a store costs, by the path that users take.
 
-Decides: that rows are kept as they are, encoded as in `store.rows` (the peers are Delta's own writer, and positions of
-1 cm), and that learning holds a sample of a block (`store.sampling`).
+Decides: that rows are encoded as in `store.rows`, and that learning holds a sample of a block (`store.sampling`).
 
-    python tests/benchmarks/fleet.py size [LOG...]
     python tests/benchmarks/fleet.py columns 10000000
     python tests/benchmarks/fleet.py logs 20
     python tests/benchmarks/fleet.py learn 100000000 [--workers 2]
     python tests/benchmarks/fleet.py known 10000    (STORE=s3://bucket/store for another place)
-    python tests/benchmarks/fleet.py rounding
 """
 
 from __future__ import annotations
@@ -20,17 +17,15 @@ import tempfile
 import time
 from dataclasses import replace
 from pathlib import Path
-from unittest.mock import patch
 from uuid import uuid4
 
 import numpy as np
-import pyarrow as pa
 
-from dirprim_filter import Tracks, learn_primitives, read_tracks, write_tracks
-from dirprim_filter.store import add_logs, find_logs, learn_from_store, rows
+from dirprim_filter import Tracks, read_tracks, write_tracks
+from dirprim_filter.store import add_logs, find_logs, learn_from_store
 from dirprim_filter.store.config import StoreConfig
 from dirprim_filter.store.files import File
-from dirprim_filter.store.rows import SCHEMA, Rows
+from dirprim_filter.store.rows import Rows
 from dirprim_filter.store.store import Store
 from dirprim_filter.store.workers import Workers
 
@@ -67,37 +62,6 @@ def repeated(tracks: Tracks, n_rows: int, seed: int, side: int = SIDE) -> Tracks
         for i in range(n)
     ]  # fmt: skip
     return Tracks.concatenate(parts)[:n_rows]
-
-
-def size(paths: list[str]) -> None:
-    """Bytes a row, in the middle of a block, beside positions of 1 cm and Delta's own writer."""
-    import deltalake
-
-    zstd = {"compression": "ZSTD", "compression_level": 15}
-    split = deltalake.ColumnProperties(dictionary_enabled=False, encoding="BYTE_STREAM_SPLIT")
-    delta = deltalake.ColumnProperties(dictionary_enabled=False, encoding="DELTA_BINARY_PACKED")
-    peers = {
-        "as it is": None, "zstd": deltalake.WriterProperties(**zstd),
-        "bytes apart": deltalake.WriterProperties(**zstd, default_column_properties=split),
-        "differences": deltalake.WriterProperties(**zstd, default_column_properties=delta),
-    }  # fmt: skip
-    for path in paths or sorted(map(str, (ROOT / "recordings").glob("*.mcap"))):
-        tracks = read_tracks(path)
-        of = Rows.of(tracks)
-        with patch.object(rows, "STEP_CM", 1):
-            fine = Rows.of(tracks)
-        table = pa.table([pa.array(np.asarray(getattr(of, f.name)), f.type) for f in SCHEMA], schema=SCHEMA)
-        found = [f"{len(each.to_parquet()) / len(each):.2f}" for each in (of, fine)]
-        for name, properties in peers.items():
-            with tempfile.TemporaryDirectory() as folder:
-                try:
-                    deltalake.write_deltalake(folder, table, writer_properties=properties)
-                except Exception as error:  # noqa: BLE001 (of a thread in Rust)
-                    found.append(f"{name}: {str(error).splitlines()[0][-90:]}")
-                    continue
-                n_bytes = sum(file.stat().st_size for file in Path(folder).glob("*.parquet"))
-                found.append(f"{name} {n_bytes / len(of):.2f}")
-        print(f"{path}: {len(of):,} rows, {found[0]} bytes each, of 1 cm {found[1]}; Delta's {', '.join(found[2:])}")
 
 
 def store_of_columns(path: Path, n_rows: int, *, distinct: int = 1 << 30, side: int = SIDE) -> tuple[Store, float]:
@@ -194,36 +158,13 @@ def known(n_logs: int) -> None:
         )
 
 
-def rounding() -> None:
-    """What whole numbers lose: log density of the held-out log by maps of a store, and of the log itself."""
-    with tempfile.TemporaryDirectory() as folder:
-        for scene in ("roundabout", "intersection"):
-            log, test = (ROOT / f"recordings/{scene}_{name}.mcap" for name in ("learn", "track"))
-            store = add_logs(Path(folder) / scene, find_logs([str(log)])).store
-            assert store is not None
-            seen = read_tracks(test)
-            size = sum(entry.size / entry.n_rows for entry in store.contents().entries.values())
-            for tessellation in ("grid", "joint"):
-                options = {"tessellation": tessellation, "cell_size": 8.0 if tessellation == "grid" else None}
-                of_log = learn_primitives(read_tracks(log), rng=np.random.default_rng(0), **options)
-                of_store = learn_from_store(store, **options).primitive_map
-                density = [
-                    float(m.log_density(seen.position, seen.direction, seen.speed).mean()) for m in (of_log, of_store)
-                ]
-                print(f"{scene}, {tessellation}: {density[0]:.3f} nat, of a store {density[1]:.3f}; {size:.2f} bytes")
-
-
 if __name__ == "__main__":
     parser = argparse.ArgumentParser()
-    parser.add_argument("what", choices=("size", "columns", "logs", "learn", "known", "rounding"))
-    parser.add_argument("of", nargs="*")
+    parser.add_argument("what", choices=("columns", "logs", "learn", "known"))
+    parser.add_argument("n", type=int)
     parser.add_argument("--workers", type=int, default=1)
     given = parser.parse_args()
-    if given.what == "size":
-        size(given.of)
-    elif given.what == "learn":
-        learn(int(given.of[0]), given.workers)
-    elif given.what == "rounding":
-        rounding()
+    if given.what == "learn":
+        learn(given.n, given.workers)
     else:
-        {"columns": columns, "logs": logs, "known": known}[given.what](int(given.of[0]))
+        {"columns": columns, "logs": logs, "known": known}[given.what](given.n)
