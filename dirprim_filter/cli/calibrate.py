@@ -42,12 +42,12 @@ def calibrate(
     stream = reading.detections(log)
     seen = Detections.concatenate(stream)
     reading.require_frames(len(seen), log, stream.losses)
-    known = reading.only("time_source", "frame", "origin", "strict").tracks([truth]).tracks
+    known = reading.only("time_source", "frame", "origin", "strict").tracks([truth])
     with working(f"measuring {log.name}"):
-        measured = measure(seen, known)
+        measured = measure(seen, known.tracks)
     save_sensor(measured.sensor, output, force=force)
     typer.echo("\n".join(_lines(measured)))
-    return exit_codes.of_losses(stream.losses)
+    return exit_codes.of_losses(stream.losses, known.losses)
 
 
 def _lines(measured: Calibration) -> list[str]:

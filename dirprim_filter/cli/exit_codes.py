@@ -47,9 +47,9 @@ def listen() -> None:
     sys.unraisablehook = repeat
 
 
-def of_losses(losses: Losses) -> int:
-    """3 where a part of the input, if one row, could not be read or used; the library's log has said what."""
-    return INPUT_LOST if losses.damage or losses.dropped else DONE
+def of_losses(*losses: Losses) -> int:
+    """3 where a part of an input, if one row, could not be read or used; the library's log has said what."""
+    return INPUT_LOST if any(of.damage or of.dropped for of in losses) else DONE
 
 
 def of_interruption() -> int:

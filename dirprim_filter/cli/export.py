@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from dirprim_filter.cli import exit_codes
 from dirprim_filter.cli.options import Force, Output
 from dirprim_filter.cli.texts import counted
 
@@ -18,7 +19,7 @@ def export(
         bool, typer.Option("--smoothed", help="Export the smoothed estimates of `track --smooth` or `--lag`.")
     ] = False,
     force: Force = False,
-) -> None:
+) -> int:
     """Write estimates as .csv or .parquet.
 
     The columns are those of `dirprim convert`, then what else is known.
@@ -30,9 +31,12 @@ def export(
     from dirprim_filter.cli.progress import working
     from dirprim_filter.recording import read_estimates
     from dirprim_filter.recording.estimate_tables import check_table_format, write_estimates
+    from dirprim_filter.recording.losses import Losses
 
     check_table_format(output)
+    lost = Losses()
     with working(f"writing {output.name}"):
-        rows = read_estimates(estimates, smoothed=smoothed)
+        rows = read_estimates(estimates, smoothed=smoothed, losses=lost)
         write_estimates(rows, output, force=force)
     typer.echo(f"{output}: {counted(np.unique(rows.track_id).size, 'track')}, {counted(len(rows), 'row')}")
+    return exit_codes.of_losses(lost)

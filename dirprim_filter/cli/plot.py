@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from dirprim_filter.cli import exit_codes
 from dirprim_filter.cli.options import FIGURE, WRITTEN, Force, named_file
 
 
@@ -27,7 +28,7 @@ def plot(
         typer.Option("--extent", help="What to show: west south east north, metres. Default: 99 % of the traffic."),
     ] = None,
     force: Force = False,
-) -> None:
+) -> int:
     """Draw a map as .png, .pdf or .svg: petals coloured by mean speed.
 
     Example: dirprim plot map.mcap -o map.png --log recordings/roundabout_learn.mcap
@@ -36,15 +37,19 @@ def plot(
     """
     import numpy as np
 
-    from dirprim_filter.recording import load_map, read_estimates, read_tracks
+    from dirprim_filter.recording import load_map, read_estimates
+    from dirprim_filter.recording.losses import Losses
+    from dirprim_filter.recording.reader import read_track_logs
     from dirprim_filter.viewer.figures import map_figure, save_figure
 
     box = None if extent is None else np.reshape(extent, (2, 2))
     if box is not None and not (np.isfinite(box).all() and (box[0] < box[1]).all()):
         raise typer.BadParameter(f"expected west south east north, metres, got {extent}", param_hint="--extent")
+    read, lost = None if log is None else read_track_logs(log), Losses()
     drawn = map_figure(
-        load_map(map_file), tracks=None if log is None else read_tracks(log), extent=box,
-        estimates=None if estimates is None else read_estimates(estimates),
+        load_map(map_file), tracks=read.tracks if read else None, extent=box,
+        estimates=None if estimates is None else read_estimates(estimates, losses=lost),
     )  # fmt: skip
     save_figure(drawn, output, force=force)
     typer.echo(f"{output}")
+    return exit_codes.of_losses(lost, *(read.losses for read in [read] if read))

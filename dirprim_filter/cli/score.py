@@ -70,7 +70,7 @@ def score(
     with step_progress("scoring", "files") as progress:
         rows = {
             name + SMOOTHED * is_smoothed: read_tracked_rows(
-                path, truth=log.tracks, one_of_many=one_of_many, smoothed=is_smoothed
+                path, truth=log.tracks, one_of_many=one_of_many, smoothed=is_smoothed, losses=log.losses
             )
             for name, path in named.items()
             for is_smoothed in (False, True)[: 1 + (smoothed and path.suffix.lower() not in FORMATS)]

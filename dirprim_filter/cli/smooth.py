@@ -18,6 +18,7 @@ from dirprim_filter.cli.texts import counted
 
 if TYPE_CHECKING:
     from dirprim_filter.detections import Detections
+    from dirprim_filter.tracks import Tracks
 
 
 @reads_logs("fields of FilterConfig and TrackingConfig")
@@ -82,12 +83,14 @@ def smooth(
         f"{output}: {counted(len(after), 'row')} of {counted(np.unique(after.track_id).size, 'track')}, from "
         f"{counted(n_measured, 'measured row')} of {len(rows)}"
     )
-    if truth is not None:
-        typer.echo(_scored(rows, output, truth, reading))
-    return exit_codes.of_losses(stream.losses)
+    if truth is None:
+        return exit_codes.of_losses(stream.losses)
+    known = reading.tracks([truth])
+    typer.echo(_scored(rows, output, truth, known.tracks))
+    return exit_codes.of_losses(stream.losses, known.losses)
 
 
-def _scored(before: Detections, output: Path, truth: Path, reading: Reading) -> str:
+def _scored(before: Detections, output: Path, truth: Path, known: Tracks) -> str:
     """A table of both, as `dirprim score` prints it."""
     from dirprim_filter.cli.score import score_text
     from dirprim_filter.evaluation.scores import score_rows
@@ -95,7 +98,6 @@ def _scored(before: Detections, output: Path, truth: Path, reading: Reading) -> 
     from dirprim_filter.evaluation.tracking_report import Scales
     from dirprim_filter.recording.estimate_tables import read_tracked_rows
 
-    known = reading.tracks([truth]).tracks
     rows = {
         "before": TrackedRows(
             track_id=before.track_id, time_ns=before.time_ns, position=before.position, group=before.group

@@ -89,8 +89,9 @@ def track(
     sensor: SensorOrAuto = None,
     particles: Particles = None,
     also_as: Annotated[
-        Literal["vision_msgs", "autoware"] | None, typer.Option("--as", help="Also write ROS 2 messages of them.")
-    ] = None,
+        Literal["foxglove", "vision_msgs", "autoware"],
+        typer.Option("--as", help="Also write ROS 2 messages of them; foxglove: none."),
+    ] = "foxglove",
     config: Config = None,
     seed: Seed = 0,
     force: Force = False,
@@ -115,6 +116,7 @@ def track(
     from dirprim_filter.filtering.smoothing.smoother import Smoother
     from dirprim_filter.forecasting import Forecaster
     from dirprim_filter.recording import load_map
+    from dirprim_filter.recording.losses import Losses
     from dirprim_filter.recording.writer import EstimateWriter
     from dirprim_filter.replay import replay
 
@@ -132,7 +134,7 @@ def track(
         with_ids=not no_ids, seed=seed,
     )  # fmt: skip
     sensing, filtering, association = _configured(sensing, settings, filtering, association)
-    watched, coverage = bool(save or spawn or connect), Coverage(primitive_map)
+    watched, coverage, lost = bool(save or spawn or connect), Coverage(primitive_map), Losses()
     smoother = Smoother(max_gap_s=filtering.max_gap_s, lag_s=lag) if smooth or lag is not None else None
     said = provenance(
         "track", inputs=[map_file] if is_live else [log, map_file], config=filtering, seed=seed,
@@ -152,19 +154,19 @@ def track(
     worlds, viewer = GroupTracker(tracker_of), None
     with ExitStack() as files:
         estimates = files.enter_context(EstimateWriter(
-            output, metadata=said, force=force, also_as=also_as,
+            output, metadata=said, force=force, also_as=None if also_as == "foxglove" else also_as,
             particle_stride=max(filtering.n_particles // own.particles_out, 1) if own.particles_out else None,
         ))  # fmt: skip
         estimates.write_map_scene(primitive_map)
         outputs: list[EstimateWriter | RerunSink] = [estimates]
         if watched:
             viewer = files.enter_context(open_viewer(
-                map_file.stem, save=save, spawn=spawn, connect=connect, force=force, n_particles=own.particles_out,
-                focus=own.focus or None, truth=Path(own.truth) if own.truth else None,
+                map_file.stem, lost, save=save, spawn=spawn, connect=connect, force=force,
+                n_particles=own.particles_out, focus=own.focus or None, truth=Path(own.truth) if own.truth else None,
                 group=reading.group if own.truth == str(log) else None,
             ))  # fmt: skip
             viewer.log_map(primitive_map)
-            viewer.log_run(said, {})
+            viewer.log_run(said)
             outputs.append(viewer)
         sinks: list[EstimateSink] = [*outputs, coverage]
         if smoother is not None:
@@ -178,10 +180,8 @@ def track(
         shown_frames = with_progress(seen, what=f"tracking {log.name}", end_ns=stream.end_ns)
         n_frames = replay(shown_frames, worlds, sinks, rate_hz=own.rate_hz or None)
         reading.require_frames(n_frames, log, stream.losses)
-        if viewer is not None:
-            viewer.log_run(said, {"frames": str(n_frames), "beliefs reinitialised": str(worlds.recoveries)})
     _say(worlds, f"{output}: {counted(n_frames, 'frame')} of {', '.join(sorted(stream.topics))}", coverage)
-    return exit_code(viewer, exit_codes.INPUT_LOST if coverage.is_poor else exit_codes.of_losses(stream.losses))
+    return exit_code(viewer, exit_codes.INPUT_LOST if coverage.is_poor else exit_codes.of_losses(stream.losses, lost))
 
 
 class Coverage:

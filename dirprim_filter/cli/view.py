@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from dirprim_filter.estimates import TrackedFrame
+    from dirprim_filter.recording.losses import Losses
     from dirprim_filter.recording.playback import Playback
     from dirprim_filter.viewer.sink import RerunSink
 
@@ -53,6 +54,8 @@ def view(
 
     Example: dirprim view map.mcap tracks.mcap --truth log.mcap
     """
+    from dirprim_filter.recording.losses import Losses
+
     is_elsewhere = save is not None or connect is not None
     recordings = [file for file in files if file.suffix == ".rrd"]
     if recordings:
@@ -62,35 +65,40 @@ def view(
             raise ValueError(f"{recordings[0]}: an .rrd opens beside other .rrd files alone, on a screen")
         spawn_viewer(recordings)
         return exit_codes.DONE
-    kinds = _sorted(files)
+    kinds, losses = _sorted(files), Losses()
     playback, frames = (None, iter(())) if rate is None else _played(files, rate, reading)
     with open_viewer(
-        " ".join(file.stem for file in files), save=save, spawn=spawn or not is_elsewhere, connect=connect,
+        " ".join(file.stem for file in files), losses, save=save, spawn=spawn or not is_elsewhere, connect=connect,
         force=force, focus=focus,
     ) as viewer:  # fmt: skip
         if playback is None:
-            _together(kinds, viewer, truth=truth, group=reading.group)
+            losses += _together(kinds, viewer, truth=truth, group=reading.group)
         else:
             n_frames = 0
             for frame in frames:
                 viewer.write(frame)
                 n_frames += 1
+            losses += playback.losses
             say(f"{files[0]}: {counted(n_frames, 'frame')} of {', '.join(sorted(playback.topics))}")
-    return exit_code(viewer, exit_codes.DONE if playback is None else exit_codes.of_losses(playback.losses))
+    return exit_code(viewer, exit_codes.of_losses(losses))
 
 
-def open_viewer(place: str, *, truth: Path | None = None, group: int | None = None, **options: Any) -> RerunSink:
-    """A stream as of `open_stream`, with the true tracks of a log or group.
+def open_viewer(
+    place: str, lost: Losses, *, truth: Path | None = None, group: int | None = None, **options: Any
+) -> RerunSink:
+    """A stream as of `open_stream`, with the true tracks of a log or group; `lost` gets what of these is.
 
     What is shown of one `place` shares the layout of a viewer that stays open.
     """
-    from dirprim_filter.recording import read_tracks
+    from dirprim_filter.recording.reader import read_track_logs
     from dirprim_filter.track_ids import qualified_names
     from dirprim_filter.viewer.sink import open_stream
 
-    true_tracks = None if truth is None else read_tracks(truth, group=group)
+    true = None if truth is None else read_track_logs(truth, group=group)
     viewer = open_stream(f"dirprim {place}", **options)
-    if true_tracks is not None:
+    if true is not None:
+        lost += true.losses
+        true_tracks = true.tracks
         if group is None:  # as the vehicles of several groups are called
             true_tracks = replace(true_tracks, track_id=qualified_names(true_tracks.track_id, true_tracks.group))
         viewer.log_truth(true_tracks)
@@ -135,28 +143,37 @@ def _played(files: Sequence[Path], rate: float, reading: Reading) -> tuple[Playb
     return playback, with_progress(frames, what=f"playing {files[0].name}", end_ns=playback.end_ns)
 
 
-def _together(kinds: dict[str, list[Path]], viewer: RerunSink, *, truth: Path | None, group: int | None) -> None:
-    """Maps, logs and at most one run in one view."""
+def _together(kinds: dict[str, list[Path]], viewer: RerunSink, *, truth: Path | None, group: int | None) -> Losses:
+    """Maps, logs and at most one run in one view; what of them was lost."""
     from dirprim_filter.detections import Detections
-    from dirprim_filter.recording import load_map, read_tracks, topic_names
+    from dirprim_filter.recording import load_map, topic_names
     from dirprim_filter.recording.container.log import Log, Scan
+    from dirprim_filter.recording.losses import Losses
     from dirprim_filter.recording.playback import Playback
-    from dirprim_filter.recording.reader import stream_detections
+    from dirprim_filter.recording.reader import has_estimates, read_track_logs, stream_detections
 
-    runs, logs = kinds[RUN], kinds[LOG]
+    lost, frames = Losses(), list[Detections]()
     for path in kinds[MAP]:
         viewer.log_map(load_map(path))
-    for path in [truth] if truth else logs[:1]:
-        viewer.log_truth(read_tracks(path, group=group))
-    detections = Detections.concatenate([frame for path in logs for frame in stream_detections(path, group=group)])
-    if not runs:
+    for path in [truth] if truth else kinds[LOG][:1]:
+        true = read_track_logs(path, group=group)
+        viewer.log_truth(true.tracks)
+        lost += true.losses
+    for path in kinds[LOG]:
+        stream = stream_detections(path, group=group)
+        frames += stream
+        lost += stream.losses
+    detections = Detections.concatenate(frames)
+    if not kinds[RUN]:
         viewer.log_detections(detections)
-        return
-    with Log(runs[0]) as run:
-        said = {key: value for _, entries in Scan(run).metadata for key, value in entries.items()}
-        for frame in Playback(run, seen=detections):
-            viewer.write(frame)
-        if any(channel.topic == topic_names.SMOOTHED for channel in run.channels()):
-            for frame in Playback(run, seen=detections, smoothed=True):
-                viewer.write_smoothed(frame)
-    viewer.log_run(said, {})
+    for path in kinds[RUN]:
+        with Log(path) as run:
+            viewer.log_run({key: value for _, entries in Scan(run).metadata for key, value in entries.items()})
+            shows = {topic_names.ESTIMATES: viewer.write, topic_names.SMOOTHED: viewer.write_smoothed}
+            for topic, show in shows.items():
+                if has_estimates(run, topic):
+                    playback = Playback(run, seen=detections, smoothed=topic == topic_names.SMOOTHED)
+                    for frame in playback:
+                        show(frame)
+                    lost += playback.losses
+    return lost

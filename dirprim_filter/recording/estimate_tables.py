@@ -22,6 +22,7 @@ from dirprim_filter.evaluation.tracked_rows import TrackedRows
 from dirprim_filter.partial_file import PartialFile
 from dirprim_filter.recording.decoding.field_columns import NO_TIME
 from dirprim_filter.recording.errors import RecordingError
+from dirprim_filter.recording.losses import Losses
 from dirprim_filter.recording.reader import read_estimates
 from dirprim_filter.recording.schemas.family import matrices
 from dirprim_filter.recording.tables.columns import FORMULA, FORMULA_GUARD, Columns, is_number
@@ -92,7 +93,7 @@ OPTIONAL = {"course_rad": "direction", "speed_mps": "speed", "unseen_s": "unseen
 
 
 def read_tracked_rows(
-    path: str | Path, *, truth: Tracks, one_of_many: bool = False, smoothed: bool = False
+    path: str | Path, *, truth: Tracks, one_of_many: bool = False, smoothed: bool = False, losses: Losses | None = None
 ) -> TrackedRows:
     """What a tracker estimated, in the groups of a truth.
 
@@ -105,6 +106,7 @@ def read_tracked_rows(
         truth: what it is to be compared with.
         one_of_many: the truth is one of its log's groups: ids that name another group are not of it.
         smoothed: of an MCAP log what a smoother wrote beside the filter.
+        losses: gets what of such a log could not be read.
 
     Raises:
         RecordingError: the file is none of these, or does not say which group its rows are of.
@@ -115,7 +117,7 @@ def read_tracked_rows(
     if form in (".csv", ".parquet", ".feather"):
         columns = _named(columns_of(path))
     else:
-        rows = TrackedRows.of(read_estimates(path, smoothed=smoothed))
+        rows = TrackedRows.of(read_estimates(path, smoothed=smoothed, losses=losses))
         columns = {field.name: getattr(rows, field.name) for field in fields(rows) if field.name != "group"}
     if "group" not in columns:
         columns["group"] = _groups(Path(path), as_texts(np.asarray(columns["track_id"])), truth, one_of_many)

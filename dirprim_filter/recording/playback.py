@@ -8,18 +8,14 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from google.protobuf.message import DecodeError as ProtobufDecodeError
 
 from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.recording import topic_names
 from dirprim_filter.recording.container.log import Log, LogSource, Scan
-from dirprim_filter.recording.errors import DamagedRecordingError
 from dirprim_filter.recording.losses import Losses
 from dirprim_filter.recording.objects.options import EVERYTHING, ReadOptions
-from dirprim_filter.recording.reader import stream_detections
-from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
-from dirprim_filter.recording.schemas.dirprim import decode_estimates
+from dirprim_filter.recording.reader import estimate_messages, has_estimates, stream_detections
 
 SECOND_NS = 1_000_000_000
 
@@ -41,7 +37,6 @@ class Playback:
     Attributes:
         topics: what is played.
         end_ns: the last log time to come, as the chunks say; None of an empty log.
-        losses: what was damaged, left out or odd so far.
 
     Raises:
         NotMcapError: the file is no MCAP log.
@@ -58,18 +53,20 @@ class Playback:
         **changes: Any,
     ) -> None:
         self._log = log = source if isinstance(source, Log) else Log(source)
-        self.losses = Losses()
         self._options = options = replace(options, **changes).of_log(log.start_ns)
-        self.end_ns = Scan(log, end_ns=options.end_ns).end_ns
-        named = {c.topic for c in log.channels() if c.schema.name == ESTIMATES_SCHEMA}
-        topic = topic_names.SMOOTHED if smoothed else topic_names.ESTIMATES
-        self._is_estimated = topic in named and options.topics in (None, topic)
+        self._losses, self._stream = Losses(), None
         self._seen = {int(frame.time_ns[0]): frame for frame in seen.frames()} if seen is not None else {}
-        if self._is_estimated:
-            self.topics = frozenset({topic})
-        else:
+        self._topic = topic_names.SMOOTHED if smoothed else topic_names.ESTIMATES
+        self.topics = frozenset({self._topic})
+        self.end_ns = Scan(log, end_ns=options.end_ns).end_ns
+        if options.topics not in (None, self._topic) or not has_estimates(log, self._topic):
             self._stream = stream_detections(log, options, motion=True)
             self.topics = self._stream.topics
+
+    @property
+    def losses(self) -> Losses:
+        """What was damaged, left out or odd so far."""
+        return self._losses if self._stream is None else self._stream.losses
 
     def __iter__(self) -> Iterator[TrackedFrame]:
         """The frames.
@@ -77,35 +74,14 @@ class Playback:
         Raises:
             DamagedRecordingError: strict, and the log is damaged.
         """
-        return self._estimated() if self._is_estimated else self._observed()
-
-    def _estimated(self) -> Iterator[TrackedFrame]:
-        asked = self._options
-        scan = Scan(self._log, self.topics.__contains__, start_ns=asked.start_ns, end_ns=asked.end_ns)
-        messages = iter(scan)
-        self.losses = Losses(damage=scan.damage)
-        for message in messages:
-            self._check_intact()
-            try:
-                estimates = decode_estimates(message.data)
-            except ProtobufDecodeError as error:
-                self.losses.fail([str(error)])
-                continue
-            seen = self._seen.get(message.log_time_ns, Detections.none())
-            yield _frame(message.log_time_ns, seen, estimates)
-        self._check_intact()
-        self.losses.log(self._log.path)
-
-    def _check_intact(self) -> None:
-        if self._options.strict and self.losses.damage:
-            raise DamagedRecordingError(self._log.path, self.losses.damage)
-
-    def _observed(self) -> Iterator[TrackedFrame]:
-        for reported in self._stream:
-            seen = reported.in_one_group()
-            yield _frame(int(seen.time_ns[0]), seen, _reported(seen[seen.track_id != NO_ID]))
-            self.losses = self._stream.losses
-        self.losses = self._stream.losses
+        if self._stream is not None:
+            for reported in self._stream:
+                seen = reported.in_one_group()
+                yield _frame(int(seen.time_ns[0]), seen, _reported(seen[seen.track_id != NO_ID]))
+            return
+        self._losses = Losses()
+        for time_ns, estimates in estimate_messages(self._log, self._topic, self._losses, self._options):
+            yield _frame(time_ns, self._seen.get(time_ns, Detections.none()), estimates)
 
 
 def paced(

@@ -15,7 +15,7 @@ from dirprim_filter.estimates import Estimates
 from dirprim_filter.recording import topic_names
 from dirprim_filter.recording.container.errors import Damage
 from dirprim_filter.recording.container.log import Log, LogSource, Scan, opened
-from dirprim_filter.recording.errors import DecodeError, NoTracksError, RecordingError
+from dirprim_filter.recording.errors import DamagedRecordingError, NoTracksError, RecordingError
 from dirprim_filter.recording.inspection import inspect
 from dirprim_filter.recording.losses import REPEATED, Losses
 from dirprim_filter.recording.name_patterns import is_table
@@ -169,34 +169,57 @@ def _wanted(log: Log, topics: frozenset[str], options: ReadOptions) -> Scan:
     return Scan(log, topics.__contains__, start_ns=options.start_ns, end_ns=options.end_ns)
 
 
-def read_estimates(source: LogSource, *, smoothed: bool = False, topic: str | None = None) -> Estimates:
-    """All estimates of a log that `dirprim track` wrote, in order of time.
+def read_estimates(source: LogSource, *, smoothed: bool = False, losses: Losses | None = None) -> Estimates:
+    """All estimates of a log that `dirprim track` wrote, in order of time; what could not be read is logged.
 
     Args:
         source: the log, which may be open.
         smoothed: those that `--smooth` or `--lag` wrote beside the filter's.
-        topic: a topic of `dirprim.TrackEstimates`; left out, the filter's or the smoother's.
+        losses: gets what could not be read.
 
     Raises:
         NotMcapError: the file is no MCAP log.
         NoTracksError: the log has no such topic.
-        DecodeError: a message is not what its schema says.
     """
-    topic = topic or (topic_names.SMOOTHED if smoothed else topic_names.ESTIMATES)
-    parts = []
+    topic = topic_names.SMOOTHED if smoothed else topic_names.ESTIMATES
+    own = Losses()
     with opened(source) as log:
-        scan = Scan(log, lambda name: name == topic)
-        if not any(c.topic == topic and c.schema.name == ESTIMATES_SCHEMA for c in log.channels()):
+        if not has_estimates(log, topic):
             wanted = f"topic {topic!r} of {ESTIMATES_SCHEMA}"
-            raise NoTracksError(log.path, has=log.channels(), wanted=wanted, damage=scan.damage)
-        for message in scan:
-            if message.schema_name == ESTIMATES_SCHEMA:
-                try:
-                    parts.append(decode_estimates(message.data))
-                except ProtobufDecodeError as error:
-                    raise DecodeError(
-                        log.path, topic=topic, time_ns=message.log_time_ns,
-                        expected=f"a message of {ESTIMATES_SCHEMA}", got=str(error),
-                    ) from error  # fmt: skip
-        Losses(damage=scan.damage).log(log.path)
-    return Estimates.concatenate(parts)
+            raise NoTracksError(log.path, has=log.channels(), wanted=wanted, damage=Scan(log).damage)
+        found = Estimates.concatenate([estimates for _, estimates in estimate_messages(log, topic, own)])
+    if losses is not None:
+        losses += own
+    return found
+
+
+def has_estimates(log: Log, topic: str) -> bool:
+    """Whether a topic of a log is of estimates."""
+    return any(channel.topic == topic and channel.schema.name == ESTIMATES_SCHEMA for channel in log.channels())
+
+
+def estimate_messages(
+    log: Log, topic: str, losses: Losses, options: ReadOptions = EVERYTHING
+) -> Iterator[tuple[int, Estimates]]:
+    """The log time and the estimates of each message of a topic within the wanted times.
+
+    Args:
+        log: what is read.
+        topic: of estimates.
+        losses: gets what is damaged, and messages that are not what their schema says.
+        options: the times, and `strict`.
+
+    Raises:
+        DamagedRecordingError: strict, and the log is damaged.
+    """
+    scan = Scan(log, topic.__eq__, start_ns=options.start_ns, end_ns=options.end_ns)
+    messages, losses.damage = iter(scan), scan.damage
+    for message in messages:
+        if message.schema_name == ESTIMATES_SCHEMA:
+            try:
+                yield message.log_time_ns, decode_estimates(message.data)
+            except ProtobufDecodeError as error:
+                losses.fail([str(error)])
+    if options.strict and losses.damage:
+        raise DamagedRecordingError(log.path, losses.damage)
+    losses.log(log.path)

@@ -34,18 +34,18 @@ def blueprint(box: FloatArray, *, live: bool, tracked: bool) -> rrb.Blueprint:
         live: keep the cursor at the newest frame; a file is played from its start instead.
         tracked: there are frames, or will be; a map alone needs no plots.
     """
-    texts = [rrb.TextDocumentView(origin="/legend", name="Legend"), rrb.TextDocumentView(origin="/report", name="Run")]
+    legend = rrb.TextDocumentView(origin="/legend", name="Legend")
     if tracked:
         panel = rrb.Spatial2DView(
             origin="/polar", name="Direction of the ringed vehicle (Eq. 4)", background=BACKGROUND,
             visual_bounds=rrb.VisualBounds2D(x_range=POLAR_EXTENT, y_range=POLAR_EXTENT),
         )  # fmt: skip
-        read = rrb.Tabs(*texts, rrb.TextLogView(origin="/events", name="Events"))
+        read = rrb.Tabs(legend, rrb.TextLogView(origin="/events", name="Events"))
         top = rrb.Horizontal(panel, read, column_shares=[1, 1.25])
         right = rrb.Vertical(top, *map(_plot, PLOTS), row_shares=[2.4, 1.5, 1.2, 1.5])
         whole = rrb.Horizontal(_above(box), right, column_shares=[6, 4])
     else:
-        whole = rrb.Horizontal(_above(box), rrb.Tabs(*texts), column_shares=[7, 2])
+        whole = rrb.Horizontal(_above(box), legend, column_shares=[7, 2])
     return rrb.Blueprint(
         whole,
         rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="following" if live else "playing"),

@@ -29,7 +29,7 @@ from dirprim_filter.viewer.blueprint import blueprint
 from dirprim_filter.viewer.curves import curve_styles, frame_metrics
 from dirprim_filter.viewer.focus import Focus, Look, polar_columns, polar_styles
 from dirprim_filter.viewer.stream import Stream, time_column
-from dirprim_filter.viewer.texts import Events, legend, run_report
+from dirprim_filter.viewer.texts import Events, legend
 
 BATCH_FRAMES = 64
 """Frames that a file gets at a time;"""
@@ -135,9 +135,10 @@ class RerunSink:
         drawn = marks.detections(place, [len(frame) for frame in frames])
         self._send([drawn], [int(frame.time_ns[0]) for frame in frames])
 
-    def log_run(self, made_with: Mapping[str, str], results: Mapping[str, str]) -> None:
-        """What the run was made with and what came of it; may come again."""
-        self.stream.log("/report", rr.TextDocument(run_report(made_with, results), media_type="text/markdown"))
+    def log_run(self, made_with: Mapping[str, str]) -> None:
+        """What the run was made with, as properties of the recording."""
+        if named := {name: [text] for name, text in made_with.items() if name}:
+            self.stream.send_properties("run", rr.DynamicArchetype("run", components=named))
 
     # --- What changes with time -----------------------------------------------------------------------------
 

@@ -110,6 +110,11 @@ class Stream:
         for stream in self._places.values():
             stream.log(path, *what, static=True)
 
+    def send_properties(self, name: str, what: rr.AsComponents) -> None:
+        """What is said of the whole recording."""
+        for stream in self._places.values():
+            stream.send_property(name, what)
+
     def send_blueprint(self, blueprint: rrb.Blueprint) -> None:
         """How the window is arranged."""
         for stream in self._places.values():

@@ -1,14 +1,9 @@
-"""What is read beside the map: the legend, the report about a run, and what happened to tracks."""
+"""What is read beside the map: the legend, and what happened to tracks."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator, Mapping
-
 from dirprim_filter.estimates import TrackedFrame
 
-LONGEST = 64
-"""Characters of a value in a report: longer ones are cut."""
 COASTS, ANEW, MEASURED = "coasts", "reinitialised: its belief did not explain its measurements", "measured again"
 
 LEGEND = """\
@@ -37,37 +32,6 @@ Layers are switched on and off in the panel on the left.
 def legend(fastest: float) -> str:
     """Markdown; `fastest` is the speed of the last colour, m/s."""
     return LEGEND.format(half=0.6 * fastest, fastest=fastest)
-
-
-def run_report(made_with: Mapping[str, str], results: Mapping[str, str]) -> str:
-    """Markdown: a table of results, and one of the run's metadata.
-
-    Args:
-        made_with: the metadata record of a log; values that are JSON objects are listed item by item.
-        results: what came out, and its value.
-    """
-    flat = [item for name, value in made_with.items() for item in _items(name, value)]
-    lines = ["# Run", ""]
-    for head, rows in (("result | value", list(results.items())), ("made with | ", flat)):
-        if rows:
-            lines += [f"| {head} |", "|---|---|", *(f"| {_cell(name)} | {_cell(value)} |" for name, value in rows), ""]
-    return "\n".join(lines)
-
-
-def _items(name: str, value: str) -> Iterator[tuple[str, str]]:
-    try:
-        settings = json.loads(value)
-    except json.JSONDecodeError:
-        settings = None
-    if isinstance(settings, dict):
-        yield from ((f"{name}: {key}", str(of)) for key, of in settings.items())
-    else:
-        yield name, value
-
-
-def _cell(text: str) -> str:
-    short = text if len(text) <= LONGEST else text[: LONGEST - 1] + "…"
-    return " ".join(short.replace("|", "\\|").split())
 
 
 class Events:

@@ -68,6 +68,25 @@ def test_a_damaged_log_ends_in_3_and_in_an_error_where_strict(here, capsys, comm
     assert "damage" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(
+    "command",
+    [
+        "plot map.mcap -o out.png --log log.mcap", "plot map.mcap -o out.png --estimates tracks.mcap",
+        "export tracks.mcap -o out.csv", "score tracks.mcap --truth whole.mcap", "view log.mcap --save out.rrd",
+        "view tracks.mcap --save out.rrd", "view tracks.mcap --save out.rrd --rate inf",
+        "view whole.mcap --truth log.mcap --save out.rrd", "calibrate whole.mcap --truth log.mcap -o out.toml",
+        "track whole.mcap --map map.mcap -o out --particles 20 --save out.rrd --set truth=log.mcap",
+        "smooth whole.mcap --map map.mcap -o out --particles 20 --truth log.mcap",
+    ],
+)  # fmt: skip
+def test_whatever_was_lost_of_whichever_input_ends_in_3(here, command):
+    Path("whole.mcap").write_bytes(whole := Path("log.mcap").read_bytes())
+    assert dirprim("track log.mcap --map map.mcap -o tracks.mcap --particles 20") == DONE
+    Path("log.mcap").write_bytes(whole[:-30])
+    Path("tracks.mcap").write_bytes(Path("tracks.mcap").read_bytes()[:-30])
+    assert dirprim(command) == INPUT_LOST
+
+
 def test_an_unknown_schema_is_named_with_the_way_out(here, capsys):
     private_json(here / "log.mcap")
     assert dirprim("info log.mcap") == DONE

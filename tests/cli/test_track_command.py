@@ -2,8 +2,11 @@
 
 from dataclasses import replace
 
+import pytest
+
 from cli.commands import DONE, FAILED, INPUT_LOST, dirprim
 from dirprim_filter import write_tracks
+from dirprim_filter.recording.scan import scan
 
 TRACK = "--map map.mcap -o out --noise 0.5 --particles 50 --force"
 
@@ -24,3 +27,12 @@ def test_a_log_most_of_whose_rows_have_no_estimate_is_input_lost(here, capsys):
     said = capsys.readouterr()
     assert "100.0% of 600 rows without an estimate" in said.out
     assert "most rows have no estimate" in said.err
+
+
+@pytest.mark.parametrize("form", ["foxglove", "vision_msgs", "autoware"])
+def test_estimates_are_written_in_the_messages_that_are_asked_for(here, form):
+    assert dirprim(f"track log.mcap {TRACK} --as {form}") == DONE
+    with scan("out") as log:
+        schemas = {channel.schema.name.split("/")[0] for channel in log.channels()}
+    ours = {"foxglove": "foxglove.SceneUpdate", "vision_msgs": "vision_msgs", "autoware": "autoware_perception_msgs"}
+    assert schemas & {*ours.values()} == {ours["foxglove"], ours[form]}

@@ -39,18 +39,14 @@ def test_a_tracked_run_has_every_layer_curve_and_text(folder):
         "/tracks/estimates", "/tracks/ids", "/tracks/motion", "/tracks/covariance", "/tracks/unseen",
         "/tracks/trails", "/tracks/particles", "/forecasts/paths", "/forecasts/region_50", "/forecasts/region_90",
         "/focus/ring", "/polar/prior", "/polar/cue", "/polar/posterior", "/polar/belief",
-        "/metrics/ess", "/metrics/consistency", "/metrics/existence", "/events", "/report", "/legend",
+        "/metrics/ess", "/metrics/consistency", "/metrics/existence", "/events", "/__properties/run", "/legend",
     }  # fmt: skip
     assert wanted <= entities(folder / "prior.rrd")
-    (report,) = [
-        chunk.to_record_batch().column("TextDocument:text").to_pylist()[-1][0]
-        for chunk in RrdReader(folder / "prior.rrd").stream()
-        if chunk.entity_path == "/report"
-        and "TextDocument:text" in chunk.to_record_batch().schema.names
-        and "| frames | 20 |" in str(chunk.to_record_batch().column("TextDocument:text").to_pylist())
-    ]
-    for reported in ("| config: n_particles | 100 |", "| seed | 0 |"):
-        assert reported in report
+    said = next(
+        chunk.to_record_batch() for chunk in RrdReader(folder / "prior.rrd").stream() if "run" in chunk.entity_path
+    )
+    assert said.column("run:seed").to_pylist() == [["0"]]
+    assert '"n_particles": 100' in said.column("run:config")[0].as_py()[0]
 
 
 @pytest.mark.parametrize(
@@ -59,7 +55,7 @@ def test_a_tracked_run_has_every_layer_curve_and_text(folder):
         (("map.mcap",), {"/map/roses"}, {"/tracks/estimates"}),
         (("log.mcap",), {"/truth", "/detections"}, {"/tracks/estimates"}),
         (("map.mcap", "log.mcap"), {"/map/roses", "/truth"}, set()),
-        (("prior.mcap",), {"/tracks/estimates", "/report", "/metrics/existence"}, {"/truth"}),
+        (("prior.mcap",), {"/tracks/estimates", "/__properties/run", "/metrics/existence"}, {"/truth"}),
         (("prior.mcap", "map.mcap", "log.mcap"), {"/map/roses", "/tracks/trails", "/metrics/consistency"}, set()),
     ],
 )  # fmt: skip

@@ -10,7 +10,7 @@ from dirprim_filter.viewer.stream import TIMELINE
 def write_run(path, frames, primitives, **options):
     with open_stream(save=path, **options) as sink:
         sink.log_map(primitives)
-        sink.log_run({}, {})
+        sink.log_run({})
         for frame in frames:
             sink.write(frame)
     return path

@@ -13,7 +13,6 @@ from dirprim_filter.evaluation.tracking_report import Scales, TrackingReport
 from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.viewer import marks
 from dirprim_filter.viewer.sink import open_stream
-from dirprim_filter.viewer.texts import run_report
 
 
 @pytest.fixture
@@ -117,11 +116,3 @@ def test_forecasts_are_shown_until_they_are_old_but_of_no_vehicle_that_coasts(tm
         assert (len(corners[0][1]) > 0, len(corners[1][1])) == (True, 0)
         red, green, blue, _ = colors.track_color(["7"])[0].tolist()
         assert set((packed >> 8).tolist()) == {red << 16 | green << 8 | blue}
-
-
-def test_a_report_is_a_table_whatever_stands_in_it():
-    text = run_report({"a|b": "x\ny", "long": "z" * 200, "broken": "{no json", "config": '{"n": 50}'}, {"frames": "5"})
-    assert "| a\\|b | x y |" in text
-    assert max(map(len, text.splitlines())) < 90
-    for row in ("{no json", "| config: n | 50 |", "| frames | 5 |"):
-        assert row in text

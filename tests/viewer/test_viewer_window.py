@@ -102,13 +102,13 @@ def test_every_kind_of_recording_opens_without_a_complaint(tmp_path, scene_map, 
             if frame is first:
                 rollouts = np.cumsum(np.ones((2, 20, 8, 2)), axis=2) + first.estimates.position[:, None, None]
                 sink.write_forecast(Forecasts(first.time_ns, ["7", "8"], first.estimates.position, rollouts))
-        sink.log_run({"command": "test"}, {"frames": "6"})
+        sink.log_run({"command": "test"})
     with open_stream("dirprim log", save=tmp_path / "log.rrd") as sink:
         sink.log_truth(scene_tracks)
         sink.log_detections(Detections.of(scene_tracks))
     views = {
         "log": {"Map, north up"},
-        "run": {"Map, north up", "Direction of the ringed vehicle (Eq. 4)", "Run", "Events",
+        "run": {"Map, north up", "Direction of the ringed vehicle (Eq. 4)", "Events",
                 *(curves.title for curves in PLOTS.values())},
     }  # fmt: skip
     for name, expected in views.items():
