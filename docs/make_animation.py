@@ -25,8 +25,9 @@ from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.evaluation.metrics.clear_mot import clear_mot
 from dirprim_filter.evaluation.metrics.comparison import Comparison
-from dirprim_filter.evaluation.rivals import fitted
+from dirprim_filter.evaluation.rivals import fitted_acceleration
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
+from dirprim_filter.filtering import ConstantVelocityKalman
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.recording.reader import stream_detections
 from dirprim_filter.tracks import Tracks
@@ -121,7 +122,8 @@ def main() -> None:
     rng = np.random.default_rng(0)
     some = tracks[np.isin(tracks.vehicle, rng.permutation(tracks.n_tracks)[:N_FITTED])]
     noisy = some.position + config.noise_m * rng.standard_normal(some.position.shape)
-    rival = fitted("constant velocity", replace(Detections.of(some), position=noisy), tracks, config)()
+    noise = fitted_acceleration(replace(Detections.of(some), position=noisy), tracks, config).chosen
+    rival = ConstantVelocityKalman(acceleration_density=noise, config=config)
     ways = {
         "With the map": tracked(learned, TrackingConfig()),
         "Constant velocity": tracked(rival, replace(TrackingConfig(), departure_rate=departure_rate(tracks))),

@@ -97,9 +97,7 @@ class Table:
     minutes: float = 60
 
 
-TRACKERS = "".join(
-    f' --method "{name}"' for name in ("prior", "place-free", "one cell", "constant velocity", "interacting models")
-)
+TRACKERS = "".join(f' --method "{name}"' for name in ("prior", "place-free", "one cell", "constant velocity"))
 WITHOUT = (("place-free", "without the map"),)
 """The method's name in files, and what the page says."""
 DEATH_CIRCLE = ("death_circle_2.mcap", "death_circle_4.mcap")

@@ -197,13 +197,15 @@ def by_constant_velocity(run: Run) -> Estimates:
 
     from dirprim_filter.config import FilterConfig
     from dirprim_filter.detections import Detections
-    from dirprim_filter.evaluation.rivals import fitted
+    from dirprim_filter.evaluation.rivals import fitted_acceleration
+    from dirprim_filter.filtering import ConstantVelocityKalman
 
     config, rng, tracks = FilterConfig(), np.random.default_rng(0), run.tracks
     some = tracks[np.isin(tracks.vehicle, rng.permutation(tracks.n_tracks)[:N_FITTED])]
     noise = config.noise_m * rng.standard_normal(some.position.shape)
     seen = replace(Detections.of(some), position=some.position + noise)
-    return track(run, fitted("constant velocity", seen, tracks, config)())
+    acceleration = fitted_acceleration(seen, tracks, config).chosen
+    return track(run, ConstantVelocityKalman(acceleration_density=acceleration, config=config))
 
 
 def report(estimates: Estimates, truth: Tracks, *, is_blind: bool) -> TrackingReport:

@@ -19,13 +19,14 @@ from dirprim_filter.arrays import FloatArray
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import EstimateSink
 from dirprim_filter.evaluation.intervals import Interval, difference_of_means, paired, reduction_of_rmse
-from dirprim_filter.evaluation.rivals import RIVALS, SMOOTHED, FittedRival, MakeFilter, Method, fitted
+from dirprim_filter.evaluation.rivals import CONSTANT_VELOCITY, SMOOTHED, MakeFilter, Method, fitted_acceleration
 from dirprim_filter.evaluation.scenes import Scene, followed
 from dirprim_filter.evaluation.scores import RowErrors, TrackedWorld, scored
 from dirprim_filter.evaluation.settings import Choice
 from dirprim_filter.evaluation.splits import held_out, honest_split, steps
 from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
 from dirprim_filter.evaluation.tracking_report import TrackingReport
+from dirprim_filter.filtering import ConstantVelocityKalman
 from dirprim_filter.filtering.particle_filter import bayes_filter_of
 from dirprim_filter.primitives import PrimitiveMap, learn_primitives
 from dirprim_filter.tracks import Tracks
@@ -35,7 +36,7 @@ SMOOTHED_SUFFIX = " smoothed"
 SAID = {"prior": "the map", "place-free": "the same filter without the map"}
 """What sentences call methods."""
 MOST_FITTED = 20
-"""Training vehicles that the Kalman filters are fitted to, drawn at random."""
+"""Training vehicles that the Kalman filter is fitted to, drawn at random."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,7 +84,7 @@ class TrackingTable:
         n_vehicles: how many vehicles, over all seeds.
         n_gaps: how many of them were out of sight once.
         methods: their results.
-        settings: of each seed those of the fitted rivals, by the rival's name.
+        settings: of each seed those of the Kalman filter, by its name.
     """
 
     experiment: TrackingExperiment
@@ -115,7 +116,7 @@ def evaluate_tracking(
         tracks: the truth.
         experiment: what to do.
         primitive_map: the prior; left out, it is learned from a part of the vehicles, and the others are tracked. Where
-            it is given, the rivals and the single cell learn from the very vehicles they track, in their favour.
+            it is given, the Kalman filter and the single cell learn from the very vehicles they track, in their favour.
         sinks: take the frames of the first method in the first seed.
         progress: called with the number of steps done, and their total.
 
@@ -130,7 +131,7 @@ def evaluate_tracking(
         runs.setdefault(name, []).append((of_all, tuple(score([world])[0] for world in tracked), errors))
 
     groups: list[tuple[int, ...]] = []
-    settings: list[dict[str, tuple[Choice, ...]]] = []
+    settings: list[Mapping[str, tuple[Choice, ...]]] = []
     n_vehicles = n_gaps = 0
     done = steps(experiment.n_seeds * (1 + len(experiment.methods)), progress)
     for i in range(experiment.n_seeds):
@@ -138,12 +139,16 @@ def evaluate_tracking(
         train, test = (tracks, tracks) if primitive_map else held_out(tracks, share=experiment.learn, rng=deal)
         scenes = _scenes(test, experiment, seed=int(sense.integers(2**63)))
         made = _on_map(experiment, primitive_map, train, rng=learn, one_cell_rng=one_cell)
-        rivals = [name for name in RIVALS if name in experiment.methods]
-        seen = _seen_in_training(train, experiment, rng=fit)
-        made |= {name: fitted(name, seen, train, experiment.filter) for name in rivals}
+        fits: dict[str, tuple[Choice, ...]] = {}
+        if CONSTANT_VELOCITY in experiment.methods:
+            noise = fitted_acceleration(_seen_in_training(train, experiment, rng=fit), train, experiment.filter)
+            fits[CONSTANT_VELOCITY] = (noise,)
+            made[CONSTANT_VELOCITY] = partial(
+                ConstantVelocityKalman, acceleration_density=noise.chosen, config=experiment.filter
+            )
         done()
         groups.append(tuple(scene.group for scene in scenes))
-        settings.append({name: of.settings for name, of in made.items() if isinstance(of, FittedRival)})
+        settings.append(fits)
         n_vehicles += test.n_tracks
         n_gaps += sum(np.unique(scene.truth.tracks.vehicle[scene.truth.is_hidden]).size for scene in scenes)
         seeds = filtering.integers(2**63, size=len(experiment.methods))

@@ -1,4 +1,4 @@
-"""Where is it now? The particle filter on the map, and the Kalman filters it is compared with."""
+"""Where is it now? The particle filter on the map, and the Kalman filter it is compared with."""
 
 from typing import TYPE_CHECKING
 
@@ -7,7 +7,6 @@ from tessellation._late import late as _late
 if TYPE_CHECKING:
     from dirprim_filter.filtering.group_tracker import GroupTracker as GroupTracker
     from dirprim_filter.filtering.kalman import ConstantVelocityKalman as ConstantVelocityKalman
-    from dirprim_filter.filtering.kalman import InteractingModels as InteractingModels
     from dirprim_filter.filtering.particle_filter import ParticleFilter as ParticleFilter
     from dirprim_filter.filtering.protocols import BayesFilter as BayesFilter
     from dirprim_filter.filtering.tracker import Tracker as Tracker
@@ -15,7 +14,6 @@ if TYPE_CHECKING:
 _HOME = {
     "BayesFilter": "protocols",
     "ConstantVelocityKalman": "kalman",
-    "InteractingModels": "kalman",
     "ParticleFilter": "particle_filter",
     "Tracker": "tracker",
     "GroupTracker": "group_tracker",

@@ -15,7 +15,7 @@ from dirprim_filter.tracks import Tracks
 from situations import ring_traffic
 
 QUICK = {
-    "n_seeds": 2, "gap_s": 2.0, "methods": ("prior", "constant velocity", "interacting models"),
+    "n_seeds": 2, "gap_s": 2.0, "methods": ("prior", "constant velocity", "place-free"),
     "filter": FilterConfig(n_particles=100),
 }  # fmt: skip
 
@@ -53,7 +53,7 @@ def test_all_methods_track_the_same_and_tell_of_gaps(table):
             assert 0.05 < found.seen_rmse < 1.5
             assert method.name == "prior" or found.hidden_rmse > found.seen_rmse
     for of_seed in table.settings:
-        assert set(of_seed) == {"constant velocity", "interacting models"}
+        assert set(of_seed) == {"constant velocity"}
         assert all(found.is_inside for settings in of_seed.values() for found in settings)
 
 
@@ -71,8 +71,8 @@ def test_the_same_experiment_gives_the_same_figures_and_another_seed_others(tabl
 
 
 def test_methods_are_compared_row_by_row_where_both_have_an_estimate(table):
-    (velocity, models) = comparisons(table)
-    assert (velocity.first, velocity.other, models.other) == ("prior", "constant velocity", "interacting models")
+    (velocity, without) = comparisons(table)
+    assert (velocity.first, velocity.other, without.other) == ("prior", "constant velocity", "place-free")
     prior, other = (next(m for m in table.methods if m.name == name) for name in ("prior", "constant velocity"))
     squared = []
     for a, b in zip(prior.errors, other.errors, strict=True):
@@ -87,15 +87,15 @@ def test_methods_are_compared_row_by_row_where_both_have_an_estimate(table):
 
 def test_without_ids_hota_is_compared_and_of_one_group_run_by_run(traffic, ring_map):
     experiment = TrackingExperiment(
-        n_seeds=3, gap_s=0.0, with_ids=False, methods=("constant velocity", "interacting models")
-    )  # fmt: skip
+        n_seeds=3, gap_s=0.0, with_ids=False, methods=("constant velocity", "prior"), filter=QUICK["filter"]
+    )
     table = evaluate_tracking(traffic, experiment, primitive_map=ring_map)
     (found,) = comparisons(table)
     hotas = [[report.hota for report in method.reports] for method in table.methods]
     assert found.in_sight is None
     assert found.hota.n_clusters == 3
     assert found.hota.value == pytest.approx(np.subtract(*hotas).mean())
-    assert found.sentence.startswith("constant velocity against interacting models: HOTA ")
+    assert found.sentence.startswith("constant velocity against the map: HOTA ")
 
 
 def in_groups(n_groups):
@@ -163,11 +163,11 @@ def test_a_wrong_experiment_is_named(config, message):
 
 
 def test_smoothers_stand_beside_their_filters_and_know_more(traffic, ring_map):
-    reported = QUICK | {"n_seeds": 1, "methods": ("prior", "constant velocity", "interacting models"), "smooth": True}
+    reported = QUICK | {"n_seeds": 1, "methods": ("prior", "constant velocity", "one cell"), "smooth": True}
     table = evaluate_tracking(traffic, TrackingExperiment(**reported), primitive_map=ring_map)
     of = {result.name: result for result in table.methods}
     assert list(of) == [
-        "prior", "prior smoothed", "constant velocity", "constant velocity smoothed", "interacting models",
+        "prior", "prior smoothed", "constant velocity", "constant velocity smoothed", "one cell",
     ]  # fmt: skip
     for name in ("prior", "constant velocity"):
         for figure in ("seen_rmse", "hidden_rmse"):
