@@ -24,7 +24,7 @@ UNITS = {
 LEARNED_FROM_S = 300.0
 """Seconds of a log that a sensor is learned from."""
 MOST_ROWS, MOST_ROWS_UNASKED = 200_000, 10_000
-"""Detections that it is learned from, if `auto` is asked for and by default: these take some three seconds."""
+"""Detections that it is learned from, if `auto` is asked for and by default: these take less than a second."""
 
 
 def sensor_of(

@@ -23,6 +23,7 @@ from scipy.special import logsumexp
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.detections import NO_ID, Detections
+from dirprim_filter.evaluation.calibration._kernels import misfits
 from dirprim_filter.sensor import WIDE, AxisError, Sensor
 from dirprim_filter.track_ids import vehicle_numbers
 
@@ -253,32 +254,12 @@ def log_evidence(step_s: FloatArray, position: FloatArray, length: IntArray, par
     """
     variance, share = np.exp(2.0 * parameters[SPREAD]), 1.0 / (1.0 + np.exp(-parameters[SHARE]))
     lasting, white = variance * share, variance * (1.0 - share)
-    moving = np.exp(2.0 * (parameters[SIZE] + parameters[DIFFER] * NODES))[:, None]
-    held, kept = (np.exp(-step_s / np.exp(parameters[of]))[:, None] for of in (HOLDS, LASTS))
-    mean, p = np.zeros((4, NODES.size, length.size)), np.zeros((4, 4, NODES.size, length.size))
-    p[0, 0], p[1, 1], p[2, 2], p[3, 3] = ANYWHERE, ANY_SPEED, moving, lasting
-    log_p = np.zeros((NODES.size, length.size))
-    for i in range(position.shape[1]):
-        n = int(np.count_nonzero(length > i))
-        x, c = mean[..., :n], p[..., :n]
-        if i:
-            decay = held[:n, :, i].T, kept[:n, :, i].T
-            for of in (x, c, c.swapaxes(0, 1)):
-                _advance(of, step_s[:n, i], *decay)
-            c[2, 2] += moving * (1.0 - decay[0] ** 2)
-            c[3, 3] += lasting * (1.0 - decay[1] ** 2)
-        shared = c[0] + c[3]  # with the measurement: the place and the lasting error
-        spread, off = shared[0] + shared[3] + white, position[:n, i] - x[0] - x[3]
-        gain = shared / spread
-        x += gain * off
-        c -= gain[:, None] * shared
-        log_p[:, :n] -= 0.5 * (off**2 / spread + np.log(2.0 * np.pi * spread))
+    moving = np.exp(2.0 * (parameters[SIZE] + parameters[DIFFER] * NODES))
+    held, kept = (np.ascontiguousarray(np.exp(-step_s / np.exp(parameters[of])).T) for of in (HOLDS, LASTS))
+    start = np.column_stack(np.broadcast_arrays(ANYWHERE, ANY_SPEED, moving, lasting))
+    shape = (position.shape[1], NODES.size, length.size)
+    off, spread = np.zeros(shape), np.full(shape, 1.0 / (2.0 * np.pi))  # of a row that is not there 0 is subtracted
+    columns = (np.ascontiguousarray(of.T) for of in (step_s, position))
+    misfits(*columns, length, held, kept, start, white, off, spread)
+    log_p = -(0.5 * (off**2 / spread + np.log(2.0 * np.pi * spread))).sum(axis=0)
     return float(logsumexp(log_p, axis=0, b=(WEIGHTS / WEIGHTS.sum())[:, None]).sum())
-
-
-def _advance(state: FloatArray, step_s: FloatArray, held: FloatArray, kept: FloatArray) -> None:
-    """Move place, speed, acceleration and lasting error, in rows, on; the acceleration is held during a step."""
-    state[0] += step_s * state[1] + 0.5 * step_s**2 * state[2]
-    state[1] += step_s * state[2]
-    state[2] *= held
-    state[3] *= kept
