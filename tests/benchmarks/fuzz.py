@@ -1,4 +1,4 @@
-"""Ten thousand broken logs, messages, definitions, tables and logs of transforms: no foreign bytes end a read.
+"""Ten thousand broken logs, messages, definitions, tables, maps and logs of transforms: no foreign bytes end a read.
 
 The decision to scan MCAP ourselves, and to go on behind damage, rests on this.
 
@@ -21,11 +21,12 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "recording"))
+import map_mutations as maps
 import mutations
 import payload_mutations as payloads
 
 REAL = Path(__file__).parents[2] / "../shared/data/mcap_osi/disappearingVehicle.mcap"
-RECOVER_EACH, TRANSFORMS_A_LOG = 5, 4
+RECOVER_EACH, TRANSFORMS_A_LOG, MAPS_A_ROUND = 5, 4, 4
 Check = Callable[[np.random.Generator], int]
 
 
@@ -42,6 +43,11 @@ def check_log(whole: mutations.Subject, folder: Path, rng: np.random.Generator) 
     return int(noticed)
 
 
+def check_maps(kind: str, path: Path, rng: np.random.Generator) -> int:
+    """How many of some harmed maps are refused."""
+    return sum(maps.check_map(kind, path, rng) for _ in range(MAPS_A_ROUND))
+
+
 def kinds(folder: Path, rng: np.random.Generator) -> dict[str, Check]:
     """What is broken, by name."""
     logs = mutations.subjects(rng) + [mutations.subject(REAL.stem, REAL.read_bytes())] * REAL.exists()
@@ -52,6 +58,7 @@ def kinds(folder: Path, rng: np.random.Generator) -> dict[str, Check]:
         **{f"definition, {one.name}": partial(payloads.check_definition, one) for one in whole if one.name != "json"},
         "transforms": lambda rng: payloads.check_transforms(rng, folder / "tf.mcap", TRANSFORMS_A_LOG),
         **{f"table, {form}": partial(payloads.check_table, form, folder / "table") for form in payloads.TABLES},
+        **{f"map, {kind}": partial(check_maps, kind, folder / "map.mcap") for kind in maps.MAPS},
     }
 
 

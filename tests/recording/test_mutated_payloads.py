@@ -1,4 +1,4 @@
-"""Messages, definitions and transforms broken at random; tests/benchmarks/fuzz.py has ten thousand of each."""
+"""Messages, definitions, transforms, tables and maps broken at random; `tests/benchmarks/fuzz.py` has ten thousand."""
 
 import os
 import subprocess
@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import payload_mutations
 import pytest
+from map_mutations import MAPS, check_map
 from payload_mutations import TABLES, check_definition, check_payload, check_table, check_transforms, subjects
 
 ROUNDS = 20
@@ -36,6 +37,12 @@ def test_broken_transforms_cost_themselves_and_no_more(tmp_path):
 @pytest.mark.parametrize("form", TABLES)
 def test_of_a_broken_table_each_row_is_read_or_counted(tmp_path, form):
     refused = [check_table(form, tmp_path / "table", np.random.default_rng([i, 3])) for i in range(3 * ROUNDS)]
+    assert 0 < sum(refused) < len(refused)
+
+
+@pytest.mark.parametrize("kind", MAPS)
+def test_harmed_maps_are_refused_or_read_and_used(tmp_path, kind):
+    refused = [check_map(kind, tmp_path / "map.mcap", np.random.default_rng([i, 3])) for i in range(3 * ROUNDS)]
     assert 0 < sum(refused) < len(refused)
 
 
