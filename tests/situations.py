@@ -70,6 +70,12 @@ def ring_traffic(rng, *, n_vehicles=40, radius=20.0, speed=8.0, n_rows=100, dt_s
     return tracks_of(position, time_ns=time_ns, direction=wrap(angle + np.pi / 2), speed=pace[:, None])
 
 
+def on_the_ring(time_s, *, from_=0.0):
+    """Where a vehicle is that drives around it at 8 m/s from an angle on."""
+    angle = from_ + 0.4 * time_s
+    return 20.0 * np.array([np.cos(angle), np.sin(angle)])
+
+
 def rows_of(direction, speed, *, position=(0.0, 0.0), time_ns=0, first_id=0):
     """Tracks of one row for each vehicle, all at one time."""
     track_id, place = first_id + np.arange(len(direction)), np.broadcast_to(position, (1, len(direction), 2))

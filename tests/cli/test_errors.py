@@ -59,6 +59,7 @@ CASES = [
     ("evaluate tracking log.mcap --config notes.txt", FAILED, "notes.txt: expected an experiment in TOML, or the JSON"),
     ("evaluate forecast log.mcap --config fold.toml", FAILED, "experiment: n_fold: expected one of split_by"),
     ("evaluate density log.mcap --split group", FAILED, "at least two to split by group, got 1"),
+    ("view log.mcap --rate 0 --save x.rrd", FAILED, "rate: expected more than 0 seconds of the log each second"),
     ("plot map.mcap -o x.png --extent 10 0 -10 5", USAGE, "expected west south east north"),
     ("convert no_y.csv -o x", FAILED, "missing: y_m"),
     ("convert kmh.csv -o x", FAILED, "speed_kmh"),

@@ -11,6 +11,7 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.filtering import ConstantVelocityKalman, Tracker, existence
 from dirprim_filter.filtering.roster import Intervals
+from situations import on_the_ring
 
 
 def existence_by_enumeration(steps, config):
@@ -65,11 +66,6 @@ def test_who_is_out_of_sight_where_no_vehicle_goes_has_left_and_who_is_seen_ther
     inside, outside = (existence.probability(state, np.full(2, share)) for share in (0.0, 1.0))
     np.testing.assert_allclose(inside, [0.7, 0.9])
     np.testing.assert_allclose(outside, [0.1, 0.9])
-
-
-def on_the_ring(time_s):
-    """Where a vehicle is that drives at 8 m/s."""
-    return 20.0 * np.array([np.cos(0.4 * time_s), np.sin(0.4 * time_s)])
 
 
 def followed(ring_map, frames, *, filter_of="particles", config=None, tracking=None):

@@ -7,30 +7,9 @@ from filterpy.kalman import KalmanFilter
 
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
-from dirprim_filter.estimates import Estimates
-from dirprim_filter.filtering import ConstantVelocityKalman, Tracker
+from dirprim_filter.filtering import ConstantVelocityKalman
 from dirprim_filter.filtering.kalman import FIRST_SPEED_STD, acceleration_density
-from situations import TRUSTING, tracks_of
-
-
-def run(frames, **settings):
-    config = FilterConfig(noise_m=0.7, outlier_probability=1e-13, **settings)
-    kalman = ConstantVelocityKalman(acceleration_density=2.0, config=config)
-    tracker = Tracker(kalman, config=config, tracking=TRUSTING, rng=np.random.default_rng(0))
-    return Estimates.concatenate([tracker.step(frame) for frame in frames])
-
-
-def test_after_the_gap_it_restarts_and_before_it_it_does_not():
-    def at(time_s, x):
-        return Detections(track_id=["a"], time_ns=[round(time_s * 1e9)], position=[[x, 0.0]])
-
-    usual = [at(t, 10.0 * t) for t in range(4)]
-    found = run([*usual, at(8.0, 80.0), at(13.5, 500.0), at(14.5, 510.0)], max_gap_s=5.0)
-    assert (found.log_evidence == 0).tolist() == [True, False, False, False, False, True, False]
-    np.testing.assert_array_equal(found.position[5], [500.0, 0.0])
-    np.testing.assert_allclose(found.covariance[5], 0.49 * np.eye(2))
-    fresh = run([at(13.5, 500.0), at(14.5, 510.0)])
-    np.testing.assert_array_equal(found.position[5:], fresh.position)
+from situations import tracks_of
 
 
 def test_the_density_of_known_white_acceleration_is_found():

@@ -13,7 +13,7 @@ from dirprim_filter.estimates import Estimates
 from dirprim_filter.filtering import ConstantVelocityKalman, Tracker
 from dirprim_filter.filtering.belief import FIRST_CAPACITY
 from oracles import kalman_known_velocity
-from situations import TRUSTING, beside, one_cell_map, ring_traffic
+from situations import TRUSTING, beside, on_the_ring, one_cell_map, ring_traffic
 
 on_either_filter = pytest.mark.parametrize("filter_of", ["particles", "kalman"])
 
@@ -29,11 +29,6 @@ def traffic():
 
 def one(name, time_s, x, y):
     return Detections(track_id=[name], time_ns=[round(time_s * 1e9)], position=[[x, y]])
-
-
-def on_the_ring(time_s):
-    """Where a vehicle is that drives at 8 m/s."""
-    return 20.0 * np.array([np.cos(0.4 * time_s), np.sin(0.4 * time_s)])
 
 
 def round_the_ring(name, times_s, start_s=0.0):
@@ -83,12 +78,13 @@ def all_of_them(ring_map, traffic):
     return traffic, track(ring_map, traffic.frames())[0]
 
 
+@on_either_filter
 @pytest.mark.parametrize("late_s", [10.4, 3600.0])
-def test_a_vehicle_unseen_for_longer_than_the_gap_begins_anew(ring_map, late_s):
+def test_a_vehicle_unseen_for_longer_than_the_gap_is_reinitialised(ring_map, late_s, filter_of):
     frames = [one("a", t, 20.0, 0.5) for t in (0.0, 0.1, 0.2, 0.3, 5.3, late_s)]
-    found, _ = track(ring_map, frames, max_gap_s=5.0)
+    found, _ = track(ring_map, frames, filter_of=filter_of, max_gap_s=5.0)
     assert np.flatnonzero(found.log_evidence == 0).tolist() == [0, 5]
-    fresh, _ = track(ring_map, frames[5:])
+    fresh, _ = track(ring_map, frames[5:], filter_of=filter_of)
     assert of_vehicle(fresh, "a") == [column[-len(column) // 6 :] for column in of_vehicle(found, "a")]
 
 

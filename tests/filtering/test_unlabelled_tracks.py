@@ -7,6 +7,7 @@ from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.filtering import ConstantVelocityKalman, Tracker
+from situations import on_the_ring
 
 SETTINGS = TrackingConfig(detection_probability=0.9, clutter_density=5e-4)
 
@@ -29,15 +30,11 @@ def followed(tracker, frames):
     return found
 
 
-def on_the_ring(angle):
-    return 20.0 * np.array([np.cos(angle), np.sin(angle)])
-
-
 def two_vehicles(n_frames=60, *, rng, hide=lambda i: False, clutter=0.0):
     """Opposite each other on the ring at 8 m/s, in clutter; the first is hidden in some frames."""
     frames = []
     for i in range(n_frames):
-        places = [on_the_ring(0.04 * i + turn) + rng.normal(0, 0.3, 2) for turn in (0.0, np.pi)]
+        places = [on_the_ring(0.1 * i, from_=turn) + rng.normal(0, 0.3, 2) for turn in (0.0, np.pi)]
         places = places[1:] if hide(i) else places
         places += list(rng.uniform(-30, 30, (rng.poisson(clutter), 2)))
         frames.append((0.1 * i, rng.permutation(np.array(places))))
@@ -53,7 +50,7 @@ def test_two_vehicles_in_clutter_are_two_tracks_that_keep_their_names(ring_map, 
     for turn in (0.0, np.pi):
         names = set()
         for i, estimates in enumerate(late, start=15):
-            off = np.linalg.norm(estimates.position - on_the_ring(0.04 * i + turn), axis=1)
+            off = np.linalg.norm(estimates.position - on_the_ring(0.1 * i, from_=turn), axis=1)
             assert off.min() < 1.5
             names.add(str(estimates.track_id[off.argmin()]))
         assert len(names) == 1
@@ -86,7 +83,7 @@ def test_unlabelled_tracks_are_the_same_each_time_and_keep_out_of_the_way_of_lab
         time_ns = round(time_s * 1e9)
         mixed = Detections(
             track_id=["track-1", *[""] * len(places)], time_ns=[time_ns] * (len(places) + 1),
-            position=np.vstack([on_the_ring(1.0 + 0.4 * time_s), places]),
+            position=np.vstack([on_the_ring(time_s, from_=1.0), places]),
         )  # fmt: skip
         for tracker, frame in ((named, mixed), (alone, mixed[np.array([0])])):
             found = tracker.step(frame)

@@ -12,7 +12,7 @@ from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from matplotlib.path import Path as Outline
 from scipy.stats import chi2
-from test_estimate_log import a_frame, a_map, messages, rollouts
+from test_estimate_log import a_frame, messages, rollouts
 
 from dirprim_filter.detections import Detections
 from dirprim_filter.drawing import shapes
@@ -175,11 +175,11 @@ def test_the_cloud_holds_the_particles_to_the_micrometre_and_their_directions_as
     assert points["green"][north].min() > points["green"][south].max()
 
 
-def test_petals_are_those_of_the_other_pictures():
-    primitive_map, origin = a_map(), np.array([3.0, 4.0])
-    area = as_read(map_scene(primitive_map, 0, origin)).entities[1].triangles[0]
+def test_petals_are_those_of_the_other_pictures(ring_map):
+    origin = np.array([3.0, 4.0])
+    area = as_read(map_scene(ring_map, 0, origin)).entities[1].triangles[0]
     points = np.array([(p.x, p.y) for p in area.points]) + origin
-    polygons = shapes.rose_petals(primitive_map).polygon
+    polygons = shapes.rose_petals(ring_map).polygon
     np.testing.assert_allclose(points, polygons.reshape(-1, 2), atol=6e-4, rtol=0)  # half of FINEST_M, on each axis
     assert 0 < min(c.a for c in area.colors) <= max(c.a for c in area.colors) < 1
 

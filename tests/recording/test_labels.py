@@ -1,7 +1,5 @@
 """What objects are, and of which group: read as others wrote it, chosen by name or number, and reported by `info`."""
 
-import json
-
 import numpy as np
 import pytest
 from mcap_files import scene, write_protobuf_log
@@ -61,18 +59,6 @@ def test_scenes_tell_by_their_metadata_and_what_has_no_label_is_matched_by_none(
     assert [len(frame) for frame in stream_detections(path, labels="car|")] == [2] * N_TIMES
     with pytest.raises(ValueError, match="labels: expected a name or a regular expression"):
         list(stream_detections(path, labels="("))
-
-
-def test_the_command_line_tells_and_chooses(tmp_path, capsys):
-    schema = "derived_object_msgs/msg/ObjectArray"
-    path = array_log(tmp_path, schema, lambda k, _: [LOGS[schema](k, i) for i in range(2)])
-    assert run(["info", str(path)]) == 0
-    assert f"labels in /objects: car {N_TIMES}, pedestrian {N_TIMES}" in capsys.readouterr().out
-    assert run(["info", str(path), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["labels"] == {"/objects": {"car": N_TIMES, "pedestrian": N_TIMES}}
-    output = ["--rate", "inf", "--save", str(tmp_path / "a.rrd")]
-    assert run(["replay", str(path), "--labels", "bus", *output]) == 0
-    assert "0 frames" in capsys.readouterr().out
 
 
 def test_one_group_is_played_alone(tmp_path, capsys):

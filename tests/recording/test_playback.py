@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from dirprim_filter import Tracks, read_estimates, write_tracks
-from dirprim_filter.cli.main import run
+from dirprim_filter import read_estimates, write_tracks
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.recording.errors import DamagedRecordingError
 from dirprim_filter.recording.playback import Playback, paced
 from dirprim_filter.recording.writer import EstimateWriter
+from situations import tracks_of
 
 N, STEP_NS = 30, 100_000_000
 
@@ -17,14 +17,8 @@ N, STEP_NS = 30, 100_000_000
 @pytest.fixture
 def straight(tmp_path):
     """Two vehicles, east at 10 m/s and north at 5 m/s."""
-    time_ns = np.repeat(np.arange(N) * STEP_NS, 2)
-    east = np.tile([True, False], N)
-    travelled = time_ns * 1e-9 * np.where(east, 10.0, 5.0)
-    tracks = Tracks(
-        track_id=np.where(east, 1, 2), time_ns=time_ns,
-        position=np.column_stack([np.where(east, travelled, 0.0), np.where(east, 0.0, travelled)]),
-        direction=np.where(east, 0.0, np.pi / 2), speed=np.where(east, 10.0, 5.0),
-    )  # fmt: skip
+    way = np.arange(N)[:, None] * [[[1.0, 0.0]], [[0.0, 0.5]]]
+    tracks = tracks_of(way, track_id=[[1], [2]], direction=[[0.0], [np.pi / 2]], speed=[[10.0], [5.0]])
     write_tracks(tracks, tmp_path / "objects.mcap")
     return tmp_path / "objects.mcap"
 
@@ -91,13 +85,3 @@ def test_each_frame_comes_when_its_time_has_come(rate):
     ready = came[3] + 0.31
     expected = np.where(np.arange(10) > 3, np.maximum(due, ready), due)
     np.testing.assert_allclose(came, expected, atol=1e-9)
-
-
-def test_the_command_writes_what_rerun_reads(tracked, tmp_path, capsys):
-    rrd = tmp_path / "played.rrd"
-    assert run(["replay", str(tracked), "--rate", "inf", "--start", f"{10 * STEP_NS}ns", "--save", str(rrd)]) == 0
-    assert "20 frames of /dirprim/tracks" in capsys.readouterr().out
-    assert rrd.read_bytes().startswith(b"RRF")
-    assert run(["replay", str(tracked)]) == 1  # nowhere to play to
-    assert run(["replay", str(tracked), "--rate", "0", "--save", str(tmp_path / "b.rrd")]) == 1
-    assert not list(tmp_path.glob("b.*"))

@@ -1,7 +1,5 @@
 """One small scene for all tests of the viewer: three cells along a road to the north-east, two vehicles on it."""
 
-from dataclasses import fields
-
 import numpy as np
 import pytest
 import rerun as rr
@@ -76,14 +74,5 @@ def scene_frames(scene_tracks):
         )
         seen = Detections.of(now)
         frames.append(TrackedFrame(time_ns=int(time_ns), detections=seen, estimates=estimates, particles=samples))
-    return [*frames, _nothing_at(frames[-1], frames[-1].time_ns + STEP_NS)]
-
-
-def _nothing_at(frame, time_ns):
-    none = slice(0, 0)
-    return TrackedFrame(
-        time_ns=time_ns,
-        detections=Detections(**{f.name: getattr(frame.detections, f.name)[none] for f in fields(Detections)}),
-        estimates=Estimates(**{f.name: getattr(frame.estimates, f.name)[none] for f in fields(Estimates)}),
-        particles=Particles(**{f.name: getattr(frame.particles, f.name)[none] for f in fields(Particles)}),
-    )
+    nothing = {"detections": Detections.none(), "estimates": Estimates.concatenate([]), "particles": Particles.none()}
+    return [*frames, TrackedFrame(time_ns=frames[-1].time_ns + STEP_NS, **nothing)]

@@ -1,7 +1,6 @@
 """The real viewer, without a screen: no view reports an error, and north-east is up and to the right."""
 
 import io
-import socket
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +9,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 from rerun.experimental import ViewerClient
+from rrd_files import free_port
 
 from dirprim_filter.detections import Detections
 from dirprim_filter.drawing.colors import track_color
@@ -21,12 +21,6 @@ from dirprim_filter.viewer.stream import TIMELINE
 
 DRIVERS = [icd for folder in ("/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d") for icd in Path(folder).glob("*.json")]
 pytestmark = pytest.mark.skipif(not DRIVERS, reason="no Vulkan driver: apt-get install mesa-vulkan-drivers")
-
-
-def free_port():
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        return int(free.getsockname()[1])
 
 
 @pytest.fixture
