@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from dirprim_filter.detections import Detections
 from dirprim_filter.recording.losses import UNDECODABLE
-from dirprim_filter.recording.reader import inspect, read_track_logs, stream_detections
+from dirprim_filter.recording.reader import inspect, read_track_logs, read_tracks, stream_detections
 
 # The part of OSI 3.7 that matters here: message -> field -> (number, type, repeated).
 OSI = {
@@ -132,7 +132,8 @@ def test_what_a_moving_sensor_perceives_arrives_in_the_world(tmp_path):
 LOGS = [
     Path(__file__).parents[1] / "data" / "indicator_lights.mcap",
     *(DATA / "mcap_osi" / f"{name}.mcap" for name in (
-        "testBrakeAndIndicatorLights", "MovingHostWithStopLine", "disappearingVehicle")),
+        "testBrakeAndIndicatorLights", "MovingHostWithStopLine", "MovingHostWith3DModel", "disappearingVehicle",
+        "omega_prime/osi_centerline_example")),
 ]  # fmt: skip
 TURN = {"INDICATOR_STATE_LEFT": np.pi / 2, "INDICATOR_STATE_RIGHT": -np.pi / 2}
 
@@ -143,26 +144,38 @@ def name_of(message, field):
 
 
 @pytest.mark.parametrize("path", LOGS, ids=lambda path: path.stem)
-def test_labels_sizes_and_signals_are_what_the_stock_decoder_finds(path):
+def test_rows_labels_sizes_and_signals_are_what_the_stock_decoder_finds(path):
     if not path.exists():
         pytest.skip(f"real logs are not at {path.parent}")
-    expected, labels = {}, Counter()
+    expected, place, velocity, labels = {}, {}, {}, Counter()
     with path.open("rb") as file:
-        for _, _, _, view in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
-            truth = view.global_ground_truth
+        for schema, _, message, view in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
+            truth = view if schema.name == "osi3.GroundTruth" else view.global_ground_truth
             for mover in truth.moving_object:
-                of = mover.vehicle_classification
+                of, base, name = mover.vehicle_classification, mover.base, mover.id.value
                 kind = name_of(mover, "type")
                 if kind == "TYPE_VEHICLE" and name_of(of, "type") not in ("TYPE_UNKNOWN", "TYPE_OTHER"):
                     kind = name_of(of, "type")
                 labels[{"medium_car": "car"}.get(*[kind.removeprefix("TYPE_").lower()] * 2)] += 1
-                size = [getattr(mover.base.dimension, side) or np.nan for side in ("length", "width", "height")]
+                size = [getattr(base.dimension, side) or np.nan for side in ("length", "width", "height")]
                 turn = TURN.get(name_of(of.light_state, "indicator_state"), np.nan)
                 at = truth.timestamp.seconds * 10**9 + truth.timestamp.nanos
-                expected[at, str(mover.id.value)] = [*size, turn, 2.5 + 0 * turn]
-    (counted,) = inspect(path).labels.values()
-    assert counted == labels
+                expected[at, str(name)] = [*size, turn, 2.5 + 0 * turn]
+                place[message.log_time, name] = base.position.x, base.position.y
+                moves = base.velocity if base.HasField("velocity") else None
+                velocity[message.log_time, name] = (moves.x, moves.y) if moves else (np.nan, np.nan)
+    summary = inspect(path)
+    assert summary.labels == {summary.topics[0].name: labels}
+    assert summary.topics[0].tracks == len({name for _, name in place})
     seen = Detections.concatenate(stream_detections(path))
     found = np.column_stack([np.broadcast_to(seen.size, (len(seen), 3)), np.broadcast_to(seen.cue, (len(seen), 2))])
     for time_ns, name, row in zip(seen.time_ns.tolist(), seen.track_id.tolist(), found, strict=True):
         np.testing.assert_array_equal(row, expected[time_ns, name])
+    tracks = read_tracks(path, time_source="log")
+    keys = list(zip(tracks.time_ns.tolist(), tracks.track_id.tolist(), strict=True))
+    assert sorted(keys) == sorted(place)
+    np.testing.assert_array_equal(tracks.position, [place[key] for key in keys])
+    reported = np.array([velocity[key] for key in keys])
+    if np.isfinite(reported).all():
+        own = tracks.speed[:, None] * np.stack([np.cos(tracks.direction), np.sin(tracks.direction)], -1)
+        np.testing.assert_allclose(own, reported, atol=1e-2)

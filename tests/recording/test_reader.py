@@ -2,13 +2,13 @@
 
 import json
 import logging
+from pathlib import Path
 
 import numpy as np
 import pytest
 from foxglove_schemas_protobuf.Grid_pb2 import Grid
 from mcap.reader import make_reader
-from mcap_files import DATA, scene, write_protobuf_log
-from mcap_protobuf.decoder import DecoderFactory
+from mcap_files import scene, write_protobuf_log
 
 from dirprim_filter.detections import Detections
 from dirprim_filter.recording.container import log_file as scans
@@ -24,32 +24,8 @@ from dirprim_filter.recording.reader import (
 from dirprim_filter.recording.writer import write_tracks
 from situations import tracks_of
 
-OSI_LOGS = [
-    "MovingHostWith3DModel",
-    "MovingHostWithStopLine",
-    "disappearingVehicle",
-    "testBrakeAndIndicatorLights",
-    "omega_prime/osi_centerline_example",
-]
+OSI = Path(__file__).parents[1] / "data" / "indicator_lights.mcap"
 STEP_NS = 100_000_000
-
-
-def osi_log(name):
-    path = DATA / "mcap_osi" / f"{name}.mcap"
-    if not path.exists():
-        pytest.skip(f"real logs are not at {path.parent}")
-    return path
-
-
-def decoded(path):
-    """Rows of a log by the stock reader and decoder: id, time, position, velocity or None."""
-    with path.open("rb") as file:
-        for schema, _, message, view in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
-            truth = view if schema.name == "osi3.GroundTruth" else view.global_ground_truth
-            for mover in truth.moving_object:
-                base = mover.base
-                velocity = (base.velocity.x, base.velocity.y) if base.HasField("velocity") else None
-                yield mover.id.value, message.log_time, (base.position.x, base.position.y), velocity
 
 
 def circling(n=40, name="7", radius=20.0, start=0):
@@ -59,20 +35,6 @@ def circling(n=40, name="7", radius=20.0, start=0):
         ("/markers", start + i * STEP_NS, scene([(name, radius * np.cos(a), radius * np.sin(a))], stamp_s=i))
         for i, a in enumerate(angle)
     ]
-
-
-@pytest.mark.parametrize("name", OSI_LOGS)
-def test_osi_rows_are_those_of_the_stock_decoder(name):
-    path = osi_log(name)
-    rows = sorted(decoded(path), key=lambda row: (row[1], row[0]))
-    tracks = read_tracks(path, time_source="log")
-    order = np.lexsort((tracks.track_id, tracks.time_ns))
-    assert tracks.track_id[order].tolist() == [row[0] for row in rows]
-    assert tracks.time_ns[order].tolist() == [row[1] for row in rows]
-    np.testing.assert_array_equal(tracks.position[order], [row[2] for row in rows])
-    velocity = tracks.speed[:, None] * np.stack([np.cos(tracks.direction), np.sin(tracks.direction)], -1)
-    if all(row[3] for row in rows):
-        np.testing.assert_allclose(velocity[order], [row[3] for row in rows], atol=1e-2)
 
 
 def test_bad_rows_and_messages_are_counted_and_cost_no_others(tmp_path, caplog):
@@ -175,16 +137,15 @@ def test_a_log_without_objects_says_what_it_has_and_what_was_looked_for(tmp_path
 
 
 def test_inspect_counts_what_the_stock_reader_counts():
-    path = osi_log("omega_prime/osi_centerline_example")
-    summary = inspect(path).as_json()
+    summary = inspect(OSI).as_json()
     assert json.loads(json.dumps(summary)) == summary
-    with path.open("rb") as file:
+    with OSI.open("rb") as file:
         stock = make_reader(file).get_summary().statistics
     assert summary == {
         "topics": [
             {
-                "name": "ground_truth", "schema": "osi3.GroundTruth", "encoding": "protobuf",
-                "messages": stock.message_count, "tracks": len({row[0] for row in decoded(path)}),
+                "name": "/osi3/sensor_view", "schema": "osi3.SensorView", "encoding": "protobuf",
+                "messages": stock.message_count, "tracks": 2,
             }
         ],
         "messages": stock.message_count,
@@ -192,7 +153,7 @@ def test_inspect_counts_what_the_stock_reader_counts():
         "end_ns": stock.message_end_time,
         "damage": [],
         "is_checked": True,
-        "labels": {"ground_truth": {"car": len(list(decoded(path)))}},
+        "labels": {"/osi3/sensor_view": {"car": 2 * stock.message_count}},
         "groups": {},
         "attachments": [],
         "metadata": [],
