@@ -79,7 +79,7 @@ def test_a_track_that_was_broken_where_nothing_was_seen_is_one_again(ring_map):
     rows, measured = other_tracker(tracks, seed=0)
     number = np.concatenate([np.arange((rows.track_id == name).sum()) for name in np.unique(rows.track_id)])
     pieces = np.where(number >= LOST.stop, np.char.add(rows.track_id, "-anew"), rows.track_id)
-    kept = measured | (number < LOST.start + 5)  # it coasted for some rows, then began anew
+    kept = measured | (number < LOST.start + 5)  # it coasted for some rows, then started again
     found = EstimateList()
     refine(
         replace(rows, track_id=pieces)[kept], ring_map, [found.write], noise_m=0.4,

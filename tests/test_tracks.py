@@ -229,10 +229,10 @@ def test_a_vehicle_is_an_id_in_a_group(ring):
 
 def test_scenes_are_the_groups_and_their_names_each_of_one_vehicle(ring):
     both = two_groups(ring)
-    worlds = list(both.by_group())
-    assert [set(world.group.tolist()) for world in worlds] == [{-2}, {5}]
-    np.testing.assert_array_equal(worlds[0].position, ring.position)
-    assert [len(world) for world in ring.by_group()] == [len(ring)]
+    groups = list(both.by_group())
+    assert [set(group.group.tolist()) for group in groups] == [{-2}, {5}]
+    np.testing.assert_array_equal(groups[0].position, ring.position)
+    assert [len(group) for group in ring.by_group()] == [len(ring)]
     both = two_groups(ring)
     names = qualified_names(both.track_id, both.group)
     assert np.unique(names).size == both.n_tracks

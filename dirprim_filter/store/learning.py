@@ -34,8 +34,8 @@ from tessellation import GridTessellation
 
 CODE = ("arrays.py", "config.py", "tracks.py", "course.py", "distributions", "primitives", "store")
 """Of the package, what a block's map follows from, beside the tessellation."""
-MOST_ANEW = 20
-"""Times that learning begins anew while others take logs out."""
+MOST_RESTARTS = 20
+"""Times that learning restarts while others take logs out."""
 
 Progress = Callable[[int, int], None]
 
@@ -115,7 +115,7 @@ def learn_from_store(
     if min_vehicles < 1:
         raise ValueError(f"min_vehicles: expected at least 1, got {min_vehicles}")
     recipe = Recipe(options, min_vehicles, half_life_s, None if now_ns is None else now_ns // 1_000_000, hours, seed)
-    for _ in range(MOST_ANEW):
+    for _ in range(MOST_RESTARTS):
         contents = store.contents()
         try:
             return _learned(store, contents, recipe, workers or Workers(), done)

@@ -26,7 +26,7 @@ def test_it_is_said_once_on_a_terminal_where_compiling_is_noticed(
     assert capsys.readouterr().err.count("once per installation") == n_lines
 
 
-def test_kernels_are_looked_for_by_name_and_damaged_ones_are_compiled_anew(tmp_path, monkeypatch, capsys):
+def test_kernels_are_looked_for_by_name_and_damaged_ones_are_compiled_again(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     module, function = demo.KERNEL.split(".")
     assert hasattr(import_module(f"dirprim_filter.filtering.{module}"), function)

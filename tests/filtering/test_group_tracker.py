@@ -47,11 +47,11 @@ def test_each_group_is_tracked_as_if_it_were_alone(ring, ring_map, ids, model):
         assert ours.track_id.astype(str).tolist() == [f"{prefix}{name}" for name in theirs.track_id]
         for column in fields(Estimates)[1:]:
             np.testing.assert_array_equal(getattr(ours, column.name), getattr(theirs, column.name))
-    one_world = EstimateList()  # what it is about: in one world the vehicles are taken for each other
+    mixed = EstimateList()  # what it is about: without groups the vehicles are taken for each other
     in_one = [replace(seen.without_ids(), group=np.zeros(len(seen), np.int64)) for seen in parts.values()]
     laid = Detections.concatenate(in_one)
-    replay(laid.frames(), tracker(ring_map, model), [one_world])
-    as_alone = np.isin(found.position[:, 0], one_world.all().position[:, 0])
+    replay(laid.frames(), tracker(ring_map, model), [mixed])
+    as_alone = np.isin(found.position[:, 0], mixed.all().position[:, 0])
     assert as_alone.mean() < 0.5
 
 

@@ -196,7 +196,7 @@ def test_frames_come_in_order_each_once_and_hold_the_detections_of_their_time():
     tracks = ring_traffic(np.random.default_rng(2), n_vehicles=2, n_rows=50)
     frames = []
     smoother = Smoother(max_gap_s=5.0, lag_s=1.0, sinks=[frames.append])
-    worlds = GroupTracker(
+    trackers = GroupTracker(
         lambda group: smoother.tracker(
             group, ConstantVelocityKalman(acceleration_density=DENSITY, config=CONFIG), config=CONFIG,
             tracking=TrackingConfig(), rng=np.random.default_rng(0),
@@ -206,11 +206,11 @@ def test_frames_come_in_order_each_once_and_hold_the_detections_of_their_time():
     late = []
     with smoother:
         for frame in seen.frames():
-            worlds.predict(frame)
-            worlds.weigh()
-            smoother.write(worlds.frame())
+            trackers.predict(frame)
+            trackers.weigh()
+            smoother.write(trackers.frame())
             late.append(len(frames))
-            worlds.resample()
+            trackers.resample()
     assert late[8:14] == [0, 0, 1, 2, 3, 4]  # a second late, no more
     assert [frame.time_ns for frame in frames] == np.unique(seen.time_ns).tolist()
     for frame in frames:
@@ -237,7 +237,7 @@ def test_a_vehicle_is_smoothed_the_same_whichever_others_there_are():
     same(both[both.track_id == 1], alone)
 
 
-def test_where_a_belief_began_anew_nothing_is_carried_across():
+def test_where_a_belief_was_reinitialised_nothing_is_carried_across():
     def at(time_s, x):
         return Detections(track_id=["a"], time_ns=[round(time_s * 1e9)], position=[[x, 0.0]])
 

@@ -260,7 +260,7 @@ def test_one_step_is_predict_weigh_estimate_and_resample(ring_map, traffic):
     assert Estimates.concatenate(found) == track(ring_map, frames)[0]
 
 
-def test_a_lone_outlier_in_sight_begins_nothing_anew_and_who_is_back_out_of_reach_does(ring_map):
+def test_a_lone_outlier_in_sight_reinitialises_nothing_and_who_is_back_out_of_reach_does(ring_map):
     times = 0.1 * np.arange(20)
     path = np.array([on_the_ring(t) for t in times])
     seen = path + np.where(np.arange(20)[:, None] == 12, [60.0, -80.0], 0.0)

@@ -99,7 +99,7 @@ def test_sums_of_two_groups_are_the_sums_of_both():
         np.testing.assert_allclose(ours, theirs, atol=1e-6)
 
 
-def test_who_knows_nothing_of_leaders_heeds_none():
+def test_who_knows_nothing_of_leaders_has_no_response():
     for tracks in (
         pairs(np.random.default_rng(4), 1, responds=True)[:1],
         pairs(np.random.default_rng(4), 1, responds=True),
