@@ -26,8 +26,10 @@ from dirprim_filter.recording.decoding._kernels import (
 )
 from tessellation._compiling import COMPILED, UNCOUNTED
 
-SCALAR, TEXT, MESSAGE, EACH_MESSAGE, ONE_MESSAGE, EACH_SCALAR, ONE_SCALAR, EACH_TEXT, ONE_TEXT = range(9)
+NUMBER, TEXT, MESSAGE = range(3)
 PLAIN, ZIGZAG, SIGNED32 = range(3)
+LAST, EACH = -2, -1
+"""Of a field's values: the last one, as of single fields; each in a row of its own. From 0 on: that one."""
 
 
 @njit(**COMPILED | UNCOUNTED)
@@ -86,8 +88,9 @@ def walk_protobuf(
         tables: out.
         status: (n_messages,) out.
         room: (5, as many as tables, and as levels of wanted messages and two) for its work.
-        entries: (n_entries, 8) field number, wire type, action, form, table, column, child node or number wanted,
-            presence or counter; those of a node one after the other, sorted.
+        entries: (n_entries, 9) field number, wire type, what it holds, form, which of its values, table, column,
+            child node, presence; those of a node one after the other, sorted. Which of several values came is counted
+            in the presence, of messages in the column.
         node_start: (n_nodes + 1,) where the entries of each node start.
     """
     cells, base, width, n_rows = tables.cells, tables.base, tables.width, tables.n_rows
@@ -148,79 +151,47 @@ def walk_protobuf(
                 break
             descended = False
             while entry < last and entries[entry, 0] == number and not descended:
-                want, action, form = entries[entry, 1], entries[entry, 2], entries[entry, 3]
-                table, column, child, presence = (
-                    entries[entry, 4], entries[entry, 5], entries[entry, 6], entries[entry, 7],
-                )  # fmt: skip
+                want, what, which = entries[entry, 1], entries[entry, 2], entries[entry, 4]
+                table, column, presence = entries[entry, 5], entries[entry, 6], entries[entry, 8]
+                form, child = entries[entry, 3], entries[entry, 7]
                 entry += 1
-                cell = rows[depth] + column
-                if action == SCALAR:
-                    if wire == want:
-                        cells[cell], after = _scalar(data, at, end, wire, form)
-                elif action in (EACH_SCALAR, ONE_SCALAR):
-                    if wire not in (want, 2):
-                        continue
-                    stop = after if wire == 2 else at + 1
-                    here = at
-                    while here < stop:
-                        bits, here = _scalar(data, here, end if wire != 2 else after, want, form)
-                        if here < 0:
-                            after = -1
-                            break
-                        if wire != 2:
-                            after = here
-                            stop = here
-                        if action == EACH_SCALAR:
-                            if n_rows[table] - before[table] >= MAX_ELEMENTS:
-                                state = TOO_MANY
-                                break
-                            made = new_row(tables, table, message, numbers[depth])
-                            if made < 0:
-                                return True
-                            cells[base[table] + made * width[table] + column] = bits
-                        else:
-                            seen = cells[rows[depth] + presence]
-                            if seen == child:
-                                cells[cell] = bits
-                            cells[rows[depth] + presence] = seen + 1
-                    if after < 0 or state != OK:
-                        break
-                elif wire != 2:
+                is_packed = what == NUMBER and which != LAST and wire == 2
+                if wire != want and not is_packed:
                     continue
-                elif action == TEXT:
-                    cells[cell] = (at << TEXT_BITS) | min(length, LONGEST)
-                elif action == ONE_TEXT:
-                    seen = cells[rows[depth] + presence]
-                    if seen == child:
-                        cells[cell] = (at << TEXT_BITS) | min(length, LONGEST)
-                    cells[rows[depth] + presence] = seen + 1
-                elif action in (EACH_TEXT, EACH_MESSAGE):
-                    if n_rows[table] - before[table] >= MAX_ELEMENTS:
-                        state = TOO_MANY
-                        break
-                    made = new_row(tables, table, message, numbers[depth])
-                    if made < 0:
-                        return True
-                    if action == EACH_TEXT:
-                        cells[base[table] + made * width[table] + column] = (at << TEXT_BITS) | min(length, LONGEST)
+                here, stop, bits = at, after if is_packed else at + 1, np.int64(0)
+                while here < stop:
+                    if what == NUMBER:
+                        bits, here = _scalar(data, here, after if is_packed else end, want, form)
+                        if here < 0:
+                            break
                     else:
-                        depth += 1
-                        ends[depth], nodes[depth] = after, child
-                        rows[depth], numbers[depth] = base[table] + made * width[table], made
-                        descended = True
-                else:
-                    # one message, or the wanted one of several: `column` counts those
-                    if action == ONE_MESSAGE:
-                        seen = cells[cell]
-                        cells[cell] = seen + 1
-                        if seen != form:
+                        bits, here = (at << TEXT_BITS) | min(length, LONGEST), stop
+                    row, of = rows[depth], numbers[depth]
+                    if which == EACH:
+                        if n_rows[table] - before[table] >= MAX_ELEMENTS:
+                            state = TOO_MANY
+                            break
+                        of = new_row(tables, table, message, of)
+                        if of < 0:
+                            return True
+                        row = base[table] + of * width[table]
+                    elif which != LAST:
+                        counter = row + (column if what == MESSAGE else presence)
+                        cells[counter] += 1
+                        if cells[counter] != which + 1:
                             continue
+                    if what != MESSAGE:
+                        cells[row + column] = bits
+                        continue
                     if presence >= 0:
-                        cells[rows[depth] + presence] = 1
-                    rows[depth + 1], numbers[depth + 1] = rows[depth], numbers[depth]
+                        cells[row + presence] = 1
                     depth += 1
-                    ends[depth], nodes[depth] = after, child
+                    ends[depth], nodes[depth], rows[depth], numbers[depth] = after, child, row, of
                     descended = True
+                if what == NUMBER and not is_packed or here < 0:
+                    after = here
+                if after < 0 or state != OK:
+                    break
             if state != OK:
                 break
             if descended:

@@ -57,7 +57,7 @@ def protobuf_plan(schema: str, definition: bytes, fields: Mapping[str, Field]) -
     program.message(message_descriptor(schema, definition), wanted(fields), Place(), 0)
     check_found(schema, fields, program.output.found())
     nodes = [sorted(node, key=lambda entry: entry[0]) for node in program.nodes]
-    entries = np.array([entry for node in nodes for entry in node], np.int64).reshape(-1, 8)
+    entries = np.array([entry for node in nodes for entry in node], np.int64).reshape(-1, 9)
     starts = np.cumsum([0, *(len(node) for node in nodes)])
     return ColumnPlan(program.output, kernels.walk_protobuf, program.deepest + 2, entries, starts.astype(np.int64))
 
@@ -127,7 +127,7 @@ class _Program:
             path = f"{at.path}.{found.name}[]"
             inner = Place(self.output.table(path), path)
             child = self.message(descriptor, want, inner, depth + 1)
-            return [found.number, 2, kernels.EACH_MESSAGE, 0, inner.table, 0, child, -1]
+            return [found.number, 2, kernels.MESSAGE, 0, kernels.EACH, inner.table, 0, child, -1]
         clocks = [label for label, kind in want.labels if kind == "time"]
         presence = self.output.column(at.table) if selector is not None or want.labels else -1
         for label, kind in want.labels:
@@ -138,28 +138,25 @@ class _Program:
         step = f".{found.name}" if selector is None else f".{found.name}[{selector}]"
         below = at.at(step, *([presence] if selector is not None or clocks else []))
         child = self.message(descriptor, want, below, depth + 1)
-        if selector is None:
-            return [found.number, 2, kernels.MESSAGE, 0, at.table, 0, child, presence]
-        return [found.number, 2, kernels.ONE_MESSAGE, selector, at.table, self.output.column(at.table), child, presence]
+        which, counter = (kernels.LAST, 0) if selector is None else (selector, self.output.column(at.table))
+        return [found.number, 2, kernels.MESSAGE, 0, which, at.table, counter, child, presence]
 
     def _value(self, found: FieldDescriptor, selector: int | None, want: Wanted, at: Place) -> list[int]:
         if want.below:
             raise SchemaError(f"{self.output.schema}: expected a message at {found.full_name}, got a value")
         is_text = found.type in _TEXTS
         wire, bits, form = (2, 0, _TEXTS[found.type]) if is_text else _SCALARS[found.type]
+        what, seen = kernels.TEXT if is_text else kernels.NUMBER, -1
         if selector == EACH:
             path = f"{at.path}.{found.name}[]"
-            inner = Place(self.output.table(path), path)
-            action = kernels.EACH_TEXT if is_text else kernels.EACH_SCALAR
-            return [found.number, wire, action, bits, inner.table, self.output.value(want, inner, form), -1, -1]
-        if selector is None:
-            action = kernels.TEXT if is_text else kernels.SCALAR
-            column = self.output.value(want, at, form, 0 if is_text else _default_bits(found, form))
-            return [found.number, wire, action, bits, at.table, column, -1, -1]
-        action = kernels.ONE_TEXT if is_text else kernels.ONE_SCALAR
-        seen, column = self.output.column(at.table), self.output.value(want, at, form)
-        self.output.enough[at.table, column] = (seen, selector)
-        return [found.number, wire, action, bits, at.table, column, selector, seen]
+            at = Place(self.output.table(path), path)
+        default = _default_bits(found, form) if selector is None and not is_text else 0
+        column = self.output.value(want, at, form, default)
+        if selector is not None and selector != EACH:
+            seen = self.output.column(at.table)
+            self.output.enough[at.table, column] = (seen, selector)
+        which = kernels.LAST if selector is None else selector
+        return [found.number, wire, what, bits, which, at.table, column, -1, seen]
 
 
 def _repeated(descriptor: Descriptor) -> frozenset[str]:
