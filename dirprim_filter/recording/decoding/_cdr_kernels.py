@@ -29,6 +29,23 @@ LOOP, END_LOOP, UNLESS_SELECTED, JUMP, PRESENT = range(7, 12)
 
 
 @njit(**COMPILED | UNCOUNTED)
+def _aligned(at: int, origin: int, size: int) -> int:
+    """The next place for a number of `size` bytes."""
+    return origin + ((at - origin + size - 1) & ~(size - 1))
+
+
+@njit(**COMPILED | UNCOUNTED)
+def _length(data: AnyArray, at: int, origin: int, end: int, little: bool, most: int) -> tuple[int, int, int]:
+    """A length, the byte after it, and whether it is one: of at most `most`, 0 for any, and within the message."""
+    at = _aligned(at, origin, 4)
+    if at + 4 > end:
+        return 0, at, CUT
+    length = np.int64(load(data, at, 4, little))
+    at += 4
+    return length, at, OVERLONG if length > end - at or (most > 0 and length > most) else OK
+
+
+@njit(**COMPILED | UNCOUNTED)
 def walk_cdr(
     data: AnyArray, starts: IntArray, stops: IntArray, tables: Tables, status: IntArray, room: IntArray, ops: IntArray
 ) -> bool:
@@ -72,74 +89,39 @@ def walk_cdr(
             a, b, c = ops[op, 1], ops[op, 2], ops[op, 3]
             op += 1
             if code in (SKIP, READ):
-                step = min(a, widest) - 1
-                at = origin + ((at - origin + step) & ~step)
+                at = _aligned(at, origin, min(a, widest))
                 if code == SKIP:
                     at += a * b
-                    if at > end:
-                        state = CUT
-                        break
-                else:
-                    if at + a > end:
-                        state = CUT
-                        break
+                elif at + a <= end:
                     bits = load(data, at, a, little)
                     if c and a < 8 and bits >> np.uint64(8 * a - 1):
                         bits |= ~np.uint64(0) << np.uint64(8 * a)
                     cells[base[table] + row[table] * width[table] + b] = np.int64(bits)
                     at += a
+                else:
+                    at = end + 1
             elif code in (SKIP_TEXT, READ_TEXT):
-                at = origin + ((at - origin + 3) & ~3)
-                if at + 4 > end:
-                    state = CUT
-                    break
-                length = np.int64(load(data, at, 4, little))
-                at += 4
-                if length > end - at or (a > 0 and length > a + 1):
-                    state = OVERLONG
-                    break
-                if code == READ_TEXT:
+                length, at, state = _length(data, at, origin, end, little, a + 1 if a > 0 else 0)
+                if state == OK and code == READ_TEXT:
                     used = length - 1 if length > 0 and data[at + length - 1] == 0 else length
                     cells[base[table] + row[table] * width[table] + b] = (at << TEXT_BITS) | min(used, LONGEST)
                 at += length
-            elif code in (READ_BYTES, SKIP_SEQUENCE):
-                length = a  # READ_BYTES: fixed number or -1; SKIP_SEQUENCE: size of an item
-                if code == SKIP_SEQUENCE or a < 0:
-                    at = origin + ((at - origin + 3) & ~3)
-                    if at + 4 > end:
-                        state = CUT
-                        break
-                    length = np.int64(load(data, at, 4, little))
-                    at += 4
-                    bound = b if code == SKIP_SEQUENCE else c
-                    if length > end - at or (bound > 0 and length > bound):
-                        state = OVERLONG
-                        break
-                if code == SKIP_SEQUENCE:
-                    if length > 0:
-                        step = min(a, widest) - 1
-                        at = origin + ((at - origin + step) & ~step)
-                        at += length * a * c
-                else:
-                    if length > end - at:
-                        state = CUT
-                        break
+            elif code == READ_BYTES:
+                length = a
+                if a < 0:
+                    length, at, state = _length(data, at, origin, end, little, c)
+                if state == OK and length <= end - at:
                     cells[base[table] + row[table] * width[table] + b] = (at << TEXT_BITS) | min(length, LONGEST)
-                    at += length
-                if at > end:
-                    state = OVERLONG
-                    break
+                at += length
+            elif code == SKIP_SEQUENCE:
+                length, at, state = _length(data, at, origin, end, little, b)
+                if length > 0:
+                    at = _aligned(at, origin, min(a, widest)) + length * a * c
             elif code == LOOP:
                 n = a
                 if a < 0:
-                    at = origin + ((at - origin + 3) & ~3)
-                    if at + 4 > end:
-                        state = CUT
-                        break
-                    n = np.int64(load(data, at, 4, little))
-                    at += 4
-                    if n > end - at or (b > 0 and n > b):
-                        state = OVERLONG
+                    n, at, state = _length(data, at, origin, end, little, b)
+                    if state != OK:
                         break
                 if n > MAX_ELEMENTS:
                     state = TOO_MANY
@@ -176,6 +158,9 @@ def walk_cdr(
             elif code == PRESENT:
                 cells[base[table] + row[table] * width[table] + a] = 1
             else:
+                break
+            if state != OK or at > end:
+                state = state if state != OK else CUT
                 break
         if state != OK:
             status[message] = state
