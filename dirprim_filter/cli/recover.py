@@ -2,21 +2,14 @@
 
 from __future__ import annotations
 
-import json
-from typing import Annotated
-
-import typer
-
 from dirprim_filter.cli import exit_codes
-from dirprim_filter.cli.options import Force, Log, Output, Strict
+from dirprim_filter.cli.options import Force, Log, Output
 from dirprim_filter.cli.texts import counted, say
 
 
 def recover(
     log: Log,
     output: Output,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
-    strict: Strict = False,
     force: Force = False,
 ) -> int:
     """Write the intact part of a damaged log; say what was lost.
@@ -30,11 +23,7 @@ def recover(
     from dirprim_filter.recording.container.recovery import recover as recover_log
 
     with step_progress(f"recovering {log.name}", "chunks") as progress:
-        found = recover_log(log, output, strict=strict, force=force, progress=progress)
-    exit_code = exit_codes.DONE if found.is_lossless else exit_codes.INPUT_LOST
-    if as_json:
-        typer.echo(json.dumps(found.as_json()))
-        return exit_code
+        found = recover_log(log, output, force=force, progress=progress)
     at_least = "at least " if any(damage.messages is None for damage in found.damage) else ""
     lost = "no message was lost" if found.is_lossless else f"lost: {at_least}{counted(found.lost, 'message')}"
     say(
@@ -43,4 +32,4 @@ def recover(
         *(f"  damage: {damage}" for damage in found.damage),
         f"  {lost if found.damage else 'nothing was damaged'}",
     )
-    return exit_code
+    return exit_codes.DONE if found.is_lossless else exit_codes.INPUT_LOST

@@ -1,7 +1,6 @@
 """A recovered log is whole by the stock reader, and holds what the scan reads of the broken one."""
 
 import io
-import json
 
 import pytest
 from mcap.reader import make_reader
@@ -112,15 +111,14 @@ def test_the_command_tells_what_was_lost_and_exits_with_3(tmp_path, capsys):
     data[[start for opcode, start, _ in records(bytes(data)) if opcode == CHUNK][1] + 70] ^= 1
     broken, fixed = tmp_path / "a.mcap", tmp_path / "b.mcap"
     broken.write_bytes(data)
-    assert run(["recover", str(broken), "-o", str(fixed), "--json"]) == 3
-    reported = json.loads(capsys.readouterr().out)
-    assert reported["saved"] + reported["lost"] == len(SENT) == len(stock(fixed)) + reported["lost"]
-    assert [damage["kind"] for damage in reported["damage"]] == ["chunk_data"]
-    assert run(["recover", str(broken), "-o", str(fixed), "--force"]) == 3
-    assert f"lost: {reported['lost']} messages" in capsys.readouterr().out
+    assert run(["recover", str(broken), "-o", str(fixed)]) == 3
+    n = len(stock(fixed))
+    reported = capsys.readouterr().out
+    assert f"{fixed}: {n} messages saved" in reported
+    assert f"lost: {len(SENT) - n} messages" in reported
+    assert "damage: chunk_data at byte" in reported
     assert run(["recover", str(fixed), "-o", str(tmp_path / "c.mcap")]) == 0
     assert "nothing was damaged" in capsys.readouterr().out
-    assert run(["recover", str(broken), "-o", str(tmp_path / "d.mcap"), "--strict"]) == 1
 
 
 def test_a_flipped_topic_outside_of_chunks_is_put_right_by_the_summary(tmp_path):

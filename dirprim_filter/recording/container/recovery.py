@@ -6,13 +6,12 @@ Metadata, private records and attachments whose checksum holds stay.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Any
 
 from dirprim_filter.partial_file import PartialFile
-from dirprim_filter.recording.container.errors import Damage, DamagedRecordingError
+from dirprim_filter.recording.container.errors import Damage
 from dirprim_filter.recording.container.log import Log, Scan
 from dirprim_filter.recording.container.mcap_writer import McapWriter
 
@@ -43,21 +42,11 @@ class Recovery:
         """Messages known to be lost; there may be more where the damage hides their number."""
         return sum(damage.messages or 0 for damage in self.damage)
 
-    def as_json(self) -> dict[str, Any]:
-        """The same in types that json writes."""
-        return {
-            **asdict(self),
-            "damage": [asdict(damage) for damage in self.damage],
-            "lost": self.lost,
-            "is_lossless": self.is_lossless,
-        }
-
 
 def recover(
     path: str | PathLike[str],
     output: str | Path,
     *,
-    strict: bool = False,
     force: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> Recovery:
@@ -66,13 +55,11 @@ def recover(
     Args:
         path: the log; a `.partial` file that a killed process left, for example, or a split recording's folder.
         output: the log to write.
-        strict: raise where something is damaged, instead of going on.
         force: overwrite an existing file.
         progress: called with how many of how many chunks are done.
 
     Raises:
         NotMcapError: the file is no MCAP log.
-        DamagedRecordingError: strict, and the log is damaged.
         OutputExistsError: the output exists, and `force` is not set.
         OSError: a file cannot be read or written.
     """
@@ -84,7 +71,6 @@ def recover(
         ids = {channel: writer.define(channel) for channel in log.channels()}
         saved = 0
         for done, (_, columns) in enumerate(log.parts(), start=1):
-            _check(log, strict=strict)
             for log_ns, publish_ns, sequence, channel, data in columns.messages():
                 if channel not in ids:
                     ids[channel] = writer.define(channel)
@@ -93,19 +79,12 @@ def recover(
             saved += len(columns)
             if progress is not None:
                 progress(done, len(opened.chunks))
-        _check(log, strict=strict)
         n_attachments = 0
-        for of in log.attachments():
+        for n_attachments, of in enumerate(log.attachments(), start=1):  # noqa: B007
             writer.add_attachment(of.create_time, of.log_time, of.name, of.media_type, of.data)
-            n_attachments += 1
         for one in opened.files:
             for start, end in one.outline.private:
                 writer.flush()
                 file.write(one.bytes_of.read(start, end))
         writer.finish()
         return Recovery(saved=saved, attachments=n_attachments, metadata=len(log.metadata), damage=tuple(log.damage))
-
-
-def _check(log: Scan, *, strict: bool) -> None:
-    if strict and log.damage:
-        raise DamagedRecordingError(log.path, log.damage)
