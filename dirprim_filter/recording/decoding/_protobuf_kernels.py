@@ -188,7 +188,7 @@ def walk_protobuf(
                     depth += 1
                     ends[depth], nodes[depth], rows[depth], numbers[depth] = after, child, row, of
                     descended = True
-                if what == NUMBER and not is_packed or here < 0:
+                if (what == NUMBER and not is_packed) or here < 0:
                     after = here
                 if after < 0 or state != OK:
                     break
