@@ -5,6 +5,8 @@ Sources: OMG CORBA 3.3 part 2, 9.3 (CDR) and DDS-XTypes 1.3, 7.4.3.4 (CDR2: alig
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 
@@ -35,7 +37,7 @@ def _aligned(at: int, origin: int, size: int) -> int:
 
 
 @njit(**COMPILED | UNCOUNTED)
-def _length(data: AnyArray, at: int, origin: int, end: int, little: bool, most: int) -> tuple[int, int, int]:
+def _length(data: AnyArray, at: int, origin: int, end: int, little: bool, most: int) -> tuple[Any, int, int]:
     """A length, the byte after it, and whether it is one: of at most `most`, 0 for any, and within the message."""
     at = _aligned(at, origin, 4)
     if at + 4 > end:
