@@ -10,8 +10,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import min_weight_full_bipartite_matching
+from scipy.optimize import linear_sum_assignment
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
@@ -23,6 +24,9 @@ from dirprim_filter.filtering.protocols import BayesFilter
 
 MOST_NEAR = 32
 """Detections that a track is compared with: of a crowd within a metre all pairs would be its square."""
+
+FEW_PAIRS = 32
+"""So many are sooner assigned than divided into components."""
 
 
 class Pairs(NamedTuple):
@@ -77,9 +81,10 @@ def associated(
         visible, occluded = existence[chosen][pairs.one][:, [VISIBLE, OCCLUDED]].T
         expected = config.detection_probability * (visible / (visible + occluded))  # if it exists: that is judged later
         gain = np.log(expected) - np.log1p(-expected) + fit - by_chance[some[pairs.other]]
-        best = best_assignment(pairs, gain)
-        found.append(Hits(tracks[best.one], rows[some[best.other]]))
-        left[some[best.other]] = False
+        best = best_pairs(*pairs, gain)
+        assigned = some[pairs.other[best]]
+        found.append(Hits(tracks[pairs.one[best]], rows[assigned]))
+        left[assigned] = False
     return Hits.concatenate([Hits(slot[:0], rows[:0]), *found])
 
 
@@ -109,21 +114,39 @@ def gated(mean: FloatArray, covariance: FloatArray, position: FloatArray, noise:
     return Pairs(track[inside], detection[inside])
 
 
-def best_assignment(pairs: Pairs, gain: FloatArray) -> Pairs:
-    """Of the pairs those that no row stands in twice and whose gains (n,) add up to the most; ascending by `one`.
+def best_pairs(one: IntArray, other: IntArray, gain: FloatArray) -> IntArray:
+    """Of pairs with a gain those of the best assignment, ascending: each row in one at most, and the greatest sum.
 
-    Pairs without a gain are never chosen: each row of the one side may also be left alone, at no gain. In sparse
-    tables, so that a thousand false detections far from all tracks cost nothing.
+    Each connected component is assigned by itself (Crouse, On implementing 2D rectangular assignment algorithms, 2016,
+    as scipy has it), for most are a single pair, and a thousand false detections far from all tracks cost nothing.
+
+    Args:
+        one: (p,) what is given.
+        other: (p,) to what.
+        gain: (p,) what it is worth; pairs that are worth nothing are never chosen.
     """
-    useful = gain > 0
-    one, other, gain = pairs.one[useful], pairs.other[useful], gain[useful]
-    if one.size == 0:
-        return Pairs(one, other)
-    ones, row = np.unique(one, return_inverse=True)
-    others, column = np.unique(other, return_inverse=True)
-    each = np.arange(ones.size)
-    cost = gain.max() + 1.0 - np.append(gain, np.zeros(ones.size))  # of as many pairs in any matching
-    table = csr_array((cost, (np.append(row, each), np.append(column, others.size + each))))
-    chosen = min_weight_full_bipartite_matching(table)[1]
-    is_pair = chosen < others.size
-    return Pairs(ones[is_pair], others[chosen[is_pair]])
+    useful = np.flatnonzero(gain > 0)
+    if useful.size <= 1:
+        return useful
+    if useful.size <= FEW_PAIRS:
+        return np.sort(_best(useful, one, other, gain))
+    component = _components(one[useful], other[useful])
+    order = np.argsort(component, kind="stable")
+    parts = np.split(useful[order], np.flatnonzero(np.diff(component[order])) + 1)
+    return np.sort(np.concatenate([part if part.size == 1 else _best(part, one, other, gain) for part in parts]))
+
+
+def _components(one: IntArray, other: IntArray) -> IntArray:
+    """(p,) the connected component of each pair, in the graph whose edges the pairs are."""
+    i, j = (np.unique(of, return_inverse=True)[1] for of in (one, other))
+    n = int(i.max() + j.max()) + 2
+    graph = coo_array((np.ones(one.size, np.int8), (i, i.max() + 1 + j)), shape=(n, n))
+    return connected_components(graph, directed=False)[1][i].astype(np.int64)
+
+
+def _best(part: IntArray, one: IntArray, other: IntArray, gain: FloatArray) -> IntArray:
+    i, j = (np.unique(of[part], return_inverse=True)[1] for of in (one, other))
+    worth, pair = np.zeros((i.max() + 1, j.max() + 1)), np.full((i.max() + 1, j.max() + 1), -1, np.int64)
+    worth[i, j], pair[i, j] = gain[part], part
+    chosen = pair[linear_sum_assignment(worth, maximize=True)]
+    return chosen[chosen >= 0]

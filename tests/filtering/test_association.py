@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from dirprim_filter.detections import Detections
 from dirprim_filter.filtering import Tracker
-from dirprim_filter.filtering.association import MOST_NEAR, Pairs, best_assignment, gated
+from dirprim_filter.filtering.association import FEW_PAIRS, MOST_NEAR, best_pairs, gated
 from situations import TRUSTING, one_cell_map
 
 
@@ -32,14 +32,16 @@ def test_the_assignment_is_the_best_of_all(data):
     listed = [(i, j, table[i][j]) for i in range(n) for j in range(m) if table[i][j] is not None]
     one, other = (np.array([row[k] for row in listed], dtype=np.int64) for k in (0, 1))
     gain = np.array([row[2] for row in listed], dtype=float)
-    found = best_assignment(Pairs(one, other), gain)
-    assert np.unique(found.one).size == found.one.size
-    assert np.unique(found.other).size == found.other.size
+    found = best_pairs(one, other, gain)
+    assert np.unique(one[found]).size == np.unique(other[found]).size == found.size
     full = np.full((n, m), -np.inf)
     full[one, other] = gain
-    got = full[found.one, found.other]
-    assert (got > 0).all()
-    assert got.sum() == pytest.approx(best_by_enumeration(full), abs=1e-9)
+    assert (gain[found] > 0).all()
+    assert gain[found].sum() == pytest.approx(best_by_enumeration(full), abs=1e-9)
+    apart = np.arange(FEW_PAIRS + 1)[:, None] * 10  # in many components, each is assigned as by itself
+    gains = np.tile(gain, apart.size)
+    repeated = best_pairs((one + apart).ravel(), (other + apart).ravel(), gains)
+    assert gains[repeated].sum() == pytest.approx(apart.size * gain[found].sum())
 
 
 @pytest.mark.parametrize("seed", range(3))

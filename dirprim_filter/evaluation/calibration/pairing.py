@@ -11,7 +11,7 @@ from scipy.spatial import KDTree
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.evaluation.truth import interpolated, known_at
-from dirprim_filter.filtering.association import Pairs, best_assignment
+from dirprim_filter.filtering.association import Pairs, best_pairs
 from dirprim_filter.track_ids import as_texts
 from dirprim_filter.tracks import Tracks
 
@@ -120,7 +120,8 @@ class Scene:
         one = np.repeat(np.arange(rows.frame.size), [len(found) for found in near])
         other = np.array([row for found in near for row in found], np.int64)
         distance = np.hypot(*(self.detections.position[other] - rows.position[one]).T)
-        return best_assignment(Pairs(one, other), gate_m**2 - distance**2)
+        best = best_pairs(one, other, gate_m**2 - distance**2)
+        return Pairs(one[best], other[best])
 
     def _by_name(self, rows: TruthRows) -> Pairs | None:
         """The pairs of the same name, if most detections near a vehicle bear its name."""

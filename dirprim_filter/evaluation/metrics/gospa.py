@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dirprim_filter.evaluation.metrics.comparison import Comparison, Pairs, best_pairs
+from dirprim_filter.evaluation.metrics.comparison import Comparison, Pairs
+from dirprim_filter.filtering.association import best_pairs
 
 ORDER = 2
 

@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dirprim_filter.evaluation.metrics.comparison import Comparison, best_pairs
+from dirprim_filter.evaluation.metrics.comparison import Comparison
+from dirprim_filter.filtering.association import best_pairs
 
 THRESHOLDS = np.arange(0.05, 0.99, 0.05)
 """Similarities from which a pair is a match; every score is the mean over them."""

@@ -17,7 +17,7 @@ import numpy as np
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.config import TrackingConfig
 from dirprim_filter.filtering import existence
-from dirprim_filter.filtering.association import Pairs, best_assignment
+from dirprim_filter.filtering.association import Pairs, best_pairs
 from dirprim_filter.filtering.belief import birth_key
 from dirprim_filter.filtering.measurements import FASTEST
 from dirprim_filter.filtering.smoothing.chain import Belief, Chain, may_be_off
@@ -71,7 +71,8 @@ def stitch(
     out_s = np.array([starts[j].time_ns - chains[i].last.time_ns for i, j in _each(pairs)]) * 1e-9
     gain = np.array([bridge.log_density for bridge in bridges]) + _log_odds(out_s, frame_s, config)
     path = {pair: bridge.links for pair, bridge in zip(_each(pairs), bridges, strict=True)}
-    best = sorted(_each(best_assignment(pairs, gain)), key=lambda pair: starts[pair[1]].time_ns)
+    chosen = best_pairs(*pairs, gain)
+    best = sorted(_each(Pairs(*(of[chosen] for of in pairs))), key=lambda pair: starts[pair[1]].time_ns)
     names = [(chains[i].name, chains[j].name) for i, j in best]
     for i, j in best:
         chains[j].take_up(chains[i], path[i, j])
