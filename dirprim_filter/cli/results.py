@@ -95,12 +95,8 @@ def _plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def read_experiment(path: Path | None, *, of: str) -> dict[str, Any]:
+def read_experiment(path: Path | None) -> dict[str, Any]:
     """The experiment that a TOML file describes, or that an earlier run's JSON or MCAP carries; of no file none.
-
-    Args:
-        path: the file.
-        of: the command whose run it may be.
 
     Raises:
         ValueError: the file describes none.
@@ -117,7 +113,7 @@ def read_experiment(path: Path | None, *, of: str) -> dict[str, Any]:
         return {name: value for name, value in config.items() if value is not None}
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError, RecordingError) as error:
         raise ValueError(
-            f"{path}: expected an experiment in TOML, or the JSON or MCAP of `dirprim {of}`, got {error}"
+            f"{path}: expected an experiment in TOML, or the JSON or MCAP of an earlier run, got {error}"
         ) from error
 
 
@@ -125,7 +121,7 @@ def read_filter(path: Path | None, settings: Settings, **given: Any) -> tuple[Fi
     """The configuration of a tracker: what is given, else by the file, else the defaults.
 
     Args:
-        path: TOML with the tables `filter` and `tracking`, or what an earlier `track` or `evaluate tracking` wrote.
+        path: TOML with the tables `filter` and `tracking`, or what an earlier run wrote.
         settings: fields of either, by name.
         given: the same by options; None is not given.
 
@@ -135,7 +131,7 @@ def read_filter(path: Path | None, settings: Settings, **given: Any) -> tuple[Fi
     """
     from dirprim_filter.config import FilterConfig, TrackingConfig, from_table
 
-    config = read_experiment(path, of="track")
+    config = read_experiment(path)
     kinds: dict[str, type[Any]] = {"filter": FilterConfig, "tracking": TrackingConfig}
     if path is not None and path.suffix == ".toml" and (unknown := [*config.keys() - kinds]):
         raise ValueError(f"{path}: {unknown[0]}: expected the tables filter and tracking")

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
-from dirprim_filter.arrays import BoolArray, IntArray
+from dirprim_filter.arrays import BoolArray
 from dirprim_filter.config import TrackingConfig
 from dirprim_filter.detections import NO_TIME, Detections
-from dirprim_filter.estimates import EstimateList, EstimateSink
+from dirprim_filter.estimates import EstimateList
 from dirprim_filter.evaluation.rivals import MakeFilter
-from dirprim_filter.evaluation.scores import TrackedWorld, Truth
+from dirprim_filter.evaluation.scores import TrackedWorld
 from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
-from dirprim_filter.filtering import GroupTracker, Tracker
+from dirprim_filter.filtering import Tracker
 from dirprim_filter.filtering.smoothing.smoother import Smoother
 from dirprim_filter.simulation.sensor import detect
 from dirprim_filter.tracks import Tracks
@@ -66,26 +65,24 @@ class Scene(NamedTuple):
     """One group of the log as all methods get it.
 
     Attributes:
-        group: its number.
-        truth: where its vehicles were, and where the sensor did not see them.
+        truth: where its vehicles were.
+        is_hidden: (n,) in which rows the sensor did not see them.
         seen: what the sensor reports.
         tracking: parameters of the association.
     """
 
-    group: int
-    truth: Truth
+    truth: Tracks
+    is_hidden: BoolArray
     seen: Detections
     tracking: TrackingConfig
 
     @classmethod
     def of(cls, world: Tracks, experiment: TrackingExperiment, *, seed: int) -> Scene:
         """The scene of a group's tracks: it follows from the seed and its number, whatever the other groups are."""
-        group = int(world.group[0])
-        rng = np.random.default_rng(_seed_of(seed, group))
+        rng = np.random.default_rng(_seed_of(seed, int(world.group[0])))
         hidden = gaps(world, gap_s=experiment.gap_s, rng=rng)
         return cls(
-            group=group, truth=Truth(tracks=world, is_hidden=hidden),
-            seen=_report_of(world, hidden, experiment, rng=rng),
+            truth=world, is_hidden=hidden, seen=_report_of(world, hidden, experiment, rng=rng),
             tracking=experiment.tracking or honest_tracking(world, experiment),
         )  # fmt: skip
 
@@ -117,46 +114,28 @@ class Followed(NamedTuple):
 
 
 def followed(
-    scenes: Sequence[Scene], make: MakeFilter, experiment: TrackingExperiment, sinks: tuple[EstimateSink, ...] = (), *,
-    smooth: bool = False, seed: int,
-) -> Followed:  # fmt: skip
+    scenes: Sequence[Scene], make: MakeFilter, experiment: TrackingExperiment, *, smooth: bool = False, seed: int
+) -> Followed:
     """Each group tracked by a tracker of its own, at every instant of its truth: those with nothing seen included."""
-    of_group = {scene.group: scene for scene in scenes}
-    tracked = {scene.group: TrackedWorld(truth=scene.truth, estimates=EstimateList()) for scene in scenes}
-    later = {scene.group: TrackedWorld(truth=scene.truth, estimates=EstimateList()) for scene in scenes if smooth}
-    smoothers = {
-        group: Smoother(max_gap_s=experiment.filter.max_gap_s, sinks=[world.estimates.write])
-        for group, world in later.items()
-    }
-
-    def tracker_of(group: int) -> Tracker:
-        of_a_group = partial(smoothers[group].tracker, 0) if smooth else Tracker
-        rng = np.random.default_rng(_seed_of(seed, group))
-        return of_a_group(make(), config=experiment.filter, tracking=of_group[group].tracking, rng=rng)
-
-    worlds = GroupTracker(tracker_of)
-    frames = {int(frame.time_ns[0]): frame for frame in Detections.concatenate([s.seen for s in scenes]).frames()}
-    times = np.concatenate([scene.truth.tracks.time_ns for scene in scenes])
-    groups = np.concatenate([scene.truth.tracks.group for scene in scenes])
-    with ExitStack() as until_the_end:
-        for smoother in smoothers.values():
-            until_the_end.enter_context(smoother)
-        for time_ns, present in _instants(times, groups):
-            worlds.predict(frames.get(time_ns, Detections.none()), time_ns=time_ns, groups=present)
-            worlds.weigh()
-            for group, frame in worlds.frames().items():
-                tracked[group].estimates.write(frame)
+    result = Followed([], [])
+    for scene in scenes:
+        found, later = EstimateList(), EstimateList()
+        smoother = Smoother(max_gap_s=experiment.filter.max_gap_s, sinks=[later.write])
+        tracker = (partial(smoother.tracker, 0) if smooth else Tracker)(
+            make(), config=experiment.filter, tracking=scene.tracking,
+            rng=np.random.default_rng(_seed_of(seed, int(scene.truth.group[0]))),
+        )  # fmt: skip
+        frames = {int(frame.time_ns[0]): frame for frame in scene.seen.frames()}
+        with smoother:
+            for time_ns in np.unique(scene.truth.time_ns).tolist():
+                tracker.predict(frames.get(time_ns, Detections.none()), time_ns=time_ns)
+                tracker.weigh()
+                frame = tracker.frame()
+                found.write(frame)
                 if smooth:
-                    smoothers[group].write(frame)
-            for sink in sinks:
-                sink.write(worlds.frame())
-            worlds.resample()
-    return Followed(list(tracked.values()), list(later.values()))
-
-
-def _instants(time_ns: IntArray, group: IntArray) -> Iterator[tuple[int, list[int]]]:
-    """Each instant in order, and the groups that it is one of."""
-    order = np.argsort(time_ns, kind="stable")
-    times, starts = np.unique(time_ns[order], return_index=True)
-    for instant, present in zip(times.tolist(), np.split(group[order], starts[1:]), strict=True):
-        yield instant, np.unique(present).tolist()
+                    smoother.write(frame)
+                tracker.resample()
+        result.filtered.append(TrackedWorld(scene.truth, scene.is_hidden, found.all()))
+        if smooth:
+            result.smoothed.append(TrackedWorld(scene.truth, scene.is_hidden, later.all()))
+    return result

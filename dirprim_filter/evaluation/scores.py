@@ -9,21 +9,27 @@ from typing import NamedTuple
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray
-from dirprim_filter.estimates import EstimateList, Estimates
+from dirprim_filter.estimates import Estimates
 from dirprim_filter.evaluation.splits import steps
 from dirprim_filter.evaluation.tracked_rows import TrackedRows, instant_numbers
-from dirprim_filter.evaluation.tracking_report import Scales, TrackingReport
+from dirprim_filter.evaluation.tracking_report import Scales, TrackingReport, report_of
 from dirprim_filter.evaluation.truth import judged_truth
 from dirprim_filter.track_ids import qualified_names
 from dirprim_filter.tracks import Tracks
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Truth:
-    """Where the vehicles of a group were, and in which rows (n,) they were out of the sensor's sight."""
+class TrackedWorld(NamedTuple):
+    """A group as it was, and as it was tracked.
 
-    tracks: Tracks
+    Attributes:
+        truth: where its vehicles were.
+        is_hidden: (n,) in which rows they were out of the sensor's sight.
+        estimates: at every instant of the truth.
+    """
+
+    truth: Tracks
     is_hidden: BoolArray
+    estimates: Estimates
 
 
 class RowErrors(NamedTuple):
@@ -42,14 +48,6 @@ class RowErrors(NamedTuple):
     is_hidden: BoolArray
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TrackedWorld:
-    """A group as it was, and as it was tracked: the estimates at every instant of the truth."""
-
-    truth: Truth
-    estimates: EstimateList
-
-
 def scored(worlds: Sequence[TrackedWorld], *, with_ids: bool, scales: Scales) -> tuple[TrackingReport, RowErrors]:
     """The figures of one group, or pooled over all, and the errors they are of: each row counts as in any other group.
 
@@ -61,15 +59,14 @@ def scored(worlds: Sequence[TrackedWorld], *, with_ids: bool, scales: Scales) ->
         with_ids: assign estimates to vehicles by id; else by GOSPA's assignment.
         scales: of the metrics.
     """
-    estimates = [world.estimates.all() for world in worlds]
-    groups = [world.truth.tracks.group[0] for world in worlds]
-    rows = TrackedRows.of(Estimates.concatenate(estimates), group=np.repeat(groups, [len(part) for part in estimates]))
-    judged = [judged_truth(world.truth.tracks) for world in worlds]
+    groups = np.repeat([world.truth.group[0] for world in worlds], [len(world.estimates) for world in worlds])
+    rows = TrackedRows.of(Estimates.concatenate(world.estimates for world in worlds), group=groups)
+    judged = [judged_truth(world.truth) for world in worlds]
     order = np.argsort(np.concatenate([of.tracks.time_ns for of in judged]), kind="stable")
     truth = Tracks.concatenate([of.tracks for of in judged])  # in order of time
-    hidden = [of.both(world.truth.is_hidden) for of, world in zip(judged, worlds, strict=True)]
+    hidden = [of.both(world.is_hidden) for of, world in zip(judged, worlds, strict=True)]
     is_hidden = np.concatenate(hidden)[order]
-    report, (squared, normalised) = TrackingReport.with_errors(
+    report, (squared, normalised) = report_of(
         rows, truth, is_hidden=is_hidden, with_ids=with_ids, scales=scales,
         interpolated=sum(of.n_interpolated for of in judged) / len(truth),
     )  # fmt: skip
@@ -158,10 +155,9 @@ def score_rows(
                 f"{name}: expected rows at instants at which the truth is known, {_span(truth)}, got none; its own are "
                 f"{_span(rows)}"
             )
-        report = TrackingReport.of(
-            kept, judged.tracks, is_hidden=None, with_ids=with_ids, scales=scales,
-            interpolated=judged.n_interpolated / n_rows,
-        )  # fmt: skip
+        report = report_of(
+            kept, judged.tracks, with_ids=with_ids, scales=scales, interpolated=judged.n_interpolated / n_rows
+        ).report
         scores.append(
             Score(
                 name=name, n_rows=len(kept), left_out=len(rows) - len(kept), n_tracks=kept.n_tracks,

@@ -17,7 +17,6 @@ import numpy as np
 
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.detections import Detections
-from dirprim_filter.estimates import EstimateSink
 from dirprim_filter.evaluation.intervals import Interval, difference_of_means, paired, reduction_of_rmse
 from dirprim_filter.evaluation.rivals import CONSTANT_VELOCITY, SMOOTHED, MakeFilter, Method, fitted_acceleration
 from dirprim_filter.evaluation.scenes import Scene, followed
@@ -107,7 +106,6 @@ def evaluate_tracking(
     experiment: TrackingExperiment,
     *,
     primitive_map: PrimitiveMap | None = None,
-    sinks: tuple[EstimateSink, ...] = (),
     progress: Callable[[int, int], None] | None = None,
 ) -> TrackingTable:
     """Run the experiment.
@@ -117,7 +115,6 @@ def evaluate_tracking(
         experiment: what to do.
         primitive_map: the prior; left out, it is learned from a part of the vehicles, and the others are tracked. Where
             it is given, the Kalman filter and the single cell learn from the very vehicles they track, in their favour.
-        sinks: take the frames of the first method in the first seed.
         progress: called with the number of steps done, and their total.
 
     Raises:
@@ -147,15 +144,14 @@ def evaluate_tracking(
                 ConstantVelocityKalman, acceleration_density=noise.chosen, config=experiment.filter
             )
         done()
-        groups.append(tuple(scene.group for scene in scenes))
+        groups.append(tuple(int(scene.truth.group[0]) for scene in scenes))
         settings.append(fits)
         n_vehicles += test.n_tracks
-        n_gaps += sum(np.unique(scene.truth.tracks.vehicle[scene.truth.is_hidden]).size for scene in scenes)
+        n_gaps += sum(np.unique(scene.truth.vehicle[scene.is_hidden]).size for scene in scenes)
         seeds = filtering.integers(2**63, size=len(experiment.methods))
         for number, method in enumerate(experiment.methods):
-            listening = sinks if i == 0 and number == 0 else ()
             smooth = experiment.smooth and method in SMOOTHED
-            tracked = followed(scenes, made[method], experiment, listening, smooth=smooth, seed=int(seeds[number]))
+            tracked = followed(scenes, made[method], experiment, smooth=smooth, seed=int(seeds[number]))
             add(method, tracked.filtered)
             if smooth:
                 add(method + SMOOTHED_SUFFIX, tracked.smoothed)

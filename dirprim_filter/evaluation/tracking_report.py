@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -97,69 +98,62 @@ class TrackingReport:
     missed: float
     false: float
 
-    @classmethod
-    def of(
-        cls,
-        rows: TrackedRows,
-        truth: Tracks,
-        *,
-        is_hidden: BoolArray | None,
-        with_ids: bool,
-        scales: Scales,
-        interpolated: float = 0.0,
-    ) -> TrackingReport:
-        """Compare what a tracker says with the truth, of which each group is a scene, row by row.
 
-        Args:
-            rows: at instants of the truth.
-            truth: where vehicles were at all instants that are judged, see `judged_truth`.
-            is_hidden: (n,) rows of the truth that the sensor did not see; None: as `unseen_s` of the rows says.
-            with_ids: assign estimates to vehicles by id; else by GOSPA's assignment.
-            scales: of the metrics.
-            interpolated: share of the truth's rows that are.
+class Judged(NamedTuple):
+    """A report, and the errors that it is of.
 
-        Raises:
-            ValueError: the truth has no row.
-        """
-        return cls.with_errors(
-            rows, truth, is_hidden=is_hidden, with_ids=with_ids, scales=scales, interpolated=interpolated
-        )[0]
+    Attributes:
+        report: the figures.
+        errors: (2, n) of each row of the truth: squared error, m2, and in units of the covariance; or NaN.
+    """
 
-    @classmethod
-    def with_errors(
-        cls, rows: TrackedRows, truth: Tracks, *, is_hidden: BoolArray | None, with_ids: bool, scales: Scales,
-        interpolated: float,
-    ) -> tuple[TrackingReport, FloatArray]:  # fmt: skip
-        """The report, and (2, n) of each row of the truth: squared error, m2, and in units of the covariance, or NaN.
+    report: TrackingReport
+    errors: FloatArray
 
-        Arguments and errors are those of `of`.
-        """
-        if len(truth) == 0:
-            raise ValueError("truth: expected at least one row, got none")
-        comparison = Comparison.of(truth, rows, reach_m=max(scales.cutoff_m, scales.similarity_m))
-        points = hota(comparison, similarity_m=scales.similarity_m)
-        clear = clear_mot(comparison, similarity_m=scales.similarity_m)
-        sets = gospa(comparison, cutoff_m=scales.cutoff_m)
-        row, column = _by_name(rows, truth, comparison) if with_ids else sets.pairs[:2]
-        squared, normalised, turn, pace = errors = _errors(rows, truth, row, column)
-        if is_hidden is None:  # as the tracker says; neither seen nor hidden without that
-            seen, hidden = rows.unseen_s[column] <= GAP_FROM_S, rows.unseen_s[column] > GAP_FROM_S
-        else:
-            seen, hidden = ~is_hidden[row], is_hidden[row]
-        per_row = 1.0 / len(truth)
-        by_row = np.full((2, len(truth)), np.nan)
-        by_row[:, row] = errors[:2]
-        report = cls(
-            rmse=_root(squared), seen_rmse=_root(squared[seen]), hidden_rmse=_root(squared[hidden]),
-            direction_rmse=_root(turn**2), speed_rmse=_root(pace**2), nees=_mean(normalised),
-            seen_nees=_mean(normalised[seen]), hidden_nees=_mean(normalised[hidden]),
-            coverage_90=coverage(normalised, 0.9), hidden_coverage_90=coverage(normalised[hidden], 0.9),
-            reported=row.size * per_row, interpolated=interpolated, **points._asdict(),
-            idf1=identity_f1(comparison, similarity_m=scales.similarity_m), mota=clear.mota, switches=clear.switches,
-            gospa=sets.distance * np.sqrt(per_row), localisation=sets.localisation * per_row,
-            missed=sets.missed * per_row, false=sets.false * per_row,
-        )  # fmt: skip
-        return report, by_row
+
+def report_of(
+    rows: TrackedRows, truth: Tracks, *, is_hidden: BoolArray | None = None, with_ids: bool, scales: Scales,
+    interpolated: float = 0.0,
+) -> Judged:  # fmt: skip
+    """Compare what a tracker says with the truth, of which each group is a scene, row by row.
+
+    Args:
+        rows: at instants of the truth.
+        truth: where vehicles were at all instants that are judged, see `judged_truth`.
+        is_hidden: (n,) rows of the truth that the sensor did not see; None: as `unseen_s` of the rows says.
+        with_ids: assign estimates to vehicles by id; else by GOSPA's assignment.
+        scales: of the metrics.
+        interpolated: share of the truth's rows that are.
+
+    Raises:
+        ValueError: the truth has no row.
+    """
+    if len(truth) == 0:
+        raise ValueError("truth: expected at least one row, got none")
+    comparison = Comparison.of(truth, rows, reach_m=max(scales.cutoff_m, scales.similarity_m))
+    points = hota(comparison, similarity_m=scales.similarity_m)
+    clear = clear_mot(comparison, similarity_m=scales.similarity_m)
+    sets = gospa(comparison, cutoff_m=scales.cutoff_m)
+    row, column = _by_name(rows, truth, comparison) if with_ids else sets.pairs[:2]
+    squared, normalised, turn, pace = errors = _errors(rows, truth, row, column)
+    if is_hidden is None:  # as the tracker says; neither seen nor hidden without that
+        seen, hidden = rows.unseen_s[column] <= GAP_FROM_S, rows.unseen_s[column] > GAP_FROM_S
+    else:
+        seen, hidden = ~is_hidden[row], is_hidden[row]
+    per_row = 1.0 / len(truth)
+    by_row = np.full((2, len(truth)), np.nan)
+    by_row[:, row] = errors[:2]
+    report = TrackingReport(
+        rmse=_root(squared), seen_rmse=_root(squared[seen]), hidden_rmse=_root(squared[hidden]),
+        direction_rmse=_root(turn**2), speed_rmse=_root(pace**2), nees=_mean(normalised),
+        seen_nees=_mean(normalised[seen]), hidden_nees=_mean(normalised[hidden]),
+        coverage_90=coverage(normalised, 0.9), hidden_coverage_90=coverage(normalised[hidden], 0.9),
+        reported=row.size * per_row, interpolated=interpolated, **points._asdict(),
+        idf1=identity_f1(comparison, similarity_m=scales.similarity_m), mota=clear.mota, switches=clear.switches,
+        gospa=sets.distance * np.sqrt(per_row), localisation=sets.localisation * per_row,
+        missed=sets.missed * per_row, false=sets.false * per_row,
+    )  # fmt: skip
+    return Judged(report, by_row)
 
 
 def _errors(rows: TrackedRows, truth: Tracks, row: IntArray, column: IntArray) -> FloatArray:

@@ -128,7 +128,7 @@ def errors_of(worlds: list[TrackedWorld], *, with_ids: bool, experiment: Trackin
     found = rows_of(errors)
     if not with_ids:
         hotas = np.array([scored([world], with_ids=False, scales=scales)[0].hota for world in worlds])
-        groups = np.array([str(world.truth.tracks.group[0]) for world in worlds])
+        groups = np.array([str(world.truth.group[0]) for world in worlds])
         found["HOTA"] = Figure(groups if groups.size > 1 else np.zeros(1), hotas)
     return found
 

@@ -42,7 +42,7 @@ from peer_trackers import Peer, Settings, Tracked, motpy, norfair, ours
 from dirprim_filter import learn_primitives
 from dirprim_filter.evaluation.intervals import difference_of_means, interval, mean
 from dirprim_filter.evaluation.settings import choose
-from dirprim_filter.evaluation.tracking_report import Scales, TrackingReport
+from dirprim_filter.evaluation.tracking_report import Scales, TrackingReport, report_of
 
 PACKAGES = (stone_soup, motpy, norfair)
 FIRST = "ours, with the map"
@@ -122,7 +122,7 @@ class Ran:
 def scored(found: Tracked, part: Part, scales: Scales) -> TrackingReport:
     """What a tracker reported, against the truth."""
     rows = part.judged(found.rows.at_instants_of(part.truth), part.truth)
-    return TrackingReport.of(rows, part.truth, is_hidden=part.is_hidden, with_ids=False, scales=scales)
+    return report_of(rows, part.truth, is_hidden=part.is_hidden, with_ids=False, scales=scales).report
 
 
 def tuned(peer: Peer, fold: Fold, start: Settings) -> dict[str, float]:

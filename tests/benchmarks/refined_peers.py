@@ -25,7 +25,7 @@ from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import EstimateList
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
-from dirprim_filter.evaluation.tracking_report import Scales, TrackingReport
+from dirprim_filter.evaluation.tracking_report import Scales, report_of
 
 DELETED_AFTER = {"A": 10.0, "B": 60.0}
 FIGURES = ("hota", "rmse", "switches", "reported")
@@ -84,10 +84,10 @@ def main() -> None:
                     "as measured": as_measured(rows, fold, learned),
                 }
                 for how, of in judged.items():
-                    report = TrackingReport.of(
+                    report = report_of(
                         of.at_instants_of(part.truth), part.truth, is_hidden=part.is_hidden, with_ids=False,
                         scales=Scales(),
-                    )  # fmt: skip
+                    ).report  # fmt: skip
                     figures.setdefault((scene, name, how), []).append([getattr(report, key) for key in FIGURES])
     means = {key: np.mean(values, axis=0).tolist() for key, values in figures.items()}
     print(" | ".join(("scene", "tracker", "how", *FIGURES)))

@@ -41,7 +41,6 @@ TRACK = "track log.mcap --map map.mcap -o"
         ("view shown.rrd --save shown.rrd --force", REPLACED),
         ("view log.mcap --rate inf --save log.mcap --force", REPLACED),
         ("export log.mcap -o log.mcap --force", REPLACED),
-        ("evaluate tracking log.mcap --map map.mcap -o map.mcap --force", REPLACED),
         (f"{TRACK} new.mcap --save new.mcap", "another file for each output"),
         ("learn log.mcap -o there", EXISTS),
         (f"{TRACK} there", EXISTS),

@@ -59,7 +59,7 @@ def forecast(
         "split_by": split, "horizons_s": horizon or None, "n_folds": folds,
         "n_samples": samples, "seed": seed,
     }  # fmt: skip
-    given = read_experiment(config, of="evaluate forecast") | {n: of for n, of in given.items() if of is not None}
+    given = read_experiment(config) | {n: of for n, of in given.items() if of is not None}
     log = reading.tracks(logs)
     defaults = {
         "split_by": honest_split(log.tracks), "horizons_s": list(HORIZONS_S), "n_folds": 4,

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import json
-from contextlib import ExitStack
 from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dirprim_filter.cli.options import WRITTEN, Config, Force, Json, Logs, named_file
+from dirprim_filter.cli.options import Config, Json, Logs
 from dirprim_filter.cli.reading import Reading, reads_logs
-from dirprim_filter.cli.results import CONFIG_KEY, read_experiment, report
+from dirprim_filter.cli.results import read_experiment, report
 from dirprim_filter.cli.settings import Settings, deal
 from dirprim_filter.cli.texts import counted, figure_lines, number
 
 if TYPE_CHECKING:
-    from dirprim_filter.estimates import EstimateSink
     from dirprim_filter.evaluation.tracking import TrackingTable
     from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
     from dirprim_filter.primitives import PrimitiveMap
@@ -42,13 +39,7 @@ def tracking(
     seeds: Annotated[int | None, typer.Option(min=1, help="Runs, each with random numbers of its own.")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="The same seed gives the same result.")] = None,
     config: Config = None,
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="Write the first method's run, MCAP.", callback=named_file),
-        WRITTEN,
-    ] = None,
     as_json: Json = False,
-    force: Force = False,
     *,
     reading: Reading,
     settings: Settings,
@@ -61,26 +52,16 @@ def tracking(
     Example: dirprim evaluate tracking recordings/roundabout_learn.mcap --gap 3 --seeds 2
     """
     from dirprim_filter.cli.progress import step_progress
-    from dirprim_filter.cli.results import provenance
     from dirprim_filter.evaluation.tracking import evaluate_tracking
-    from dirprim_filter.recording.writer import EstimateWriter
 
     made = _experiment(config, settings, {
         "gap_s": gap, "with_ids": with_ids, "methods": method or None, "n_seeds": seeds, "seed": seed,
     })  # fmt: skip
     log = reading.tracks(logs)
     inputs = [*logs, *([map_file] if map_file else [])]
-    with ExitStack() as files:
-        sinks: list[EstimateSink] = []
-        if output is not None:
-            metadata = provenance("evaluate tracking", inputs=inputs, **reading.said())
-            metadata[CONFIG_KEY] = json.dumps(asdict(made))
-            sinks.append(files.enter_context(EstimateWriter(output, metadata=metadata, force=force)))
-        step = files.enter_context(step_progress("evaluating", "steps"))
-        table = evaluate_tracking(
-            log.tracks, made, primitive_map=_map_of(map_file, log.tracks) if map_file else None, sinks=tuple(sinks),
-            progress=step,
-        )  # fmt: skip
+    primitive_map = _map_of(map_file, log.tracks) if map_file else None
+    with step_progress("evaluating", "steps") as step:
+        table = evaluate_tracking(log.tracks, made, primitive_map=primitive_map, progress=step)
     return report(
         "evaluate tracking", inputs, reading, log.losses, table=tracking_object(table), settings=asdict(made),
         text=lambda: tracking_text(table), as_json=as_json,
@@ -94,7 +75,7 @@ def _experiment(config: Path | None, settings: Settings, options: dict[str, Any]
 
     tables = [[f.name for f in fields(kind)] for kind in (TrackingExperiment, FilterConfig, TrackingConfig)]
     given, of_filter, of_tracking = deal(settings, *tables)
-    configured = read_experiment(config, of="evaluate tracking")
+    configured = read_experiment(config)
     configured |= given | {name: value for name, value in options.items() if value is not None}
     for name, own in (("filter", of_filter), ("tracking", of_tracking)):
         if own:
