@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,7 @@ HEIGHT: Mapping[str, float] = {
 """Metres above the ground. Viewers draw what is seen through from the lowest up, by the height of its pose."""
 FINEST_M = 1.0 / 1024.0
 """Of a map's coordinates: a millimetre, a power of two, so that their last bits are zeros and compress."""
+LEVEL = fg.Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
 STRIP, SEGMENTS = fg.LinePrimitiveLineType.LineStrip, fg.LinePrimitiveLineType.LineList
 
 
@@ -54,10 +56,11 @@ def scene_transform(time_ns: int, origin: FloatArray) -> fg.FrameTransform:
     x, y = origin.tolist()
     return fg.FrameTransform(
         timestamp=stamp(time_ns), parent_frame_id=MAP_FRAME, child_frame_id=SCENE_FRAME,
-        translation=fg.Vector3(x=x, y=y, z=0.0), rotation=fg.Quaternion(x=0.0, y=0.0, z=0.0, w=1.0),
+        translation=fg.Vector3(x=x, y=y, z=0.0), rotation=LEVEL,
     )  # fmt: skip
 
 
+@lru_cache(maxsize=1)  # one for all that is drawn of an instant
 def stamp(time_ns: int) -> fg.Timestamp:
     """The time of a message; one that such a message cannot hold is refused where it is written."""
     return fg.Timestamp(*divmod(min(max(time_ns, 0), LATEST_NS), NANOSECONDS))
@@ -76,9 +79,9 @@ def entity(name: str, time_ns: int, **parts: Any) -> fg.SceneEntity:
     )
 
 
-def pose(x: float, y: float, z: float, yaw: float = 0.0) -> fg.Pose:
+def pose(x: float, y: float, z: float, yaw: float | None = None) -> fg.Pose:
     """A pose on level ground."""
-    turn = fg.Quaternion(x=0.0, y=0.0, z=math.sin(yaw / 2), w=math.cos(yaw / 2))
+    turn = LEVEL if yaw is None else fg.Quaternion(x=0.0, y=0.0, z=math.sin(yaw / 2), w=math.cos(yaw / 2))
     return fg.Pose(position=fg.Vector3(x=x, y=y, z=z), orientation=turn)
 
 
@@ -98,12 +101,12 @@ def rounded(position: FloatArray) -> FloatArray:
 
 
 def line(
-    kind: fg.LinePrimitiveLineType, along: FloatArray, *, pixels: float, color: fg.Color, height: float,
+    kind: fg.LinePrimitiveLineType, along: list[fg.Point3], *, pixels: float, color: fg.Color, height: float,
     indices: Sequence[int] = (),
 ) -> fg.LinePrimitive:  # fmt: skip
-    """A line along points (n, 2), so wide on the screen at every zoom."""
+    """A line along points, so wide on the screen at every zoom."""
     return fg.LinePrimitive(
-        type=kind, pose=pose(0.0, 0.0, height), thickness=pixels, scale_invariant=True, points=points(along),
+        type=kind, pose=pose(0.0, 0.0, height), thickness=pixels, scale_invariant=True, points=along,
         color=color, indices=list(indices),
     )  # fmt: skip
 

@@ -31,6 +31,7 @@ from dirprim_filter.recording.foxglove.elements import (
     fresh_update,
     line,
     painted,
+    points,
     pose,
     rounded,
     stamp,
@@ -68,7 +69,7 @@ class EstimatesScene:
     def __init__(self, color: Sequence[float] | None = None) -> None:
         self._color = color
         self.sizes: dict[str, list[float]] = {}
-        self._trail: dict[str, list[tuple[int, list[float]]]] = {}
+        self._trail: dict[str, list[tuple[int, fg.Point3]]] = {}
 
     def update(self, estimates: Estimates, detections: Detections, time_ns: int, origin: FloatArray) -> fg.SceneUpdate:
         """The update of one instant; sizes are those that were last reported of vehicles by name.
@@ -91,14 +92,15 @@ class EstimatesScene:
             track_color(names)[:, :3] / 255.0,
         )  # fmt: skip
         self._trail = {
-            name: self._led_on(name, place, time_ns) for name, place in zip(names, columns[0].tolist(), strict=True)
+            name: self._led_on(name, place, time_ns) for name, place in zip(names, points(columns[0]), strict=True)
         }
+        opacities = {alpha: {part: alpha * own for part, own in OPACITY.items()} for alpha in (1.0, COASTING_OPACITY)}
         entities = []
         for name, (x, y), yaw, speed, is_turned, (minor, major), turn, strength, is_anywhere, own in zip(
             names, *(column.tolist() for column in columns), strict=True
         ):
             length, width, height = self.sizes.get(name, VEHICLE_SIZE)
-            rgb, opacity = self._color or own, {part: strength * alpha for part, alpha in OPACITY.items()}
+            rgb, opacity = self._color or own, opacities[strength]
             head = min(HEAD_LENGTH, HEAD_SHARE * speed)
             entities.append(entity(
                 name, time_ns, metadata=[fg.KeyValuePair(key=DRAWN_NOTE, value="body")],
@@ -119,7 +121,7 @@ class EstimatesScene:
                     scale_invariant=True, text=short_name(name), color=painted(rgb, opacity["label"]),
                 )],
                 lines=[line(
-                    STRIP, np.array([place for _, place in self._trail[name]]), pixels=2.0,
+                    STRIP, [place for _, place in self._trail[name]], pixels=2.0,
                     color=painted(rgb, opacity["trail"]), height=HEIGHT["trails"],
                 )],
             ))  # fmt: skip
@@ -132,12 +134,15 @@ class EstimatesScene:
             if name != NO_ID and not np.isnan(size).all():
                 self.sizes[name] = np.where(np.isnan(size), VEHICLE_SIZE, size).tolist()
 
-    def _led_on(self, name: str, place: list[float], time_ns: int) -> list[tuple[int, list[float]]]:
+    def _led_on(self, name: str, place: fg.Point3, time_ns: int) -> list[tuple[int, fg.Point3]]:
         """Where a vehicle was at even instants, oldest first, and is."""
-        *kept, last = self._trail.get(name) or [(time_ns, place)]
-        if not kept or last[0] - kept[-1][0] >= TRAIL_NS // TRAIL_POINTS:
-            kept.append(last)
-        return [*(was for was in kept if time_ns - was[0] <= TRAIL_NS), (time_ns, place)]
+        trail = self._trail.get(name) or [(time_ns, place)]
+        if len(trail) > 1 and trail[-1][0] - trail[-2][0] < TRAIL_NS // TRAIL_POINTS:
+            trail.pop()
+        while trail and time_ns - trail[0][0] > TRAIL_NS:
+            trail.pop(0)
+        trail.append((time_ns, place))
+        return trail
 
 
 PARTICLE_OPACITY = 0.7
@@ -150,12 +155,12 @@ _FIELD_TYPE = {"f4": fg.PackedElementFieldNumericType.Float32, "u1": fg.PackedEl
 
 def particle_cloud(particles: Particles, time_ns: int, origin: FloatArray) -> fg.PointCloud:
     """Each particle with its weight, in the colour of its direction."""
-    points: AnyArray = np.zeros(len(particles), _PARTICLE)
-    points["weight"] = particles.weight
+    rows: AnyArray = np.zeros(len(particles), _PARTICLE)
+    rows["weight"] = particles.weight
     for channel, value in zip(_CHANNELS, direction_color(particles.direction).T, strict=True):
-        points[channel] = value
-    points["alpha"] = round(255 * PARTICLE_OPACITY)
-    return _cloud(points, particles.position - origin, time_ns, height=HEIGHT["particles"])
+        rows[channel] = value
+    rows["alpha"] = round(255 * PARTICLE_OPACITY)
+    return _cloud(rows, particles.position - origin, time_ns, height=HEIGHT["particles"])
 
 
 def detection_cloud(position: FloatArray, time_ns: int, origin: FloatArray) -> fg.PointCloud:
@@ -163,17 +168,17 @@ def detection_cloud(position: FloatArray, time_ns: int, origin: FloatArray) -> f
     return _cloud(np.zeros(len(position), _REPORT), position - origin, time_ns, height=HEIGHT["detections"])
 
 
-def _cloud(points: AnyArray, position: FloatArray, time_ns: int, *, height: float) -> fg.PointCloud:
+def _cloud(rows: AnyArray, position: FloatArray, time_ns: int, *, height: float) -> fg.PointCloud:
     """Single precision counts from the middle of the points."""
     middle = np.round(position.mean(axis=0)) if len(position) else np.zeros(2)
-    points["x"], points["y"] = (position - middle).T
+    rows["x"], rows["y"] = (position - middle).T
     x, y = middle.tolist()
     return fg.PointCloud(
         timestamp=stamp(time_ns), frame_id=SCENE_FRAME, pose=pose(x, y, height),
-        point_stride=points.dtype.itemsize, data=points.tobytes(),
+        point_stride=rows.dtype.itemsize, data=rows.tobytes(),
         fields=[
             fg.PackedElementField(name=name, offset=offset, type=_FIELD_TYPE[kind.str[1:]])
-            for name, (kind, offset, *_) in (points.dtype.fields or {}).items()
+            for name, (kind, offset, *_) in (rows.dtype.fields or {}).items()
         ],
     )  # fmt: skip
 
@@ -203,7 +208,8 @@ def forecast_scene(forecasts: Forecasts, origin: FloatArray, *, hidden: frozense
     ):
         if name in hidden:
             continue
-        lines = line(SEGMENTS, paths, pixels=1.0, color=painted(rgb, opacity), height=HEIGHT["paths"], indices=segments)
+        color = painted(rgb, opacity)
+        lines = line(SEGMENTS, points(paths), pixels=1.0, color=color, height=HEIGHT["paths"], indices=segments)
         areas = [
             area(region.vertex - origin, region.triangle, height=HEIGHT[f"region_{round(100 * share)}"],
                  color=painted(rgb, fan))
@@ -226,7 +232,7 @@ def map_scene(primitive_map: PrimitiveMap, time_ns: int, origin: FloatArray) -> 
     polygons = [*primitive_map.tessellation.polygons()]
     sides = [np.stack([polygon, np.roll(polygon, -1, axis=0)], axis=1) for polygon in polygons]
     outlines = np.concatenate([np.empty((0, 2)), *(side.reshape(-1, 2) for side in sides)])
-    cells = line(SEGMENTS, rounded(outlines - origin), pixels=1.0, color=CELL_COLOR, height=HEIGHT["cells"])
+    cells = line(SEGMENTS, points(rounded(outlines - origin)), pixels=1.0, color=CELL_COLOR, height=HEIGHT["cells"])
     petals = shapes.rose_petals(primitive_map)
     colors = shapes.petal_colors(petals, fastest=shapes.fastest_speed(petals)).reshape(-1, 4)[:, :3] / 255.0
     roses = area(
