@@ -99,10 +99,11 @@ def _is_store(path: Path) -> bool:
     from dirprim_filter.recording.container.ros_bags import METADATA
     from dirprim_filter.recording.container.source import as_url
     from dirprim_filter.recording.errors import RecordingError
-    from dirprim_filter.store.store import Store
 
     if as_url(str(path)) is None:
         return path.is_dir() and not (path / METADATA).exists()
+    from dirprim_filter.store.store import Store
+
     try:
         return path.suffix != ".mcap" and Store.is_at(path)
     except RecordingError:  # a server of logs may answer anything: who reads it as a log says what is wrong

@@ -10,10 +10,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import KDTree
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.config import FilterConfig, TrackingConfig
@@ -98,6 +94,8 @@ def gated(mean: FloatArray, covariance: FloatArray, position: FloatArray, noise:
         noise: (d, 2, 2) their covariance.
         gate: squared Mahalanobis distance of the ellipse.
     """
+    from scipy.spatial import KDTree  # noqa: PLC0415 - detections with ids do without
+
     if len(mean) == 0 or len(position) == 0:
         return Pairs(np.empty(0, np.int64), np.empty(0, np.int64))
     widest = np.linalg.eigvalsh(noise)[:, -1].max()
@@ -138,6 +136,9 @@ def best_pairs(one: IntArray, other: IntArray, gain: FloatArray) -> IntArray:
 
 def _components(one: IntArray, other: IntArray) -> IntArray:
     """(p,) the connected component of each pair, in the graph whose edges the pairs are."""
+    from scipy.sparse import coo_array  # noqa: PLC0415 - detections with ids do without
+    from scipy.sparse.csgraph import connected_components  # noqa: PLC0415
+
     i, j = (np.unique(of, return_inverse=True)[1] for of in (one, other))
     n = int(i.max() + j.max()) + 2
     graph = coo_array((np.ones(one.size, np.int8), (i, i.max() + 1 + j)), shape=(n, n))
@@ -145,6 +146,8 @@ def _components(one: IntArray, other: IntArray) -> IntArray:
 
 
 def _best(part: IntArray, one: IntArray, other: IntArray, gain: FloatArray) -> IntArray:
+    from scipy.optimize import linear_sum_assignment  # noqa: PLC0415 - detections with ids do without
+
     i, j = (np.unique(of[part], return_inverse=True)[1] for of in (one, other))
     worth, pair = np.zeros((i.max() + 1, j.max() + 1)), np.full((i.max() + 1, j.max() + 1), -1, np.int64)
     worth[i, j], pair[i, j] = gain[part], part

@@ -279,7 +279,7 @@ def decode(data: bytes) -> tuple[dict[str, Any], dict[str, Columns]]:
         if name in scalars or name in tables or column.null_count:
             raise ValueError(f"{name}: expected once, and no null")
         if pa.types.is_list(column.type) and pa.types.is_struct(column.type.value_type):
-            struct = column.flatten()
+            struct = column[0].values  # as does `flatten`, which imports all functions of pyarrow
             parts = zip(struct.type, struct.flatten(), strict=True)
             tables[name] = {of.name: _numbers(f"{name}.{of.name}", array) for of, array in parts}
         elif column.type in (pa.int64(), pa.float64(), pa.string()):
@@ -291,7 +291,8 @@ def decode(data: bytes) -> tuple[dict[str, Any], dict[str, Columns]]:
 
 def _numbers(name: str, array: Any) -> AnyArray:
     width = array.type.list_size if pa.types.is_fixed_size_list(array.type) else 0
-    flat = array.flatten() if width and not array.null_count else array
+    first = array.offset * width
+    flat = array.values[first : first + len(array) * width] if width and not array.null_count else array
     if flat.type not in (pa.int64(), pa.float64()) or flat.null_count:
         raise ValueError(f"{name}: expected int64 or float64 without nulls, got {array.type}")
     numbers = flat.to_numpy()
