@@ -43,8 +43,9 @@ def test_a_log_is_calibrated(here, capsys):
 
 
 def test_a_sensor_file_reads_as_it_was_written(tmp_path):
-    save_sensor(BIASED, tmp_path / "sensor.toml")
-    assert load_sensor(tmp_path / "sensor.toml") == BIASED
+    for sensor in (BIASED, replace(BIASED, uncertainty={"along.bias_m": 0.1})):
+        save_sensor(sensor, tmp_path / "sensor.toml", force=True)
+        assert load_sensor(tmp_path / "sensor.toml") == sensor
 
 
 @pytest.mark.parametrize(
@@ -55,6 +56,9 @@ def test_a_sensor_file_reads_as_it_was_written(tmp_path):
         (f"[along]\nspread_m = 1\nhue = 1\n{OTHER}", "along: hue: expected one of spread_m"),
         (f"latency_s = -1\n[along]\nspread_m = 1\n{OTHER}", "latency_s: expected 0 to 5 seconds"),
         (f"[along]\nspread_m = nan\n{OTHER}", "spread_m: expected a positive number"),
+        (f"[along]\nspread_m = 1\nbias_m = inf\n{OTHER}", "along: bias_m: expected a number of metres, got inf"),
+        (f"[along]\nspread_m = 1\n{OTHER}\n[uncertainty]\nhue = 1", "uncertainty: hue: expected one of"),
+        (f"[along]\nspread_m = 1\n{OTHER}\n[uncertainty]\nlatency_s = -1", "latency_s: expected at least 0, got -1"),
         ("[along]\nspread_m = 1", "across: expected a value, got none"),
         (f'[along]\nspread_m = "1"\n{OTHER}', "along: spread_m: expected a value of type float"),
         ("[along", "sensor.toml"),

@@ -59,6 +59,7 @@ CASES = [
     ("evaluate tracking log.mcap --config notes.txt", FAILED, "notes.txt: expected an experiment in TOML, or the JSON"),
     ("evaluate forecast log.mcap --config fold.toml", FAILED, "experiment: n_fold: expected one of split_by"),
     ("evaluate density log.mcap --split group", FAILED, "at least two to split by group, got 1"),
+    ("view map.mcap log.mcap --rate inf --save x.rrd", USAGE, "expected one log to play, got 2 files"),
     ("view log.mcap --rate 0 --save x.rrd", FAILED, "rate: expected more than 0 seconds of the log each second"),
     ("plot map.mcap -o x.png --extent 10 0 -10 5", USAGE, "expected west south east north"),
     ("convert no_y.csv -o x", FAILED, "missing: y_m"),
@@ -76,6 +77,8 @@ CASES = [
     ("info empty.mcap", FAILED, "error: empty.mcap"),
     ("info text.mcap", FAILED, "error: text.mcap"),
     ("store learn log.mcap -o x", FAILED, "expected a store"),
+    ("store add fleet -", FAILED, "-: expected a file or a URL"),
+    ("store add fleet nothing*.mcap", FAILED, "nothing*.mcap: expected logs, found none"),
     ("store learn fleet -o x --now 3", FAILED, "expected --half-life with it"),
     *((f"store learn fleet -o x --half-life={wrong}", USAGE, "expected a positive duration such as 12h, 30d or 2w")
       for wrong in ("30", "-1d", "d", "nand")),

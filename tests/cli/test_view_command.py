@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from matplotlib.image import imread
 from rerun.chunk import RrdReader
 
 from cli.commands import DONE, FAILED, dirprim
@@ -21,7 +22,7 @@ def folder(ring, ring_map, tmp_path_factory):
     write_tracks(few, folder / "log.mcap")
     common = ("track", folder / "log.mcap", "--map", folder / "map.mcap", "--particles", 100)
     shown = ("--save", folder / "prior.rrd", "--set", f"truth={folder}/log.mcap", "--forecast", 1, "--set", "focus=2")
-    assert dirprim("", *common, "-o", folder / "prior.mcap", *shown) == DONE
+    assert dirprim("", *common, "-o", folder / "prior.mcap", "--smooth", *shown) == DONE
     assert dirprim("", *common, "-o", folder / "free.mcap", "--set", "without_map=true") == DONE
     return folder
 
@@ -40,7 +41,7 @@ def test_a_tracked_run_has_every_layer_curve_and_text(folder):
         "/map/cells", "/map/roses", "/detections", "/truth", "/truth/trails",
         "/tracks/estimates", "/tracks/ids", "/tracks/motion", "/tracks/covariance", "/tracks/unseen",
         "/tracks/trails", "/tracks/particles", "/forecasts/paths", "/forecasts/region_50", "/forecasts/region_90",
-        "/focus/ring", "/polar/prior", "/polar/cue", "/polar/posterior", "/polar/belief",
+        "/smoothed/trails", "/focus/ring", "/polar/prior", "/polar/cue", "/polar/posterior", "/polar/belief",
         "/metrics/ess", "/metrics/consistency", "/metrics/existence", "/events", "/__properties/run", "/legend",
     }  # fmt: skip
     assert wanted <= entities(folder / "prior.rrd")
@@ -57,7 +58,7 @@ def test_a_tracked_run_has_every_layer_curve_and_text(folder):
         (("map.mcap",), {"/map/roses"}, {"/tracks/estimates"}),
         (("log.mcap",), {"/truth", "/detections"}, {"/tracks/estimates"}),
         (("map.mcap", "log.mcap"), {"/map/roses", "/truth"}, set()),
-        (("prior.mcap",), {"/tracks/estimates", "/__properties/run", "/metrics/existence"}, {"/truth"}),
+        (("prior.mcap",), {"/tracks/estimates", "/smoothed/trails", "/__properties/run"}, {"/truth"}),
         (("prior.mcap", "map.mcap", "log.mcap"), {"/map/roses", "/tracks/trails", "/metrics/consistency"}, set()),
     ],
 )  # fmt: skip
@@ -88,3 +89,10 @@ def test_recordings_go_to_the_viewer_as_they_are(folder, monkeypatch):
     monkeypatch.setattr(program, "spawn_viewer", shown.extend)
     assert dirprim("view", folder / "prior.rrd", folder / "prior.rrd") == DONE
     assert shown == [folder / "prior.rrd"] * 2
+
+
+def test_estimates_are_drawn_over_their_map_and_only_there(folder, tmp_path, capsys):
+    for name, more in (("with", ("--estimates", folder / "prior.mcap")), ("without", ())):
+        assert dirprim("plot", folder / "map.mcap", *more, "-o", tmp_path / f"{name}.png") == DONE
+    one, other = (imread(tmp_path / f"{name}.png") for name in ("with", "without"))
+    assert one.shape != other.shape or (one != other).any()

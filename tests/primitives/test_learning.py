@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.special import polygamma
 
-from dirprim_filter import forecast, learn_primitives
+from dirprim_filter import forecast, learn_primitives, save_map
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.distributions.angles import difference
 from dirprim_filter.distributions.von_mises import mean_resultant_length
@@ -254,3 +254,5 @@ def test_a_map_lives_in_any_cells(ring, ring_map):
     paths = forecast(found, position=few.position[0], direction=few.direction[0], speed=few.speed[0], horizon_s=1.0,
                      n_samples=20, rng=np.random.default_rng(0))  # fmt: skip
     assert np.isfinite(paths).all()
+    with pytest.raises(TypeError, match="tessellation: expected a GridTessellation or"):
+        save_map(found, "hexagons.mcap")

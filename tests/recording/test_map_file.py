@@ -169,6 +169,7 @@ def column(table, name, made):
 HARMS = [
     (number("version", 6), "an older version, 6"),
     (number("version", "7"), "version: expected a whole number, got '7'"),
+    (number("n_x", 1.5), "n_x: expected int, got 1.5"),
     (number("kind", "hexagons"), "kind: expected grid or voronoi"),
     (number("n_x", 2**40), "squares, more than"),
     (number("origin_x", -1e300), "origin: expected places within"),
