@@ -1,11 +1,8 @@
 """What a sensor reports, as it comes and frame by frame."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from dirprim_filter.columns import is_held, known_sizes
 from dirprim_filter.detections import NO_TIME, Detections
 
 
@@ -54,18 +51,3 @@ def test_the_instant_of_a_frame_follows_the_log_and_nothing_else_is_one():
         frame.instant(after_ns=5)
     with pytest.raises(ValueError, match="one instant and each track id once"):
         some().instant(after_ns=0)
-
-
-def test_sizes_stay_with_their_rows_and_take_no_memory_where_unknown():
-    size = np.array([[4.5, 1.9, 1.5], [np.nan, np.nan, 3.0], [12.0, 2.5, np.nan], [1.0, 1.0, 1.0]])
-    seen = replace(some(), size=size)
-    np.testing.assert_array_equal(np.concatenate([frame.size for frame in seen.frames()]), size[[1, 0, 2, 3]])
-    np.testing.assert_array_equal(seen.without_ids().size, size)
-    both = Detections.concatenate([some(), seen])
-    np.testing.assert_array_equal(both.size, np.concatenate([np.full((4, 3), np.nan), size]))
-    assert is_held(seen.size)
-    for part in (some(), some()[:2], Detections.concatenate([some(), some()[:0]])):
-        assert part.size.shape == (len(part), 3)
-        assert not is_held(part.size)
-    reported = known_sizes(np.array([[0.0, 2.0, -1.0], [np.inf, -np.inf, np.nan]]))  # of a file: unknown, not wrong
-    np.testing.assert_array_equal(reported, [[np.nan, 2.0, np.nan], [np.nan] * 3])

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dirprim_filter.columns import is_held
+from dirprim_filter.columns import is_held, known_sizes
 from dirprim_filter.recording.losses import Losses
 from dirprim_filter.recording.rows import TrackResult
 from dirprim_filter.track_ids import as_texts, as_track_ids, qualified_names, vehicle_numbers
@@ -81,6 +81,8 @@ def test_optional_columns_stay_with_their_rows_and_take_no_memory_where_unknown(
     for part in (bare, bare[:2], Tracks.concatenate([bare, bare[:0]]), Tracks(**GOOD, **{column: values * np.nan})):
         assert len(getattr(part, column)) == len(part)
         assert not is_held(getattr(part, column))  # one NaN, however many rows
+    of_file = known_sizes(np.array([[0.0, 2.0, -1.0], [np.inf, -np.inf, np.nan]]))  # unknown, not wrong
+    np.testing.assert_array_equal(of_file, [[np.nan, 2.0, np.nan], [np.nan] * 3])
     for given_values, message in wrong:
         with pytest.raises(ValueError, match=message):
             Tracks(**GOOD, **{column: given_values})

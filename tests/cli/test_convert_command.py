@@ -49,6 +49,10 @@ def test_detections_of_several_sensors_become_topics_that_tracking_reads(here, c
     assert set(frames[0].track_id.tolist()) == {NO_ID}
     assert sum(map(len, stream_detections("t.mcap", topics="/detections/radar", group=2))) == 10
     assert stream.losses.dropped == {}
+    for asked in ({"topics": "/detections/radar"}, {"group": 2}, {"start_ns": 10**9 + 1}):
+        of_log, of_table = (stream_detections(f"t.{name}", **asked) for name in ("mcap", "csv"))
+        assert list(map(len, of_table)) == list(map(len, of_log)) != list(map(len, frames))
+        assert of_table.topics == of_log.topics
 
 
 def test_a_table_goes_where_a_log_does(here, capsys):

@@ -43,6 +43,7 @@ CASES = [
     (f"{TRACK} --config filter.toml", FAILED, "filter: noise: expected one of"),
     (f"{TRACK} --config flat.toml", FAILED, "flat.toml: noise_m: expected the tables"),
     ("track degrees.csv --map map.mcap -o x", FAILED, "degrees.csv, line 2: expected radians"),
+    ("learn no_ids.csv -o x", FAILED, "detections without ids; `dirprim track --no-ids`"),
     ("smooth no_ids.csv --map map.mcap -o x", FAILED, "expected tracks with ids, got detections"),
     ("evaluate tracking log.mcap --set miss_rate", USAGE, "expected NAME=VALUE"),
     ("evaluate tracking log.mcap --set mis_rate=1", USAGE, "mis_rate: expected one of"),

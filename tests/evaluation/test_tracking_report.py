@@ -90,23 +90,6 @@ def test_errors_are_those_of_a_slow_loop_over_the_rows_of_the_same_name(seed, is
     assert np.isnan([unknown.seen_rmse, unknown.hidden_rmse, unknown.nees, unknown.coverage_90]).all()
 
 
-def test_without_ids_errors_are_of_the_vehicle_that_is_near_whatever_the_names():
-    rows = tracked(0)
-    rows = rows[~np.char.startswith(rows.track_id, "none")]
-    renamed = replace(rows, track_id=np.char.add("track-", rows.track_id))
-    named, unnamed = report(rows), report(renamed, with_ids=False)
-    assert (unnamed.rmse, unnamed.reported) == pytest.approx((named.rmse, named.reported))
-    assert report(renamed, with_ids=True).reported == 0.0
-
-
-@pytest.mark.parametrize("names", [["7"], ["7", "x"], [7], ["0/7"]])
-def test_an_id_is_the_same_as_a_number_a_text_and_with_its_group(names):
-    numbered = Tracks(track_id=[7], time_ns=[0], position=[[0, 0]], direction=[0], speed=[1])
-    places = [[0.0, 3.0], [0.0, 0.0]][: len(names)]
-    got = report(TrackedRows(track_id=names, time_ns=[0] * len(names), position=places), truth=numbered)
-    assert (got.rmse, got.reported) == (3.0, 1.0)
-
-
 def test_a_filter_that_states_the_truth_of_its_errors_has_a_nees_of_two():
     rng = np.random.default_rng(0)
     n = 20_000

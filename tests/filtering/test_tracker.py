@@ -144,13 +144,6 @@ def test_a_frame_out_of_order_is_refused_and_changes_nothing(ring_map, filter_of
     assert followed(bad=True) == followed(bad=False)
 
 
-def test_a_frame_in_which_nothing_was_seen_has_an_estimate_where_its_time_is_given(ring_map):
-    _, tracker = track(ring_map, [one("a", 0.0, 20.0, 0.0), one("a", 0.1, 20.0, 0.8)])
-    tracker.predict(Detections.none(), time_ns=200_000_000)
-    tracker.weigh()
-    assert tracker.frame().estimates.unseen_s.tolist() == pytest.approx([0.1])
-
-
 def test_particles_weigh_one_for_each_vehicle_and_are_copied_before_the_next_step(ring_map, traffic):
     frames = list(traffic.frames())
     _, tracker = track(ring_map, frames[:4])

@@ -225,12 +225,6 @@ def test_unknown_or_contradictory_options_are_refused_by_name(ring, options, mes
         learn_primitives(ring, rng=np.random.default_rng(0), **options)
 
 
-@pytest.mark.parametrize("n", [4, 20, 80])
-def test_n_cells_gives_about_that_many(ring, n):
-    learned = learn_primitives(ring, n_cells=n, rng=np.random.default_rng(0))
-    assert learned.tessellation.n_cells == pytest.approx(n, rel=0.2)
-
-
 def test_given_cells_are_kept_and_one_cell_of_a_grid_is_one(ring):
     cells = GridTessellation.covering(np.array([[500.0, 500.0]]), cell_size=10.0)
     learned = learn_primitives(ring, tessellation=cells, rng=np.random.default_rng(0))

@@ -112,17 +112,6 @@ def test_a_cell_without_data_has_the_background_density(ring):
     )
 
 
-def test_primitive_at_unpacks_into_mixture_and_gammas_with_the_modes_last(ring_map):
-    m = ring_map.direction.weight.shape[1]
-    for leading in ((), (3,), (2, 5)):
-        direction, speed = ring_map.primitive_at(np.full((*leading, 2), 14.0))
-        for column in (direction.weight, direction.mean_direction, direction.concentration, speed.shape, speed.rate):
-            assert column.shape == (*leading, m)
-        d, s = ring_map.sample(np.full((*leading, 2), 14.0), rng=np.random.default_rng(0))
-        assert d.shape == s.shape == leading
-        assert ring_map.log_density(np.full((*leading, 2), 14.0), d, s).shape == leading
-
-
 def test_a_map_whose_rows_do_not_fit_its_cells_is_refused(ring_map):
     parts = {f.name: getattr(ring_map, f.name) for f in fields(ring_map) if f.init}
     with pytest.raises(ValueError, match="n_rows: expected"):

@@ -100,13 +100,6 @@ def test_a_length_that_no_message_can_have_is_refused_wherever_it_stands(leaf, n
             cdr_plan("p/M", "ros2msg", f"{definition}\nfloat64 b".encode(), {name: Field(path=f".{name}", kind="name")})
 
 
-def test_bytes_that_a_message_lacks_are_not_read_from_behind_it():
-    plan = cdr_plan("p/M", "ros2msg", b"uint8[8] x", {"x": Field(path=".x", kind="name")})
-    columns = run(plan, [b"\0\1\0\0\1\2\3"])
-    assert columns.failures == {0: "a message that ends within a field"}
-    assert columns.names("x").tolist() == [""]
-
-
 @pytest.mark.parametrize("at", [1 << 31, 1 << 32, 3 << 32])
 def test_texts_behind_byte_2_31_of_a_chunk_are_read(at):
     """A chunk that is not compressed may be of any size; of this one, of zeros, no page but the last is touched."""

@@ -6,7 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from mcap_files import CHUNK, log_bytes, records, scene, write_log, write_protobuf_log
+from mcap_files import CHUNK, log_bytes, records, scene, write_protobuf_log
 
 from dirprim_filter.cli.main import run
 from dirprim_filter.recording.inspection import inspect
@@ -61,20 +61,6 @@ def test_filters(log_file, capsys):
     reported = json.loads(capsys.readouterr().out)
     assert {topic["name"]: topic["messages"] for topic in reported["topics"]} == {"/topic0": 10, "/topic1": 10}
     assert (reported["start_ns"], reported["end_ns"]) == (60_000, 88_000)
-
-
-def test_tracks_of_a_private_schema_are_counted_by_the_paths_of_its_fields(tmp_path, capsys):
-    sent = [
-        (topic, k, json.dumps({field: [{"name": f"{field}{i}", "x": k, "y": i} for i in range(2)]}).encode())
-        for topic, field in (("/cars", "cars"), ("/other", "doors"))
-        for k in range(3)
-    ]
-    path = write_log(tmp_path / "log.mcap", sent, ("acme.Anything", "jsonschema", b"{}"), "json")
-    assert {topic.tracks for topic in inspect(path).topics} == {None}
-    assert run(["info", str(path), "--json", "--fields", "id=.cars[].name,x=.cars[].x,y=.cars[].y"]) == 0
-    reported = json.loads(capsys.readouterr().out)
-    assert {topic["name"]: topic["tracks"] for topic in reported["topics"]}["/cars"] == 2
-    assert run(["info", str(path), "--fields", "nonsense"]) == 1
 
 
 def test_names_in_a_log_do_not_steer_the_terminal(tmp_path, capsys):

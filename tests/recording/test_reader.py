@@ -1,13 +1,11 @@
 """Tracks, detections and summaries out of logs that other software wrote."""
 
-import json
 import logging
 from pathlib import Path
 
 import numpy as np
 import pytest
 from foxglove_schemas_protobuf.Grid_pb2 import Grid
-from mcap.reader import make_reader
 from mcap_files import scene, write_protobuf_log
 
 from dirprim_filter.detections import Detections
@@ -15,7 +13,6 @@ from dirprim_filter.recording.container import log_file as scans
 from dirprim_filter.recording.errors import DecodeError, NoTracksError
 from dirprim_filter.recording.losses import BACKWARD, INVALID, REPEATED, UNDECODABLE, UNTIMED
 from dirprim_filter.recording.reader import (
-    inspect,
     read_estimates,
     read_track_logs,
     read_tracks,
@@ -134,30 +131,6 @@ def test_a_log_without_objects_says_what_it_has_and_what_was_looked_for(tmp_path
         read_estimates(path)
     with pytest.raises(ValueError, match="regular expression"):
         read_tracks(path, topics="(")
-
-
-def test_inspect_counts_what_the_stock_reader_counts():
-    summary = inspect(OSI).as_json()
-    assert json.loads(json.dumps(summary)) == summary
-    with OSI.open("rb") as file:
-        stock = make_reader(file).get_summary().statistics
-    assert summary == {
-        "topics": [
-            {
-                "name": "/osi3/sensor_view", "schema": "osi3.SensorView", "encoding": "protobuf",
-                "messages": stock.message_count, "tracks": 2,
-            }
-        ],
-        "messages": stock.message_count,
-        "start_ns": stock.message_start_time,
-        "end_ns": stock.message_end_time,
-        "damage": [],
-        "is_checked": True,
-        "labels": {"/osi3/sensor_view": {"car": 2 * stock.message_count}},
-        "groups": {},
-        "attachments": [],
-        "metadata": [],
-    }  # fmt: skip
 
 
 def test_which_of_several_topics_has_most_messages_is_known_without_reading_them(tmp_path, monkeypatch):

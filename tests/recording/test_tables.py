@@ -17,7 +17,6 @@ from pyproj import Geod
 
 from dirprim_filter import read_tracks
 from dirprim_filter.detections import NO_ID, Detections
-from dirprim_filter.recording import write_tracks
 from dirprim_filter.recording.errors import RecordingError, TableError
 from dirprim_filter.recording.estimate_tables import write_estimates
 from dirprim_filter.recording.name_patterns import named_values
@@ -184,34 +183,6 @@ def test_bytes_that_are_no_text_are_reported_and_a_byte_order_mark_is_no_part_of
     (tmp_path / "cut.csv.gz").write_bytes(whole[:-40])
     with pytest.raises(TableError, match=r"cut\.csv\.gz.*expected a whole gzip file"):
         read_named(tmp_path / "cut.csv.gz")
-
-
-UNLABELLED = """\
-group,time_s,sensor,x_m,y_m,own_x_m
-2,1.0,radar,-609.376,-159.392,1
-2,1.0,radar,-352.215,86.0,1
-2,1.5,lidar,-352.0,86.5,1
-3,1.0,radar,5.0,6.0,1
-"""
-
-
-def test_a_table_without_ids_is_detections_by_sensor_and_none_is_lost(tmp_path):
-    path = table(tmp_path, UNLABELLED)
-    found = read_named(path)
-    assert (len(found.tracks), found.unused, found.losses.dropped, found.losses.notes) == (0, ["own_x_m"], {}, {})
-    radar, lidar = found.detections["radar"], found.detections["lidar"]
-    assert list(found.detections) == ["radar", "lidar"]
-    assert radar.position.tolist() == [[-609.376, -159.392], [-352.215, 86.0], [5.0, 6.0]]
-    assert radar.time_ns.tolist() == [10**9] * 3
-    assert (radar.group.tolist(), lidar.group.tolist()) == ([2, 2, 3], [2])
-    assert set(radar.track_id.tolist()) == {NO_ID}
-    write_tracks(found.tracks, tmp_path / "log.mcap", detections=found.detections)
-    for asked in ({}, {"topics": "/detections/radar"}, {"group": 2}, {"start_ns": 10**9 + 1}):
-        stream, of_log = stream_detections(path, **asked), stream_detections(tmp_path / "log.mcap", **asked)
-        assert list(map(len, stream)) == list(map(len, of_log))
-        assert stream.topics == of_log.topics
-    with pytest.raises(RecordingError, match="detections without ids; `dirprim track --no-ids`"):
-        read_tracks(path)
 
 
 def test_rows_of_no_vehicle_are_detections(tmp_path):
