@@ -19,6 +19,7 @@ from dirprim_filter.estimates import TrackedFrame
 from dirprim_filter.filtering import GroupTracker
 from dirprim_filter.filtering.smoothing.smoother import Smoother
 from dirprim_filter.primitives import PrimitiveMap
+from dirprim_filter.replay import step
 from dirprim_filter.sensor import AxisError, Sensor
 from dirprim_filter.track_ids import qualified_names
 
@@ -83,10 +84,7 @@ def refine(
         frame_at = {int(frame.time_ns[0]): frame for frame in seen.frames()}
         with smoother:
             for time_ns, groups in instants:
-                tracker.predict(frame_at.get(time_ns, Detections.none()), time_ns=time_ns, groups=groups)
-                tracker.weigh()
-                smoother.write(tracker.frame())
-                tracker.resample()
+                step(tracker, frame_at.get(time_ns, Detections.none()), [smoother], time_ns=time_ns, groups=groups)
         return smoother.joined
 
     if joined := smooth(bare, joins_labelled=True):  # under one id a vehicle keeps its belief across the break

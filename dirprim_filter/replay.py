@@ -29,23 +29,30 @@ def replay(
     Raises:
         ValueError: a frame of several instants, a repeated id, or time going backwards.
     """
-
-    def step(detections: Detections, **at: Any) -> TrackedFrame:
-        tracker.predict(detections, **at)  # one step on, by the manoeuvres of the map
-        tracker.weigh()  # by the measured positions
-        frame = tracker.frame()
-        for sink in sinks:
-            sink.write(frame)
-        tracker.resample()
-        return frame
-
     n_frames, frame = 0, None
     every_ns = round(1e9 / rate_hz) if rate_hz else 0
     for detections in stream:
         if every_ns and frame is not None and len(detections):
             until_ns = int(detections.time_ns[0]) - every_ns // 2
             while len(frame.estimates) and frame.time_ns + every_ns < until_ns:
-                frame = step(Detections.none(), time_ns=frame.time_ns + every_ns, is_scan=False)
-        frame = step(detections)
+                frame = step(tracker, Detections.none(), sinks, time_ns=frame.time_ns + every_ns, is_scan=False)
+        frame = step(tracker, detections, sinks)
         n_frames += 1
     return n_frames
+
+
+def step(
+    tracker: Tracker | GroupTracker, detections: Detections, sinks: Sequence[EstimateSink], **at: Any
+) -> TrackedFrame:
+    """One frame of the loop, for the sinks; `at` as `predict` takes it.
+
+    Raises:
+        ValueError: as `predict`.
+    """
+    tracker.predict(detections, **at)  # one step on, by the manoeuvres of the map
+    tracker.weigh()  # by the measured positions
+    frame = tracker.frame()
+    for sink in sinks:
+        sink.write(frame)
+    tracker.resample()
+    return frame

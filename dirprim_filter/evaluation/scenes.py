@@ -12,12 +12,13 @@ import numpy as np
 from dirprim_filter.arrays import BoolArray
 from dirprim_filter.config import TrackingConfig
 from dirprim_filter.detections import NO_TIME, Detections
-from dirprim_filter.estimates import EstimateList
+from dirprim_filter.estimates import EstimateList, EstimateSink
 from dirprim_filter.evaluation.rivals import MakeFilter
 from dirprim_filter.evaluation.scores import TrackedWorld
 from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
 from dirprim_filter.filtering import Tracker
 from dirprim_filter.filtering.smoothing.smoother import Smoother
+from dirprim_filter.replay import step
 from dirprim_filter.simulation.sensor import detect
 from dirprim_filter.tracks import Tracks
 
@@ -121,6 +122,7 @@ def followed(
     for scene in scenes:
         found, later = EstimateList(), EstimateList()
         smoother = Smoother(max_gap_s=experiment.filter.max_gap_s, sinks=[later.write])
+        sinks: list[EstimateSink] = [found, smoother] if smooth else [found]
         tracker = (partial(smoother.tracker, 0) if smooth else Tracker)(
             make(), config=experiment.filter, tracking=scene.tracking,
             rng=np.random.default_rng(_seed_of(seed, int(scene.truth.group[0]))),
@@ -128,13 +130,7 @@ def followed(
         frames = {int(frame.time_ns[0]): frame for frame in scene.seen.frames()}
         with smoother:
             for time_ns in np.unique(scene.truth.time_ns).tolist():
-                tracker.predict(frames.get(time_ns, Detections.none()), time_ns=time_ns)
-                tracker.weigh()
-                frame = tracker.frame()
-                found.write(frame)
-                if smooth:
-                    smoother.write(frame)
-                tracker.resample()
+                step(tracker, frames.get(time_ns, Detections.none()), sinks, time_ns=time_ns)
         result.filtered.append(TrackedWorld(scene.truth, scene.is_hidden, found.all()))
         if smooth:
             result.smoothed.append(TrackedWorld(scene.truth, scene.is_hidden, later.all()))

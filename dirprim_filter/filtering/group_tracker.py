@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -28,7 +28,6 @@ class GroupTracker:
         self._make = make
         self._trackers: dict[int, Tracker] = {}
         self._now: list[int] = []
-        self._frames: dict[int, TrackedFrame] = {}
 
     @property
     def recoveries(self) -> int:
@@ -48,7 +47,6 @@ class GroupTracker:
         Those of the detections have one, those of `groups`, and all where the sensor did not look.
         """
         self._now = sorted({*np.unique(detections.group).tolist(), *(groups if is_scan else self._trackers)})
-        self._frames = {}
         for group in self._now:
             if group not in self._trackers:
                 self._trackers[group] = self._make(group)
@@ -59,21 +57,15 @@ class GroupTracker:
         for group in self._now:
             self._trackers[group].weigh()
 
-    def frames(self) -> Mapping[int, TrackedFrame]:
-        """The frame of each group that has one, to be written before the next step."""
-        if not self._frames:
-            self._frames = {group: self._trackers[group].frame() for group in self._now}
-        return self._frames
-
     def frame(self) -> TrackedFrame:
-        """The same as one, of vehicles named `group/id`; those of group 0 keep their ids.
+        """All of the frame at hand, of vehicles named `group/id`; those of group 0 keep their ids.
 
         Raises:
             ValueError: there is no group yet.
         """
-        if not self.frames():
-            raise ValueError("frames: expected that of at least one group, got none")
-        parts = [_renamed(frame, group) for group, frame in self.frames().items()]
+        parts = [_renamed(self._trackers[group].frame(), group) for group in self._now]
+        if not parts:
+            raise ValueError("frame: expected that of at least one group, got none")
         if len(parts) == 1:
             return parts[0]
         innovations = [part.innovations for part in parts if part.innovations is not None]

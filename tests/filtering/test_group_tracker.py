@@ -86,5 +86,6 @@ def test_a_tracker_takes_one_group_at_a_time_also_one_in_which_nothing_is_seen(r
     tracker_of_all.resample()
     tracker_of_all.predict(Detections.none(), time_ns=100_000_000, groups=[3])
     tracker_of_all.weigh()
-    assert list(tracker_of_all.frames()) == [3]
-    assert tracker_of_all.frame().estimates.unseen_s.tolist() == pytest.approx([0.1] * 4)
+    frame = tracker_of_all.frame()
+    assert frame.group.tolist() == [3] * 4
+    assert frame.estimates.unseen_s.tolist() == pytest.approx([0.1] * 4)
