@@ -59,11 +59,7 @@ def test_every_mechanism_can_be_off_and_vehicles_are_tracked_nonetheless(ring_ma
     ("kind", "given", "message"),
     [
         (FilterConfig, {"outlier_probability": 1.5}, "outlier_probability: expected a share below 1, got 1.5"),
-        (
-            FilterConfig,
-            {"motion_outlier_probability": 1.5},
-            "expected a share below 1, got 1.5",
-        ),
+        (FilterConfig, {"motion_outlier_probability": 1.5}, "expected a share below 1, got 1.5"),
         (FilterConfig, {"resample_below": 1.5}, "resample_below: expected a share of the particles, got 1.5"),
         (FilterConfig, {"step_s": 1e-300}, "step_s: expected at least 0.001 s, got 1e-300"),
         (FilterConfig, {"interaction": "all"}, "interaction: expected 'none' or 'leader', got 'all'"),

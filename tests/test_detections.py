@@ -25,10 +25,7 @@ def test_frames_ascend_in_time_and_hold_every_row_once_in_its_order():
     [
         ({"position": [[0.0, np.nan]]}, r"position: expected finite numbers, got nan at \(0, 1\)"),
         ({"position": [0.0, 1.0]}, r"position: expected shape \(n, 2\)"),
-        (
-            {"direction": [90.0]},
-            r"direction: expected radians, at most a turn .*, got 90.0 in row 0",
-        ),
+        ({"direction": [90.0]}, r"direction: expected radians, at most a turn .*, got 90.0 in row 0"),
         ({"direction": [np.inf]}, "direction: expected finite numbers, or NaN"),
         ({"speed": [-1.0]}, "speed: expected at least 0 m/s, got -1.0"),
         ({"covariance": np.zeros((1, 2, 2))}, "covariance: expected symmetric positive definite"),

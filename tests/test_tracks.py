@@ -34,8 +34,7 @@ def test_rows_are_kept_in_order_of_time_and_rows_of_one_time_in_the_order_given(
 
 
 @pytest.mark.parametrize(
-    "change",
-    [{"track_id": [4, 4, 8]}, {"time_ns": [0, 11, 0]}, {"speed": [1, 1, 1 + 1e-9]}, {"size": np.ones((3, 3))}],
+    "change", [{"track_id": [4, 4, 8]}, {"time_ns": [0, 11, 0]}, {"speed": [1, 1, 1 + 1e-9]}, {"size": np.ones((3, 3))}]
 )
 def test_tracks_are_equal_where_every_row_is(change):
     sized = GOOD | {"size": np.array([[4.0, 2.0, np.nan]] * 3)}

@@ -186,8 +186,7 @@ def norfair(fold: Fold) -> dict[str, Peer]:
 
     def track(part: Part, settings: Settings) -> Tracked:
         return worker.track(
-            part,
-            dict(settings) | {"noise_m": fold.noise_m, "step_s": step_s_of(part), "speed_m_s": START_SPEED_M_S},
+            part, dict(settings) | {"noise_m": fold.noise_m, "step_s": step_s_of(part), "speed_m_s": START_SPEED_M_S}
         )
 
     axes = (

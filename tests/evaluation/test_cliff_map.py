@@ -4,12 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from dirprim_filter.evaluation.baselines.cliff_map import (
-    CliffMap,
-    Modes,
-    expectation_maximisation,
-    mean_shift_modes,
-)
+from dirprim_filter.evaluation.baselines.cliff_map import CliffMap, Modes, expectation_maximisation, mean_shift_modes
 
 CIRCLE = np.linspace(-np.pi, np.pi, 241)[:-1]
 SPEED = np.linspace(-30.0, 60.0, 601)

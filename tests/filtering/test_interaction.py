@@ -7,14 +7,7 @@ import numpy as np
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.filtering import GroupTracker, Tracker
-from dirprim_filter.forecasting import (
-    Forecaster,
-    forecast_states,
-    leader_table,
-    projected,
-    sampled,
-    side_by_side,
-)
+from dirprim_filter.forecasting import Forecaster, forecast_states, leader_table, projected, sampled, side_by_side
 from dirprim_filter.primitives.leader import N_FEATURES, LeaderResponse
 from dirprim_filter.primitives.motion_table import motion_table
 from moving import motion_by_hand, squares

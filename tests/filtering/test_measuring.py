@@ -70,10 +70,7 @@ def test_weights_and_evidence_are_scipys(cloudy, known):
     for row in (0, 1):
         assert evidence.log_density[row] == pytest.approx(logsumexp(expected[row]), rel=1e-9)
         np.testing.assert_allclose(
-            np.log(cloudy.cloud.weight[SLOT[row]]),
-            expected[row] - logsumexp(expected[row]),
-            rtol=1e-7,
-            atol=1e-7,
+            np.log(cloudy.cloud.weight[SLOT[row]]), expected[row] - logsumexp(expected[row]), rtol=1e-7, atol=1e-7
         )
     assert not evidence.is_unexplained.any()
 

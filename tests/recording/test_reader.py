@@ -12,12 +12,7 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.recording.container import log_file as scans
 from dirprim_filter.recording.errors import DecodeError, NoTracksError
 from dirprim_filter.recording.losses import BACKWARD, INVALID, REPEATED, UNDECODABLE, UNTIMED
-from dirprim_filter.recording.reader import (
-    read_estimates,
-    read_track_logs,
-    read_tracks,
-    stream_detections,
-)
+from dirprim_filter.recording.reader import read_estimates, read_track_logs, read_tracks, stream_detections
 from dirprim_filter.recording.writer import write_tracks
 from situations import tracks_of
 
@@ -74,12 +69,7 @@ def test_several_logs_keep_their_vehicles_and_groups_apart(tmp_path):
     same = write_protobuf_log(tmp_path / "x" / "b.mcap", circling(n=7))
     tracks = read_tracks([a, b, same])
     names, counts = np.unique(tracks.track_id, return_counts=True)
-    assert dict(zip(names.tolist(), counts.tolist(), strict=True)) == {
-        "a/7": 5,
-        "own": 5,
-        "b-1/7": 6,
-        "b-2/7": 7,
-    }
+    assert dict(zip(names.tolist(), counts.tolist(), strict=True)) == {"a/7": 5, "own": 5, "b-1/7": 6, "b-2/7": 7}
     groups = {name: set(tracks.group[tracks.track_id == name].tolist()) for name in names}
     assert groups == {"a/7": {0}, "own": {0}, "b-1/7": {1}, "b-2/7": {2}}
     with pytest.raises(ValueError, match="at least one log"):
@@ -117,12 +107,7 @@ def test_a_log_without_objects_says_what_it_has_and_what_was_looked_for(tmp_path
     path = write_protobuf_log(tmp_path / "log.mcap", [("/floor", 1, Grid()), ("/lanes", 1, scene([]))])
     with pytest.raises(NoTracksError) as reported:
         read_tracks(path)
-    for part in (
-        "log.mcap",
-        "/floor (foxglove.Grid)",
-        "/lanes (foxglove.SceneUpdate)",
-        "--set fields=...",
-    ):
+    for part in ("log.mcap", "/floor (foxglove.Grid)", "/lanes (foxglove.SceneUpdate)", "--set fields=..."):
         assert part in str(reported.value)
     assert "\n" not in str(reported.value)
     with pytest.raises(NoTracksError, match="/nothing"):

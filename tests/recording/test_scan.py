@@ -20,12 +20,7 @@ LAYOUTS = [
     {"compression": CompressionType.NONE, "chunk_size": 400, "enable_data_crcs": True},
     {"compression": CompressionType.ZSTD, "chunk_size": 400, "enable_crcs": False},
     {"compression": CompressionType.ZSTD, "chunk_size": 400, "index_types": IndexType.NONE},
-    {
-        "compression": CompressionType.ZSTD,
-        "chunk_size": 400,
-        "repeat_channels": False,
-        "repeat_schemas": False,
-    },
+    {"compression": CompressionType.ZSTD, "chunk_size": 400, "repeat_channels": False, "repeat_schemas": False},
     {"compression": CompressionType.NONE, "use_chunking": False, "enable_data_crcs": True},
 ]
 

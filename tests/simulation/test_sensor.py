@@ -72,16 +72,8 @@ def clutter_holds(truth, position):
     [
         (lambda truth, rng, noise_m: noise_holds(errors(truth, rng, noise_m)), NOISE_M, 1.1 * NOISE_M),
         (misses_hold, MISS_RATE, 1.25 * MISS_RATE),
-        (
-            lambda truth, rng, n: clutter_holds(truth, clutter(truth, rng, n)),
-            FALSE_PER_FRAME,
-            1.5 * FALSE_PER_FRAME,
-        ),
-        (
-            lambda truth, rng, box: clutter_holds(truth, box * clutter(truth, rng, FALSE_PER_FRAME)),
-            1.0,
-            0.7,
-        ),
+        (lambda truth, rng, n: clutter_holds(truth, clutter(truth, rng, n)), FALSE_PER_FRAME, 1.5 * FALSE_PER_FRAME),
+        (lambda truth, rng, box: clutter_holds(truth, box * clutter(truth, rng, FALSE_PER_FRAME)), 1.0, 0.7),
     ],
     ids=["noise", "misses", "false ones", "their box"],
 )
@@ -95,8 +87,7 @@ def test_a_perfect_sensor_reports_the_truth(truth, rng):
 
 
 @pytest.mark.parametrize(
-    "wrong",
-    [{"noise_m": -1.0}, {"miss_rate": 1.5}, {"false_per_frame": float("nan")}, {"noise_m": float("inf")}],
+    "wrong", [{"noise_m": -1.0}, {"miss_rate": 1.5}, {"false_per_frame": float("nan")}, {"noise_m": float("inf")}]
 )
 def test_parameters_out_of_range_are_named(truth, rng, wrong):
     with pytest.raises(ValueError, match=next(iter(wrong))):
