@@ -73,7 +73,7 @@ class GridTessellation:
         position = as_floats("position", position, "n 2")
         if position.shape[0] == 0:
             raise ValueError("position: expected at least one position, got none")
-        if not cell_size > 0:
+        if not 0 < cell_size < np.inf:
             raise ValueError(f"cell_size: expected a positive length in metres, got {cell_size}")
         south_west = position.min(axis=0)
         origin = np.floor(south_west / cell_size) * cell_size

@@ -14,6 +14,9 @@ from dirprim_filter.cli.texts import columns
 if TYPE_CHECKING:
     from dirprim_filter.primitives import PrimitiveMap
 
+FASTEST = 1e4
+"""m/s: nothing that drives is faster."""
+
 
 def forecast(
     map_file: Map,
@@ -43,7 +46,11 @@ def forecast(
 
     from dirprim_filter.forecasting import forecast as sample_paths
     from dirprim_filter.recording import load_map
+    from dirprim_filter.recording.transforms.geodesy import FARTHEST_M
 
+    if not (max(map(abs, at)) <= FARTHEST_M and speed <= FASTEST):
+        expected = f"a place within {FARTHEST_M:g} m and a speed of at most {FASTEST:g} m/s"
+        raise ValueError(f"--at, --speed: expected {expected}, got {at[0]:g} {at[1]:g} and {speed:g}")
     learned = load_map(map_file)
     _say_if_outside(learned, at)
     paths = sample_paths(

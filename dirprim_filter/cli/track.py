@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from dirprim_filter.sensor import Sensor
     from dirprim_filter.viewer.sink import RerunSink
 
+FASTEST_HZ = 1000.0
 MOST_LOST = 0.5
 """Share of the rows with an estimate below which a log counts as lost."""
 
@@ -57,6 +58,9 @@ class Own:
         particles_out: so many particles of each vehicle are written, to be looked at.
         truth: a log of true tracks, which the viewer draws and from which it takes the errors.
         focus: id of the vehicle that the viewer follows; empty: the one with the largest innovations.
+
+    Raises:
+        ValueError: a number out of its range.
     """
 
     motion: bool = False
@@ -65,6 +69,12 @@ class Own:
     rate_hz: float = 0.0
     truth: str = ""
     focus: str = ""
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.rate_hz <= FASTEST_HZ:  # each step takes as long as a frame does
+            raise ValueError(f"rate_hz: expected from 0 to {FASTEST_HZ:g}, got {self.rate_hz}")
+        if self.particles_out < 0:
+            raise ValueError(f"particles_out: expected at least 0, got {self.particles_out}")
 
 
 @reads_logs(

@@ -57,6 +57,12 @@ CASES = [
     (f"{TRACK} --set max_gap_s=1e300", FAILED, "max_gap_s: expected at most 1e+09"),
     *((f"{TRACK} {option} 1e300", USAGE, f"Invalid value for '{option}'") for option in ("--lag", "--forecast")),
     ("forecast --map map.mcap --at 1 2 --direction-deg 0 --speed 5 --dt 1e-300", USAGE, "Invalid value for '--dt'"),
+    *((f"forecast --map map.mcap --at {at} 2 --direction-deg 0 --speed {speed}", FAILED, "--speed: expected a")
+      for at, speed in (("1e300", 5), ("1", "1e300"))),
+    *((f"{TRACK} --set rate_hz={rate}", USAGE, "rate_hz: expected from 0 to 1000")
+      for rate in ("-1", "nan", "inf", "1e9")),
+    (f"{TRACK} --set particles_out=-1", USAGE, "particles_out: expected at least 0, got -1"),
+    ("learn log.mcap -o x --tessellation grid --cell-size inf", FAILED, "cell_size: expected a positive"),
     ("evaluate tracking log.mcap --config notes.txt", FAILED, "notes.txt: expected an experiment in TOML, or the JSON"),
     ("evaluate forecast log.mcap --config fold.toml", FAILED, "experiment: n_fold: expected one of split_by"),
     ("evaluate density log.mcap --split group", FAILED, "at least two to split by group, got 1"),

@@ -15,7 +15,7 @@ import pyarrow.compute as pc
 
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.columns import LARGEST_ANGLE
-from dirprim_filter.recording.decoding.field_columns import NO_TIME
+from dirprim_filter.recording.decoding.field_columns import MAX_NAME_LENGTH, NO_TIME
 from dirprim_filter.recording.errors import TableError
 
 MAX_SECONDS = 9e9
@@ -119,6 +119,12 @@ class Columns:
             got = str(column.type)
             raise TableError(self.path, f"column {name}", "texts or numbers", got, "write it in this type") from error
         texts = coded.dictionary.to_pylist()
+        if (at := next((i for i, text in enumerate(texts) if len(text) > MAX_NAME_LENGTH), None)) is not None:
+            row, most = (
+                int(np.argmax(coded.indices.to_numpy() == at)),
+                f"at most {MAX_NAME_LENGTH} characters as {name}",
+            )
+            raise self.error(row, most, f"{len(texts[at])}", MEND)  # in memory each would take as many
         if self._line is not None:
             texts = [text.strip(" ") for text in texts]
             texts = [text[1:] if text[:1] == FORMULA_GUARD and text[1:2] in FORMULA else text for text in texts]
