@@ -11,8 +11,8 @@ import typer
 
 from dirprim_filter.cli import exit_codes, store_maps
 from dirprim_filter.cli.commands import register
-from dirprim_filter.cli.options import Scheduler, StoreFolder, StoreWorkers, Topics
-from dirprim_filter.cli.reading import TimeSource
+from dirprim_filter.cli.options import Scheduler, StoreFolder, StoreWorkers
+from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.texts import counted, say
 
 store = typer.Typer(
@@ -25,23 +25,14 @@ store = typer.Typer(
 )
 
 
+@reads_logs()
 def add(
     folder: StoreFolder,
     logs: Annotated[list[str], typer.Argument(metavar="LOG...", help="MCAP logs: files, URLs, or quoted patterns.")],
-    topics: Topics = None,
-    time_source: Annotated[TimeSource | None, typer.Option(help="Which time of a message to use.")] = None,
-    frame: Annotated[
-        str | None, typer.Option("--frame", help="Frame of the positions. Default: the root of the log's transforms.")
-    ] = None,
-    fields: Annotated[
-        str | None, typer.Option(help="Fields of an unknown schema's objects: id=.objects[].id,x=.objects[].x,...")
-    ] = None,
-    origin: Annotated[
-        str | None, typer.Option("--origin", help="Latitude,longitude of the origin, for satellite fixes.")
-    ] = None,
-    labels: Annotated[str | None, typer.Option("--labels", help="Classes to read, such as car|truck.")] = None,
     workers: StoreWorkers = None,
     scheduler: Scheduler = None,
+    *,
+    reading: Reading,
 ) -> int:
     """Add logs to a store, which is made if need be.
 
@@ -59,13 +50,11 @@ def add(
     from dirprim_filter.store.store import Store
     from dirprim_filter.store.workers import Workers
 
-    given = {
-        "topics": topics, "time_source": time_source, "frame": frame, "fields": fields,
-        "origin": origin, "labels": labels,
-    }  # fmt: skip
+    if whole := [name for name in reading.given if name not in StoreConfig.__dataclass_fields__]:
+        raise typer.BadParameter("a store has all of a log", param_hint=f"--{whole[0]}")
     found = find_logs(logs)
     config = Store.open(folder).config if Store.is_at(folder) else StoreConfig()
-    config = replace(config, **{name: value for name, value in given.items() if value is not None})  # type: ignore[arg-type]
+    config = replace(config, **reading.given)
     with step_progress(f"adding to {shown(folder)}", "logs") as progress:
         workers_ = Workers.of(len(found), workers, scheduler)
         added = add_logs(folder, found, config=config, workers=workers_, progress=progress)

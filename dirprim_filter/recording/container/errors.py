@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from os import PathLike, fspath
-from typing import Literal, NamedTuple
+from typing import Literal
 
 from dirprim_filter.recording.container.records import ENCODINGS
 
@@ -58,43 +58,26 @@ READ_BYTES = 16
 """Enough of a file to know every format."""
 
 
-class OtherFormat(NamedTuple):
-    """A format that is no MCAP.
-
-    Attributes:
-        opening: how its files begin.
-        name: what it is.
-        way: what to do, a clause.
-    """
-
-    opening: bytes
-    name: str
-    way: str
-
-
 AS_TABLE = "`dirprim convert` without --format makes a log of it"
-OTHER_FORMATS = (
-    OtherFormat(b"SQLite format 3", "a ROS 2 bag in SQLite", "`dirprim` reads its folder, or a file named .db3"),
-    OtherFormat(b"#ROSBAG", "a ROS 1 bag", "`dirprim` reads a file named .bag"),
-    OtherFormat(b"RRF", "a rerun recording", "`dirprim view` shows it"),
-    OtherFormat(b"PAR1", "a Parquet table", AS_TABLE),
-    OtherFormat(b"ARROW1", "a Feather table", AS_TABLE),
-    OtherFormat(b"FEA1", "a Feather table", AS_TABLE),
-    OtherFormat(
-        b"\x89HDF",
-        "an HDF5 file",
-        "write it as Parquet, in pandas by `read_hdf(FILE).to_parquet(NEW)`, for `dirprim convert`",
-    ),
-    OtherFormat(b"PK\x03\x04", "a zip archive", "unpack it first"),
-    OtherFormat(b"\x28\xb5\x2f\xfd", "a file compressed by zstd", "decompress it first"),
-    OtherFormat(b"\x1f\x8b", "a file compressed by gzip", "decompress it; `dirprim convert` reads a .csv.gz as it is"),
-    OtherFormat(b"\x89MCAP", "an MCAP log", "it needs no converting: `dirprim info` shows what it contains"),
-)
+OTHER_FORMATS = {
+    b"SQLite format 3": ("a ROS 2 bag in SQLite", "`dirprim` reads its folder, or a file named .db3"),
+    b"#ROSBAG": ("a ROS 1 bag", "`dirprim` reads a file named .bag"),
+    b"RRF": ("a rerun recording", "`dirprim view` shows it"),
+    b"PAR1": ("a Parquet table", AS_TABLE),
+    b"ARROW1": ("a Feather table", AS_TABLE),
+    b"FEA1": ("a Feather table", AS_TABLE),
+    b"\x89HDF": ("an HDF5 file", "write it as Parquet, in pandas by `read_hdf(FILE).to_parquet(NEW)`"),
+    b"PK\x03\x04": ("a zip archive", "unpack it first"),
+    b"\x28\xb5\x2f\xfd": ("a file compressed by zstd", "decompress it first"),
+    b"\x1f\x8b": ("a file compressed by gzip", "decompress it; `dirprim convert` reads a .csv.gz as it is"),
+    b"\x89MCAP": ("an MCAP log", "it needs no converting: `dirprim info` shows what it contains"),
+}
+"""By how their files begin, formats that are no MCAP, or no table, and what to do, a clause."""
 
 
-def other_format(opening: bytes) -> OtherFormat | None:
-    """The format of a file that begins with these bytes; None where it is not known."""
-    return next((known for known in OTHER_FORMATS if opening.startswith(known.opening)), None)
+def other_format(opening: bytes) -> tuple[str, str] | None:
+    """The name of the format of a file that begins with these bytes, and what to do; None where it is not known."""
+    return next((known for begin, known in OTHER_FORMATS.items() if opening.startswith(begin)), None)
 
 
 def unread_encodings(encodings: Iterable[str]) -> str | None:
@@ -148,7 +131,7 @@ class NotMcapError(RecordingError):
         if not opening:
             got, way = "an empty file", "look how it was made"
         elif known := other_format(opening):
-            got, way = known.name, known.way
+            got, way = known
         super().__init__(f"{fspath(path)}: expected an MCAP log, got {got}; {way}")
 
 

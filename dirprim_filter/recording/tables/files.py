@@ -70,7 +70,7 @@ def _contents(path: Path) -> bytes:
         opening = file.read(READ_BYTES)
     is_compressed = opening.startswith(GZIP)
     if not is_compressed and (known := other_format(opening)):
-        raise TableError(path, 1, "a table of text", known.name, known.way)
+        raise TableError(path, 1, "a table of text", *known)
     try:
         data = gzip.decompress(path.read_bytes()) if is_compressed else path.read_bytes()
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:
