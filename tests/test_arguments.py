@@ -62,8 +62,10 @@ CALLS = {
     "sample, rng": (lambda m: m.sample(np.zeros((1, 2)), rng=0), GENERATOR),
     "gamma": (lambda _: Gamma(shape=np.zeros(1), rate=np.ones(1)), "shape, rate: expected positive numbers"),
     "draw, fewer than none": (lambda m: m.direction.sample(n_samples=-1, rng=RNG), "n_samples: expected no negative"),
-    "compare, reach": (lambda _: Comparison.of(tracks(), tracks(), reach_m=0.0), "reach_m: expected a positive"),
-    "compare, limit": (lambda _: Comparison.of(tracks(), tracks()).within(9.0), "limit_m: expected a positive"),
+    "compare, reach": (
+        lambda _: Comparison.of(tracks(), tracks(), similarity_m=0.0),
+        "similarity_m: expected a positive",
+    ),
     "write, stride": (lambda _: EstimateWriter("x", metadata={}, particle_stride=0), "particle_stride: expected at"),
     "read, scale": (lambda _: read_sdd("x", metres_per_pixel=0.0), "metres_per_pixel: expected a positive number"),
     "save, swapped": (lambda m: save_map("m.mcap", m), "primitive_map: expected a PrimitiveMap, as load_map"),

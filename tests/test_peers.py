@@ -13,7 +13,6 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.evaluation.settings import Axis
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
-from dirprim_filter.evaluation.tracking_report import Scales
 
 sys.path.insert(0, str(Path(__file__).with_name("benchmarks")))
 
@@ -67,7 +66,7 @@ def test_a_partial_truth_of_any_group_judges_the_rows_near_it_alone():
 
     def hota(position, names):
         rows = TrackedRows(track_id=names, time_ns=np.tile(whole.time_ns, len(names) // 600), position=position)
-        return scored(Tracked(rows, 0.0), part, Scales()).hota
+        return scored(Tracked(rows, 0.0), part, 5.0).hota
 
     assert hota(whole.position, whole.track_id) == pytest.approx(1.0)
     twice = np.concatenate([whole.position, whole.position + 1.0])
@@ -92,7 +91,7 @@ def test_every_tracker_follows_vehicles_that_are_always_seen(package):
     for name, peer in package(fold).items():
         starts[name] = starts.get(peer.after, {}) | {of.name: of.start for of in peer.axes}
         found = peer.track(fold.judged[0], starts[name])
-        score = scored(found, fold.judged[0], fold.scales)
+        score = scored(found, fold.judged[0], fold.similarity_m)
         assert score.switches <= 1, name
         assert score.hota > 0.8, name
         assert 0.0 < score.rmse < 0.5, name

@@ -211,9 +211,7 @@ def by_constant_velocity(run: Run) -> Estimates:
 def report(estimates: Estimates, truth: Tracks, *, is_blind: bool) -> TrackingReport:
     """The figures of a tracker; in the blind scene it knows no ids."""
     from dirprim_filter.evaluation.tracked_rows import TrackedRows
-    from dirprim_filter.evaluation.tracking_report import Scales, report_of
+    from dirprim_filter.evaluation.tracking_report import report_of
 
     is_hidden = in_ring(truth.position) if is_blind else None
-    return report_of(
-        TrackedRows.of(estimates), truth, is_hidden=is_hidden, with_ids=not is_blind, scales=Scales()
-    ).report
+    return report_of(TrackedRows.of(estimates), truth, is_hidden=is_hidden, with_ids=not is_blind).report

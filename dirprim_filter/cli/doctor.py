@@ -76,7 +76,7 @@ def _self_test() -> str:
     from dirprim_filter import Estimates, Tracker, learn_primitives, load_map, read_tracks, save_map
     from dirprim_filter.cli.demo import recordings_folder
     from dirprim_filter.evaluation.tracked_rows import TrackedRows
-    from dirprim_filter.evaluation.tracking_report import Scales, report_of
+    from dirprim_filter.evaluation.tracking_report import report_of
     from dirprim_filter.recording.reader import stream_detections
 
     since, folder = perf_counter(), recordings_folder()
@@ -87,7 +87,7 @@ def _self_test() -> str:
         tracker = Tracker(load_map(Path(work) / "map.mcap"), rng=rng)
     found = Estimates.concatenate([tracker.step(frame) for frame in stream_detections(log, end_ns=TRACK_NS)])
     truth = read_tracks(log, topics="/objects", end_ns=TRACK_NS)
-    report = report_of(TrackedRows.of(found), truth, with_ids=True, scales=Scales()).report
+    report = report_of(TrackedRows.of(found), truth, with_ids=True).report
     if not report.rmse < RAW_M:
         raise RuntimeError(f"expected estimates nearer than {RAW_M:.2f} m, got {report.rmse:.2f} m")
     return f"{report.rmse:.2f} m where detections err by {RAW_M:.2f} m, in {perf_counter() - since:.0f} s"

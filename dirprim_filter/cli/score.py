@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -21,7 +21,14 @@ SMOOTHED = " smoothed"
 """Ends the name of what a smoother wrote."""
 
 
-@reads_logs("cutoff_m", "similarity_m")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Own:
+    """Settings of the command."""
+
+    similarity_m: float = 5.0
+
+
+@reads_logs("similarity_m")
 def score(
     estimates: Annotated[
         list[Path],
@@ -57,7 +64,6 @@ def score(
     """
     from dirprim_filter.cli.progress import step_progress
     from dirprim_filter.evaluation.scores import score_rows
-    from dirprim_filter.evaluation.tracking_report import Scales
     from dirprim_filter.recording.estimate_tables import FORMATS, read_tracked_rows
 
     named = {name: path for path in estimates for name in [path.name if _is_alone(path, estimates) else str(path)]}
@@ -65,7 +71,7 @@ def score(
         raise typer.BadParameter("expected each file once", param_hint="ESTIMATES")
     log = reading.tracks([truth])
     one_of_many = reading.group is not None
-    scales = taken(Scales, settings)
+    own = taken(Own, settings)
     deal(settings)
     with step_progress("scoring", "files") as progress:
         rows = {
@@ -75,13 +81,13 @@ def score(
             for name, path in named.items()
             for is_smoothed in (False, True)[: 1 + (smoothed and path.suffix.lower() not in FORMATS)]
         }
-        table = score_rows(rows, log.tracks, with_ids=with_ids, scales=scales, progress=progress)
+        table = score_rows(rows, log.tracks, with_ids=with_ids, similarity_m=own.similarity_m, progress=progress)
     for found in table.scores:
         if found.left_out:
             path = named[found.name.removesuffix(SMOOTHED)]
             say(f"{path}: left out {counted(found.left_out, 'row')} of groups or instants without a truth", err=True)
     return report(
-        "score", [*estimates, truth], reading, log.losses, table=asdict(table), settings=asdict(scales),
+        "score", [*estimates, truth], reading, log.losses, table=asdict(table), settings=asdict(own),
         text=lambda: score_text(table, truth.name), as_json=as_json,
     )  # fmt: skip
 
@@ -98,8 +104,7 @@ def score_text(table: ScoreTable, truth: str) -> str:
     names = [found.name for found in table.scores]
     return "\n".join([
         f"{truth}: {counted(table.n_vehicles, 'vehicle')}{groups}, {counted(table.n_rows, 'row')}; errors of "
-        f"{matched}; similarity is 0 from {table.scales.similarity_m:g} m, "
-        f"GOSPA's cut-off is {table.scales.cutoff_m:g} m",
+        f"{matched}; similarity is 0 from {table.similarity_m:g} m, GOSPA's cut-off",
         _judged_line(table),
         "",
         *figure_lines(names, lambda i, figure: number(getattr(table.scores[i].report, figure))),

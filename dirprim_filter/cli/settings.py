@@ -76,7 +76,7 @@ FORMER = {f"--{name}": f"{name.replace('-', '_')}=" for name in (
     *READING, "interaction", "detection-probability", "clutter-density", "miss-rate", "false-per-frame", "learn",
     "truth", "focus", "particles-out",
 )} | {
-    "--cutoff": "cutoff_m=", "--similarity": "similarity_m=", "--noise": "noise_m=", "--particles": "n_particles=",
+    "--similarity": "similarity_m=", "--noise": "noise_m=", "--particles": "n_particles=",
     "--rate": "rate_hz=", "--motion": "motion=true", "--place-free": "without_map=true", "--smooth": "smooth=true",
 }  # fmt: skip
 """Options that are now settings of the commands that no longer have them; where one takes a value, the text ends with

@@ -95,7 +95,6 @@ def _scored(before: Detections, output: Path, truth: Path, known: Tracks) -> str
     from dirprim_filter.cli.score import score_text
     from dirprim_filter.evaluation.scores import score_rows
     from dirprim_filter.evaluation.tracked_rows import TrackedRows
-    from dirprim_filter.evaluation.tracking_report import Scales
     from dirprim_filter.recording.estimate_tables import read_tracked_rows
 
     rows = {
@@ -104,4 +103,4 @@ def _scored(before: Detections, output: Path, truth: Path, known: Tracks) -> str
         ),
         "after": read_tracked_rows(output, truth=known),
     }
-    return score_text(score_rows(rows, known, with_ids=False, scales=Scales()), truth.name)
+    return score_text(score_rows(rows, known, with_ids=False), truth.name)

@@ -10,9 +10,10 @@ import numpy as np
 
 from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray
 from dirprim_filter.estimates import Estimates
+from dirprim_filter.evaluation.metrics.comparison import SIMILARITY_M
 from dirprim_filter.evaluation.splits import steps
 from dirprim_filter.evaluation.tracked_rows import TrackedRows, instant_numbers
-from dirprim_filter.evaluation.tracking_report import Scales, TrackingReport, report_of
+from dirprim_filter.evaluation.tracking_report import TrackingReport, report_of
 from dirprim_filter.evaluation.truth import judged_truth
 from dirprim_filter.track_ids import qualified_names
 from dirprim_filter.tracks import Tracks
@@ -48,7 +49,9 @@ class RowErrors(NamedTuple):
     is_hidden: BoolArray
 
 
-def scored(worlds: Sequence[TrackedWorld], *, with_ids: bool, scales: Scales) -> tuple[TrackingReport, RowErrors]:
+def scored(
+    worlds: Sequence[TrackedWorld], *, with_ids: bool, similarity_m: float = SIMILARITY_M
+) -> tuple[TrackingReport, RowErrors]:
     """The figures of one group, or pooled over all, and the errors they are of: each row counts as in any other group.
 
     Where vehicles of a group have rows at different instants, the truth is interpolated: see `judged_truth`. An
@@ -57,7 +60,7 @@ def scored(worlds: Sequence[TrackedWorld], *, with_ids: bool, scales: Scales) ->
     Args:
         worlds: groups, at least one.
         with_ids: assign estimates to vehicles by id; else by GOSPA's assignment.
-        scales: of the metrics.
+        similarity_m: metres, the length of all metrics.
     """
     groups = np.repeat([world.truth.group[0] for world in worlds], [len(world.estimates) for world in worlds])
     rows = TrackedRows.of(Estimates.concatenate(world.estimates for world in worlds), group=groups)
@@ -67,7 +70,7 @@ def scored(worlds: Sequence[TrackedWorld], *, with_ids: bool, scales: Scales) ->
     hidden = [of.both(world.is_hidden) for of, world in zip(judged, worlds, strict=True)]
     is_hidden = np.concatenate(hidden)[order]
     report, (squared, normalised) = report_of(
-        rows, truth, is_hidden=is_hidden, with_ids=with_ids, scales=scales,
+        rows, truth, is_hidden=is_hidden, with_ids=with_ids, similarity_m=similarity_m,
         interpolated=sum(of.n_interpolated for of in judged) / len(truth),
     )  # fmt: skip
     names = truth.group.astype(np.str_) if len(worlds) > 1 else qualified_names(truth.track_id, truth.group)
@@ -108,7 +111,7 @@ class ScoreTable:
         n_instants: how many instants were judged.
         at_results: whether they are those of the results, else the truth's own: see `judged_truth`.
         with_ids: whether estimates were assigned to vehicles by id.
-        scales: of the metrics.
+        similarity_m: metres, the length of all metrics.
         scores: of each tracker.
     """
 
@@ -120,7 +123,7 @@ class ScoreTable:
     n_instants: int
     at_results: bool
     with_ids: bool
-    scales: Scales
+    similarity_m: float
     scores: tuple[Score, ...]
 
 
@@ -129,7 +132,7 @@ def score_rows(
     truth: Tracks,
     *,
     with_ids: bool,
-    scales: Scales,
+    similarity_m: float = SIMILARITY_M,
     progress: Callable[[int, int], None] | None = None,
 ) -> ScoreTable:
     """Score what trackers wrote, by name.
@@ -138,7 +141,7 @@ def score_rows(
         results: what each says, in the groups of the truth.
         truth: where vehicles were, at instants of the results or at others.
         with_ids: assign estimates to vehicles by id; else by GOSPA's assignment.
-        scales: of the metrics.
+        similarity_m: metres, the length of all metrics.
         progress: called with the number of results scored, and their total.
 
     Raises:
@@ -156,7 +159,11 @@ def score_rows(
                 f"{_span(rows)}"
             )
         report = report_of(
-            kept, judged.tracks, with_ids=with_ids, scales=scales, interpolated=judged.n_interpolated / n_rows
+            kept,
+            judged.tracks,
+            with_ids=with_ids,
+            similarity_m=similarity_m,
+            interpolated=judged.n_interpolated / n_rows,
         ).report
         scores.append(
             Score(
@@ -168,8 +175,8 @@ def score_rows(
     return ScoreTable(
         n_groups=int(np.unique(truth.group).size), n_vehicles=judged.tracks.n_tracks, n_rows=n_rows,
         n_interpolated=judged.n_interpolated, longest_gap_s=judged.longest_gap_s,
-        n_instants=_n_instants(judged.tracks), at_results=judged.at_results, with_ids=with_ids, scales=scales,
-        scores=tuple(scores),
+        n_instants=_n_instants(judged.tracks), at_results=judged.at_results, with_ids=with_ids,
+        similarity_m=similarity_m, scores=tuple(scores),
     )  # fmt: skip
 
 

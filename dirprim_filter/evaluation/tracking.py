@@ -121,7 +121,7 @@ def evaluate_tracking(
         ValueError: too few vehicles to learn from and to track.
     """
     runs: dict[str, list[tuple[TrackingReport, tuple[TrackingReport, ...], RowErrors]]] = {}
-    score = partial(scored, with_ids=experiment.with_ids, scales=experiment.scales)
+    score = partial(scored, with_ids=experiment.with_ids, similarity_m=experiment.similarity_m)
 
     def add(name: str, tracked: list[TrackedWorld]) -> None:
         of_all, errors = score(tracked)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 from dirprim_filter.config import FilterConfig, TrackingConfig, require_positive
+from dirprim_filter.evaluation.metrics.comparison import SIMILARITY_M
 from dirprim_filter.evaluation.rivals import METHODS, Method
-from dirprim_filter.evaluation.tracking_report import Scales
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -23,8 +23,7 @@ class TrackingExperiment:
         learn: share of the vehicles, or groups, that a map is learned from where none is given; the others are tracked.
         n_seeds: number of runs, each with random numbers of its own.
         seed: of the first.
-        cutoff_m: metres, farther than which an estimate is not of a vehicle, in GOSPA.
-        similarity_m: metres, from which an estimate and a vehicle are not similar at all, in HOTA, IDF1 and CLEAR MOT.
+        similarity_m: metres, from which an estimate and a vehicle are not similar at all.
         methods: which are compared.
         smooth: beside each method that has a smoother what that says, and the best smoother of constant velocity.
         filter: parameters of the filters; the noise is the sensor's, and tracks survive a gap.
@@ -39,8 +38,7 @@ class TrackingExperiment:
     learn: float = 0.7
     n_seeds: int = 5
     seed: int = 0
-    cutoff_m: float = 5.0
-    similarity_m: float = 5.0
+    similarity_m: float = SIMILARITY_M
     methods: tuple[Method, ...] = METHODS
     smooth: bool = False
     filter: FilterConfig = field(default_factory=FilterConfig)
@@ -56,8 +54,3 @@ class TrackingExperiment:
         require_positive(self, skip=others, or_zero=or_zero, below_one=("miss_rate", "learn"))
         lasting_s = max(self.filter.max_gap_s, self.gap_s + 1.0)  # else the end of a gap has no estimate to judge
         object.__setattr__(self, "filter", replace(self.filter, noise_m=self.noise_m, max_gap_s=lasting_s))
-
-    @property
-    def scales(self) -> Scales:
-        """The lengths that the metrics need."""
-        return Scales(cutoff_m=self.cutoff_m, similarity_m=self.similarity_m)

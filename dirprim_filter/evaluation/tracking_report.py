@@ -10,7 +10,7 @@ import numpy as np
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.distributions.angles import difference
 from dirprim_filter.evaluation.metrics.clear_mot import clear_mot, identity_f1
-from dirprim_filter.evaluation.metrics.comparison import Comparison
+from dirprim_filter.evaluation.metrics.comparison import SIMILARITY_M, Comparison
 from dirprim_filter.evaluation.metrics.gospa import gospa
 from dirprim_filter.evaluation.metrics.hota import hota
 from dirprim_filter.evaluation.tracked_rows import TrackedRows, names_in_group
@@ -21,27 +21,6 @@ MOVING_FROM = 0.5
 """m/s; below it a vehicle has no course to be wrong about."""
 GAP_FROM_S = 0.5
 """Where only the tracker says when a vehicle was measured: unseen for longer is a gap, for less a missed frame."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Scales:
-    """The lengths that metrics of points need.
-
-    Attributes:
-        cutoff_m: metres, farther than which an estimate is not of a vehicle, in GOSPA.
-        similarity_m: metres, from which similarity is 0: max(0, 1 - distance / similarity_m).
-
-    Raises:
-        ValueError: a length is not positive.
-    """
-
-    cutoff_m: float = 5.0
-    similarity_m: float = 5.0
-
-    def __post_init__(self) -> None:
-        for name in ("cutoff_m", "similarity_m"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name}: expected a positive distance in metres, got {getattr(self, name)}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -112,8 +91,8 @@ class Judged(NamedTuple):
 
 
 def report_of(
-    rows: TrackedRows, truth: Tracks, *, is_hidden: BoolArray | None = None, with_ids: bool, scales: Scales,
-    interpolated: float = 0.0,
+    rows: TrackedRows, truth: Tracks, *, is_hidden: BoolArray | None = None, with_ids: bool,
+    similarity_m: float = SIMILARITY_M, interpolated: float = 0.0,
 ) -> Judged:  # fmt: skip
     """Compare what a tracker says with the truth, of which each group is a scene, row by row.
 
@@ -122,7 +101,7 @@ def report_of(
         truth: where vehicles were at all instants that are judged, see `judged_truth`.
         is_hidden: (n,) rows of the truth that the sensor did not see; None: as `unseen_s` of the rows says.
         with_ids: assign estimates to vehicles by id; else by GOSPA's assignment.
-        scales: of the metrics.
+        similarity_m: metres, the length of all metrics.
         interpolated: share of the truth's rows that are.
 
     Raises:
@@ -130,10 +109,8 @@ def report_of(
     """
     if len(truth) == 0:
         raise ValueError("truth: expected at least one row, got none")
-    comparison = Comparison.of(truth, rows, reach_m=max(scales.cutoff_m, scales.similarity_m))
-    points = hota(comparison, similarity_m=scales.similarity_m)
-    clear = clear_mot(comparison, similarity_m=scales.similarity_m)
-    sets = gospa(comparison, cutoff_m=scales.cutoff_m)
+    comparison = Comparison.of(truth, rows, similarity_m=similarity_m)
+    points, clear, sets = hota(comparison), clear_mot(comparison), gospa(comparison)
     row, column = _by_name(rows, truth, comparison) if with_ids else sets.pairs[:2]
     squared, normalised, turn, pace = errors = _errors(rows, truth, row, column)
     if is_hidden is None:  # as the tracker says; neither seen nor hidden without that
@@ -149,7 +126,7 @@ def report_of(
         seen_nees=_mean(normalised[seen]), hidden_nees=_mean(normalised[hidden]),
         coverage_90=coverage(normalised, 0.9), hidden_coverage_90=coverage(normalised[hidden], 0.9),
         reported=row.size * per_row, interpolated=interpolated, **points._asdict(),
-        idf1=identity_f1(comparison, similarity_m=scales.similarity_m), mota=clear.mota, switches=clear.switches,
+        idf1=identity_f1(comparison), mota=clear.mota, switches=clear.switches,
         gospa=sets.distance * np.sqrt(per_row), localisation=sets.localisation * per_row,
         missed=sets.missed * per_row, false=sets.false * per_row,
     )  # fmt: skip

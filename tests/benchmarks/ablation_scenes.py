@@ -123,11 +123,11 @@ class Simulated:
 
 def errors_of(worlds: list[TrackedWorld], *, with_ids: bool, experiment: TrackingExperiment) -> Outcome:
     """Errors by row with ids; HOTA of each group without."""
-    scales = experiment.scales
-    _, errors = scored(worlds, with_ids=with_ids, scales=scales)
+    length = experiment.similarity_m
+    _, errors = scored(worlds, with_ids=with_ids, similarity_m=length)
     found = rows_of(errors)
     if not with_ids:
-        hotas = np.array([scored([world], with_ids=False, scales=scales)[0].hota for world in worlds])
+        hotas = np.array([scored([world], with_ids=False, similarity_m=length)[0].hota for world in worlds])
         groups = np.array([str(world.truth.group[0]) for world in worlds])
         found["HOTA"] = Figure(groups if groups.size > 1 else np.zeros(1), hotas)
     return found

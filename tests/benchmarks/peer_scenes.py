@@ -22,11 +22,10 @@ from dirprim_filter.arrays import BoolArray
 from dirprim_filter.cli.demo import in_ring, recordings_folder, with_blind_ring
 from dirprim_filter.config import TrackingConfig
 from dirprim_filter.detections import Detections
-from dirprim_filter.evaluation.metrics.comparison import Comparison
+from dirprim_filter.evaluation.metrics.comparison import SIMILARITY_M, Comparison
 from dirprim_filter.evaluation.scenes import Scene, honest_tracking
 from dirprim_filter.evaluation.splits import held_out
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
-from dirprim_filter.evaluation.tracking_report import Scales
 from dirprim_filter.recording.reader import stream_detections
 from dirprim_filter.sensor import Sensor, without_bias
 from dirprim_filter.simulation.sensor import detect
@@ -86,7 +85,7 @@ class Fold:
         noise_m: standard deviation of a detection in each axis.
         tracking: the true rates of detections, misses and arrivals.
         max_gap_s: how long our tracks may be unseen; others choose.
-        scales: of the scores.
+        similarity_m: of the scores.
         sensor: what ours is given of a sensor whose errors last, are late and biased; no other package takes it.
     """
 
@@ -96,7 +95,7 @@ class Fold:
     noise_m: float
     tracking: TrackingConfig
     max_gap_s: float = 5.0
-    scales: Scales = field(default_factory=Scales)
+    similarity_m: float = SIMILARITY_M
     sensor: Sensor | None = None
 
 
@@ -234,7 +233,7 @@ def drives(_: int) -> list[Fold]:
 
 def near_the_truth(rows: TrackedRows, truth: Tracks) -> TrackedRows:
     """Those within the gate of an instrumented vehicle: of others the truth does not say whether they are right."""
-    near = Comparison.of(truth, rows, reach_m=mcity.GATE_M).near
+    near = Comparison.of(truth, rows, similarity_m=mcity.GATE_M).near
     return rows[np.unique(near.column)]
 
 
@@ -254,7 +253,7 @@ def boats(_: int) -> list[Fold]:
             judged=(part(number),), training=(part(others[0]),),
             traffic=Tracks.concatenate(list(map(ferry.true, others))), noise_m=scene.config.noise_m,
             tracking=scene.tracking, max_gap_s=ferry.MAX_GAP_S,
-            scales=Scales(cutoff_m=ferry.SIMILARITY_M, similarity_m=ferry.SIMILARITY_M),
+            similarity_m=ferry.SIMILARITY_M,
         )  # fmt: skip
 
     return [fold(i) for i in range(len(ferry.SCENARIOS))]

@@ -42,7 +42,7 @@ from peer_trackers import Peer, Settings, Tracked, motpy, norfair, ours
 from dirprim_filter import learn_primitives
 from dirprim_filter.evaluation.intervals import difference_of_means, interval, mean
 from dirprim_filter.evaluation.settings import choose
-from dirprim_filter.evaluation.tracking_report import Scales, TrackingReport, report_of
+from dirprim_filter.evaluation.tracking_report import TrackingReport, report_of
 
 PACKAGES = (stone_soup, motpy, norfair)
 FIRST = "ours, with the map"
@@ -114,15 +114,15 @@ class Ran:
         if not peer.axes:
             peer.track(fold.training[0], settings)  # compiled before it is timed
         tracked = [peer.track(part, settings) for part in fold.judged]
-        reports = [scored(found, part, fold.scales) for found, part in zip(tracked, fold.judged, strict=True)]
+        reports = [scored(found, part, fold.similarity_m) for found, part in zip(tracked, fold.judged, strict=True)]
         n_frames = sum(sum(1 for _ in part.frames()) for part in fold.judged)
         return cls(settings, reports, sum(found.seconds for found in tracked), n_frames)
 
 
-def scored(found: Tracked, part: Part, scales: Scales) -> TrackingReport:
+def scored(found: Tracked, part: Part, similarity_m: float) -> TrackingReport:
     """What a tracker reported, against the truth."""
     rows = part.judged(found.rows.at_instants_of(part.truth), part.truth)
-    return report_of(rows, part.truth, is_hidden=part.is_hidden, with_ids=False, scales=scales).report
+    return report_of(rows, part.truth, is_hidden=part.is_hidden, with_ids=False, similarity_m=similarity_m).report
 
 
 def tuned(peer: Peer, fold: Fold, start: Settings) -> dict[str, float]:
@@ -134,7 +134,7 @@ def tuned(peer: Peer, fold: Fold, start: Settings) -> dict[str, float]:
 
     def hota(values: tuple[float, ...]) -> float:
         of = settings_of(values)
-        return float(np.mean([scored(peer.track(part, of), part, fold.scales).hota for part in fold.training]))
+        return float(np.mean([scored(peer.track(part, of), part, fold.similarity_m).hota for part in fold.training]))
 
     return settings_of([of.chosen for of in choose(axes, hota, least_gain=GAIN)]) if axes else dict(start)
 

@@ -120,11 +120,8 @@ def of_autoferry(n_seeds: int) -> list[Table]:
 def points_of(found: Estimates, scenario: int, instants: IntArray) -> tuple[float, float]:
     """HOTA and identity switches of a scenario."""
     truth = true_rows(ferry.true(scenario), instants)[0]
-    beside = Comparison.of(truth, TrackedRows.of(found, group=scenario), reach_m=ferry.SIMILARITY_M)
-    return (
-        hota(beside, similarity_m=ferry.SIMILARITY_M).hota,
-        clear_mot(beside, similarity_m=ferry.SIMILARITY_M).switches,
-    )
+    beside = Comparison.of(truth, TrackedRows.of(found, group=scenario), similarity_m=ferry.SIMILARITY_M)
+    return hota(beside).hota, clear_mot(beside).switches
 
 
 def _of_sensors(what: str, sensors: tuple[str, ...], n_seeds: int) -> Table:

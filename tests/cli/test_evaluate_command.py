@@ -36,11 +36,11 @@ def run_once():
 def remembered(evaluation):
     results = {}
 
-    def evaluate_once(tracks, *settings, progress, sinks=(), rng=None, **options):
+    def evaluate_once(tracks, *settings, progress, rng=None, **options):
         drawn = None if rng is None else str(rng.bit_generator.state)
         key = (tracks.position.tobytes(), repr(settings), repr({**options, "rng": drawn}))
-        options |= ({"sinks": sinks} if sinks else {}) | ({} if rng is None else {"rng": rng})
-        if key not in results or sinks:
+        options |= {} if rng is None else {"rng": rng}
+        if key not in results:
             results[key] = evaluation(tracks, *settings, progress=progress, **options)
         return results[key]
 
@@ -52,7 +52,7 @@ CUES = "cues few.mcap --folds 2 --tessellation grid"
 FORECAST = "forecast few.mcap --folds 2 --horizon 0.5 --horizon 1 --samples 20 --seed 3"
 TRACKING = (
     "tracking few.mcap --gap 0.5 --seeds 2 --method prior --method 'constant velocity' --no-ids --set n_particles=50 "
-    "--set miss_rate=0.1 --set false_per_frame=0.5 --set cutoff_m=4"
+    "--set miss_rate=0.1 --set false_per_frame=0.5 --set similarity_m=4"
 )
 SETTINGS = {
     DENSITY: {"split_by", "n_folds", "interval_s", "seed"},

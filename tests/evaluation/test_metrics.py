@@ -19,7 +19,7 @@ CUTOFF_M = 4.0
 SIMILARITY_M = 5.0
 
 
-def comparison_of(truth, estimated, *, reach_m=6.0, groups=(None, None)):
+def comparison_of(truth, estimated, *, similarity_m=SIMILARITY_M, groups=(None, None)):
     """Of rows (id, instant, x, y)."""
     ids, times, x, y = zip(*truth, strict=True) if truth else ((),) * 4
     n = len(ids)
@@ -33,7 +33,7 @@ def comparison_of(truth, estimated, *, reach_m=6.0, groups=(None, None)):
         track_id=np.array(names, dtype=np.str_), time_ns=np.array(when, dtype=np.int64),
         position=np.column_stack([u, v]) if names else np.empty((0, 2)), group=() if groups[1] is None else groups[1],
     )  # fmt: skip
-    return Comparison.of(tracks, rows, reach_m=reach_m)
+    return Comparison.of(tracks, rows, similarity_m=similarity_m)
 
 
 def traffic(seed, *, n_vehicles=7, n_instants=40, side=25.0):
@@ -160,7 +160,7 @@ def test_gospa_and_its_parts_are_stone_soups_and_instants_add_up():
             continue
         states = [[State(place[:, None], timestamp=now) for place in places] for places in (estimated, truth)]
         expected = theirs.compute_gospa_metric(*states)[0].value
-        got = gospa(comparison_of(points(truth), points(estimated)), cutoff_m=CUTOFF_M)
+        got = gospa(comparison_of(points(truth), points(estimated), similarity_m=CUTOFF_M))
         for name in ("distance", "localisation", "missed", "false"):
             assert getattr(got, name) == pytest.approx(expected[name], abs=1e-9), name
         off = np.linalg.norm(truth[got.pairs.row] - estimated[got.pairs.column], axis=1)
@@ -170,4 +170,4 @@ def test_gospa_and_its_parts_are_stone_soups_and_instants_add_up():
         total += expected["distance"] ** 2
         truths, found = truths + points(truth, k=k), found + points(estimated, k=k)
     assert compared == 35
-    assert gospa(comparison_of(truths, found), cutoff_m=CUTOFF_M).distance ** 2 == pytest.approx(total)
+    assert gospa(comparison_of(truths, found, similarity_m=CUTOFF_M)).distance ** 2 == pytest.approx(total)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
-from dirprim_filter.evaluation.tracking_report import Scales, report_of
+from dirprim_filter.evaluation.tracking_report import report_of
 from dirprim_filter.tracks import Tracks
 from situations import tracks_of
 
@@ -75,7 +75,7 @@ def slowly(rows, truth, is_hidden):
 
 
 def report(of, *, is_hidden=None, with_ids=True, truth=TRUTH):
-    return report_of(of, truth, is_hidden=is_hidden, with_ids=with_ids, scales=Scales()).report
+    return report_of(of, truth, is_hidden=is_hidden, with_ids=with_ids).report
 
 
 @pytest.mark.parametrize("is_hidden", [None, HIDDEN], ids=["as the tracker says", "as is known"])
@@ -83,7 +83,7 @@ def report(of, *, is_hidden=None, with_ids=True, truth=TRUTH):
 def test_errors_are_those_of_a_slow_loop_over_the_rows_of_the_same_name(seed, is_hidden):
     rows = tracked(seed)
     expected, by_row = slowly(rows, TRUTH, is_hidden)
-    found, errors = report_of(rows, TRUTH, is_hidden=is_hidden, with_ids=True, scales=Scales())
+    found, errors = report_of(rows, TRUTH, is_hidden=is_hidden, with_ids=True)
     assert {name: getattr(found, name) for name in expected} == pytest.approx(expected, rel=1e-9)
     np.testing.assert_allclose(errors, by_row, rtol=1e-9)
     unknown = report(replace(rows, unseen_s=(), covariance=()), is_hidden=None)
@@ -115,7 +115,7 @@ def test_gospa_and_its_parts_are_per_vehicle_whatever_the_number_of_instants():
 def test_lengths_are_positive_and_a_truth_has_rows():
     rows = tracked(0)
     with pytest.raises(ValueError, match="similarity_m: expected a positive distance"):
-        report_of(rows, TRUTH, with_ids=True, scales=Scales(similarity_m=0.0))
+        report_of(rows, TRUTH, with_ids=True, similarity_m=0.0)
     with pytest.raises(ValueError, match="truth: expected at least one row"):
         report(rows, truth=TRUTH[np.zeros(len(TRUTH), bool)])
     with pytest.raises(ValueError, match="has two rows at 0 ns"):

@@ -8,7 +8,7 @@ import pytest
 from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.evaluation.scores import TrackedWorld, score_rows, scored
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
-from dirprim_filter.evaluation.tracking_report import Scales, report_of
+from dirprim_filter.evaluation.tracking_report import report_of
 from dirprim_filter.evaluation.truth import judged_truth
 from dirprim_filter.tracks import Tracks
 from situations import estimates_of, tracks_of
@@ -52,7 +52,7 @@ def tracked_at(time_ns):
 
 
 def table_of(rows, truth, **others):
-    return score_rows({"it": rows} | others, truth, with_ids=False, scales=Scales())
+    return score_rows({"it": rows} | others, truth, with_ids=False)
 
 
 def figures(found):
@@ -72,7 +72,7 @@ def test_clocks_of_vehicles_change_no_figure(seed):
         assert found.n_interpolated > 0.7 * found.n_rows
         np.testing.assert_allclose(figures(found.scores[0].report), figures(synchronous), atol=0.02)
         assert found.scores[0].report.switches == synchronous.switches
-    naive = report_of(rows, truth, with_ids=False, scales=Scales()).report
+    naive = report_of(rows, truth, with_ids=False).report
     assert naive.mota < -1.0 < 0.5 < synchronous.mota
     assert naive.hota < 0.6 * synchronous.hota
 
@@ -85,7 +85,7 @@ def test_frames_are_judged_as_they_are_to_the_last_digit():
     assert judged.tracks is truth
     rows = tracked_at(np.unique(truth.time_ns)[::2])
     table = table_of(rows, truth)
-    row_by_row = report_of(rows, truth, with_ids=False, scales=Scales()).report
+    row_by_row = report_of(rows, truth, with_ids=False).report
     assert repr(table.scores[0].report) == repr(row_by_row)  # NaN as well
     assert (table.at_results, table.n_interpolated, table.n_instants, table.scores[0].n_instants) == (False, 0, N, 40)
     assert table.scores[0].report.reported < 0.55  # a missing estimate is a miss
@@ -167,7 +167,7 @@ def test_an_interpolated_row_is_hidden_where_both_its_neighbours_are():
         judged.tracks.track_id, time_ns=judged.tracks.time_ns, direction=judged.tracks.direction,
         position=judged.tracks.position + off,
     )  # fmt: skip
-    got, found = scored([TrackedWorld(truth, hidden, estimates)], with_ids=True, scales=Scales())
+    got, found = scored([TrackedWorld(truth, hidden, estimates)], with_ids=True)
     assert (got.reported, got.interpolated) == (1.0, pytest.approx(10 / 22))
     assert (got.seen_rmse, got.hidden_rmse) == pytest.approx((1.0, 3.0))
     assert set(found.cluster) == {"a", "b"}

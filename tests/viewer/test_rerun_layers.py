@@ -9,7 +9,7 @@ from rrd_files import rows_of, write_run
 from dirprim_filter.drawing import colors, shapes
 from dirprim_filter.estimates import EstimateList
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
-from dirprim_filter.evaluation.tracking_report import Scales, report_of
+from dirprim_filter.evaluation.tracking_report import report_of
 from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.viewer import marks
 from dirprim_filter.viewer.sink import open_stream
@@ -70,7 +70,7 @@ def test_nees_is_the_scores_and_nis_the_trackers(tmp_path, tracked, scene_tracks
             shown.write(frame)
             kept.write(frame)
     rows = [v for _, v in rows_of(tmp_path / "run.rrd", "/metrics/consistency", "Scalars:scalars")]
-    report = report_of(TrackedRows.of(kept.all()), scene_tracks, with_ids=True, scales=Scales()).report
+    report = report_of(TrackedRows.of(kept.all()), scene_tracks, with_ids=True).report
     assert np.mean([row[0] for row in rows]) == pytest.approx(report.nees)
     assert [row[1:].tolist() for row in rows] == [[4.0, 2.0]] * 5
 

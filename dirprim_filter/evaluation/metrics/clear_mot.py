@@ -34,19 +34,14 @@ class ClearMot(NamedTuple):
     matches: Pairs
 
 
-def clear_mot(comparison: Comparison, *, similarity_m: float = 5.0) -> ClearMot:
+def clear_mot(comparison: Comparison) -> ClearMot:
     """Match instant by instant: a match of the instant before that is still valid is kept, the others by similarity.
 
-    Valid is a similarity, max(0, 1 - distance / similarity_m), of at least 0.5. An instant without vehicles or without
-    estimates is passed over.
-
-    Raises:
-        ValueError: `similarity_m` is not positive, or beyond the comparison's reach.
+    Valid is a similarity of at least 0.5. An instant without vehicles or without estimates is passed over.
     """
-    near = comparison.within(similarity_m)
-    similarity = near.similarity(similarity_m)
+    similarity = comparison.similarity
     is_valid = similarity >= MATCH_FROM - EPSILON
-    valid = near.chosen(is_valid)
+    valid = comparison.near.chosen(is_valid)
     matched, switches = _matched(comparison, valid, similarity[is_valid])
     accuracy = (2 * matched.size - comparison.track.size - switches) / max(1, comparison.vehicle.size)
     return ClearMot(accuracy, switches, valid.chosen(matched))
@@ -82,14 +77,9 @@ def _of_instant(vehicle: IntArray, track: IntArray, similarity: FloatArray, befo
     return np.concatenate([np.flatnonzero(kept), new])
 
 
-def identity_f1(comparison: Comparison, *, similarity_m: float = 5.0) -> float:
-    """2 IDTP / (rows of the truth + estimates), where each vehicle is given one track for good; 0 of no rows.
-
-    Raises:
-        ValueError: `similarity_m` is not positive, or beyond the comparison's reach.
-    """
-    near = comparison.within(similarity_m)
-    near = near.chosen(near.similarity(similarity_m) >= MATCH_FROM)
+def identity_f1(comparison: Comparison) -> float:
+    """2 IDTP / (rows of the truth + estimates), where each vehicle is given one track for good; 0 of no rows."""
+    near = comparison.near.chosen(comparison.similarity >= MATCH_FROM)
     vehicle, track, of_pair = comparison.companions(near)
     gain = np.bincount(of_pair).astype(np.float64)
     n_true = gain[best_pairs(vehicle, track, gain)].sum()

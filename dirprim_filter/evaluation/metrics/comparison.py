@@ -14,6 +14,9 @@ from dirprim_filter.evaluation.tracked_rows import TrackedRows, instant_numbers
 from dirprim_filter.track_ids import vehicle_numbers
 from dirprim_filter.tracks import Tracks
 
+SIMILARITY_M = 5.0
+"""Metres: similarity is max(0, 1 - distance / SIMILARITY_M), and GOSPA's cut-off. Of cars; others say theirs."""
+
 
 class Pairs(NamedTuple):
     """Rows of the truth and rows of the estimates of the same instant.
@@ -31,10 +34,6 @@ class Pairs(NamedTuple):
     def chosen(self, which: npt.NDArray[np.generic]) -> Pairs:
         """Some of the pairs, by mask or indices."""
         return Pairs(*(values[which] for values in self))
-
-    def similarity(self, similarity_m: float) -> FloatArray:
-        """(p,) max(0, 1 - distance / similarity_m): 1 at the same place, 0 from there on."""
-        return np.maximum(0.0, 1.0 - self.distance / similarity_m)
 
 
 class Companions(NamedTuple):
@@ -60,8 +59,8 @@ class Comparison:
         track: (m,) int64, the number of each estimate's track, from 0.
         row_instant: (n,) int64, the number of each true row's instant; instants of a scene are in order of time.
         column_instant: (m,) int64, the same of each estimate.
-        near: the pairs that are at most `reach_m` apart, by instant.
-        reach_m: metres.
+        near: the pairs that are less than `similarity_m` apart, by instant.
+        similarity_m: metres, from which on an estimate is not of a vehicle.
     """
 
     vehicle: IntArray
@@ -69,27 +68,28 @@ class Comparison:
     row_instant: IntArray
     column_instant: IntArray
     near: Pairs
-    reach_m: float
+    similarity_m: float
 
     @classmethod
-    def of(cls, truth: Tracks, rows: TrackedRows, *, reach_m: float = 5.0) -> Comparison:
+    def of(cls, truth: Tracks, rows: TrackedRows, *, similarity_m: float = SIMILARITY_M) -> Comparison:
         """Compare estimates with a truth, in which each group is a scene of its own.
 
         Args:
             truth: where vehicles were.
             rows: where a tracker says they were.
-            reach_m: metres, the farthest that any metric looks.
+            similarity_m: metres, the one length of all metrics.
 
         Raises:
-            ValueError: the reach is not positive.
+            ValueError: it is not positive.
         """
-        if not reach_m > 0:
-            raise ValueError(f"reach_m: expected a positive distance in metres, got {reach_m}")
+        if not similarity_m > 0:
+            raise ValueError(f"similarity_m: expected a positive distance in metres, got {similarity_m}")
         row_instant, column_instant = instant_numbers(truth, rows)
         return cls(
             vehicle=truth.vehicle, track=vehicle_numbers(rows.track_id, rows.group), row_instant=row_instant,
-            column_instant=column_instant, reach_m=reach_m,
-            near=_near(truth.position, row_instant, rows.position, column_instant, reach_m),
+            column_instant=column_instant,
+            similarity_m=similarity_m,
+            near=_near(truth.position, row_instant, rows.position, column_instant, similarity_m),
         )  # fmt: skip
 
     @property
@@ -97,27 +97,20 @@ class Comparison:
         """How many vehicles there are."""
         return int(self.vehicle.max(initial=-1)) + 1
 
+    @property
+    def similarity(self) -> FloatArray:
+        """(p,) of the near pairs, 1 - distance / similarity_m: 1 at the same place, 0 of all others."""
+        return np.asarray(1.0 - self.near.distance / self.similarity_m)
+
     def companions(self, pairs: Pairs) -> Companions:
         """The vehicles and tracks of pairs of rows."""
         n_tracks = int(self.track.max(initial=0)) + 1
         both, of_pair = np.unique(self.vehicle[pairs.row] * n_tracks + self.track[pairs.column], return_inverse=True)
         return Companions(both // n_tracks, both % n_tracks, of_pair.astype(np.int64))
 
-    def within(self, limit_m: float) -> Pairs:
-        """The pairs that are less than `limit_m` apart.
-
-        Raises:
-            ValueError: the limit is not positive, or beyond the reach.
-        """
-        if not 0 < limit_m <= self.reach_m:
-            raise ValueError(
-                f"limit_m: expected a positive distance of at most the reach, {self.reach_m} m, got {limit_m}"
-            )
-        return self.near.chosen(self.near.distance < limit_m)
-
 
 def _near(a: FloatArray, a_instant: IntArray, b: FloatArray, b_instant: IntArray, reach_m: float) -> Pairs:
-    """The pairs within the reach: neighbours in the plane and, along a third axis, of the same instant."""
+    """The pairs nearer than the reach: neighbours in the plane and, along a third axis, of the same instant."""
     if not (a_instant.size and b_instant.size):
         nothing = np.empty(0, np.int64)
         return Pairs(nothing, nothing, np.empty(0))
@@ -128,4 +121,4 @@ def _near(a: FloatArray, a_instant: IntArray, b: FloatArray, b_instant: IntArray
     order = np.lexsort((column, row, a_instant[row]))
     row, column = row[order], column[order]
     distance = np.sqrt(((a[row] - b[column]) ** 2).sum(axis=1))
-    return Pairs(row, column, distance).chosen(distance <= reach_m)
+    return Pairs(row, column, distance).chosen(distance < reach_m)

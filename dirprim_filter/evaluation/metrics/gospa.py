@@ -37,13 +37,9 @@ class Gospa(NamedTuple):
         return float(np.sqrt(self.localisation + self.missed + self.false))
 
 
-def gospa(comparison: Comparison, *, cutoff_m: float) -> Gospa:
-    """The metric at every instant, summed.
-
-    Raises:
-        ValueError: the cut-off is not positive, or beyond the comparison's reach.
-    """
-    near = comparison.within(cutoff_m)
+def gospa(comparison: Comparison) -> Gospa:
+    """The metric at every instant, summed; its cut-off is the distance from which nothing is similar."""
+    near, cutoff_m = comparison.near, comparison.similarity_m
     pairs = near.chosen(best_pairs(near.row, near.column, cutoff_m**ORDER - near.distance**ORDER))
     half = 0.5 * cutoff_m**ORDER
     n = pairs.row.size

@@ -36,17 +36,12 @@ class Hota(NamedTuple):
     loca: float
 
 
-def hota(comparison: Comparison, *, similarity_m: float = 5.0) -> Hota:
-    """The scores; similarity is max(0, 1 - distance / similarity_m).
-
-    Raises:
-        ValueError: `similarity_m` is not positive, or beyond the comparison's reach.
-    """
-    near = comparison.within(similarity_m)
+def hota(comparison: Comparison) -> Hota:
+    """The scores, by the comparison's similarity."""
+    near, similarity = comparison.near, comparison.similarity
     n_rows, n_columns = comparison.vehicle.size, comparison.track.size
     if not (n_rows and n_columns):
         return Hota(0.0, 0.0, 0.0, 1.0)
-    similarity = near.similarity(similarity_m)
     vehicle, track, of_pair = comparison.companions(near)
     n_own = np.bincount(comparison.vehicle)[vehicle] + np.bincount(comparison.track)[track]
     # of each vehicle and track, how much of their time they share, as an intersection over union
