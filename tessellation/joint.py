@@ -21,7 +21,9 @@ All steps of a kind are tried together, and only cells whose members have change
 from __future__ import annotations
 
 import logging
+import os
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -118,9 +120,9 @@ def fit_jointly(
         smallest=SMALLEST * reach,
     )
 
-    def spread(n: int) -> FloatArray:
+    def spread(uniform: FloatArray) -> FloatArray:
         """Generators spread evenly over the data."""
-        return lloyd_generators((position - origin)[used], n_cells=n, rng=rng)
+        return lloyd_generators((position - origin)[used], uniform)
 
     steps: list[tuple[int, float]] = []
 
@@ -130,11 +132,11 @@ def fit_jointly(
             progress(*steps[-1])
 
     if search.n_folds > 1:
-        state = _first(search, spread, n_cells)
+        state = _first(search, spread, n_cells, rng)
         state = _descend(search, state, np.inf if n_cells is None else OVERSHOOT * n_cells, report)
         generators = (state if n_cells is None else _as_many(search, state, n_cells, report)).generators
     else:  # nothing can be held out, so the data do not determine the number of cells
-        generators = spread(n_cells or 1)
+        generators = spread(rng.random(n_cells or 1))
     nearest = nearest_generators(position - origin, generators, k=1)[1]
     generators = generators[np.bincount(nearest[:, 0], minlength=len(generators)) > 0]  # none that is empty
     logger.info("joint cells: %d, after %d steps", len(generators), len(steps))
@@ -146,14 +148,16 @@ def fit_jointly(
 
 
 def _first(
-    search: Search[Data_contra, Cells], spread: Callable[[int], FloatArray], n_cells: int | None
-) -> State[Cells]:
+    search: Search[Data_contra, Cells], spread: Callable[[FloatArray], FloatArray], n_cells: int | None,
+    rng: np.random.Generator,
+) -> State[Cells]:  # fmt: skip
     """Even cells to begin with, the best power of two: the objective may have several minima, so all are tried."""
     most = n_cells or max(1, search.row.size // FEWEST_ROWS)
     numbers = 2 ** np.arange(int(np.log2(most)) + 1)
-    objective = [search.evaluate(spread(int(n))).objective for n in numbers]
-    best = int(numbers[np.argmin(objective)])
-    return search.evaluate(spread(max(1, int(START_SHARE * best))))
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        tried = pool.map(lambda uniform: search.evaluate(spread(uniform)).objective, [rng.random(n) for n in numbers])
+    best = int(numbers[np.argmin(list(tried))])
+    return search.evaluate(spread(rng.random(max(1, int(START_SHARE * best)))))
 
 
 def _descend(

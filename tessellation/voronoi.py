@@ -95,7 +95,7 @@ class VoronoiTessellation:
             ValueError: no position, or arguments out of range.
         """
         position = as_floats("position", position, "n 2")
-        return cls(region=_region(position, reach), generators=lloyd_generators(position, n_cells=n_cells, rng=rng))
+        return cls(region=_region(position, reach), generators=lloyd_generators(position, rng.random(n_cells)))
 
     @property
     def n_cells(self) -> int:
@@ -151,34 +151,33 @@ def _region(position: FloatArray, reach: float) -> GridTessellation:
     )
 
 
-def lloyd_generators(position: FloatArray, *, n_cells: int, rng: np.random.Generator) -> FloatArray:
-    """Generators by k-means: seeds far from each other, then means of the nearest positions. -> (at most n_cells, 2).
+def lloyd_generators(position: FloatArray, uniform: FloatArray) -> FloatArray:
+    """Generators by k-means: seeds far from each other, then means of the nearest positions. -> (at most k, 2).
 
     The order of the positions does not matter, nor where they are or which way they are turned; a position given twice
     counts as one of twice the weight.
 
     Args:
         position: (n, 2) metres, n >= 1.
-        n_cells: at most so many; fewer if there are fewer distinct positions.
-        rng: chooses the seeds.
+        uniform: (k,) random numbers in [0, 1), which choose the seeds; fewer if there are fewer distinct positions.
 
     Raises:
         ValueError: no cell is asked for.
     """
-    if n_cells < 1:
-        raise ValueError(f"n_cells: expected at least 1, got {n_cells}")
+    if uniform.size < 1:
+        raise ValueError(f"n_cells: expected at least 1, got {uniform.size}")
     position, weight = _distinct(position)
-    stride = 1 + len(position) * n_cells // MOST_DISTANCES
-    generators = position[::stride][seeds(position[::stride], weight[::stride], rng.random(n_cells))]
+    stride = 1 + len(position) * uniform.size // MOST_DISTANCES
+    generators = position[::stride][seeds(position[::stride], weight[::stride], uniform)]
     before = np.inf
     for _ in range(MAX_STEPS):
         cell = nearest_generators(position, generators, k=1)[1][:, 0]
-        off, n = position - generators[cell], len(generators)
-        spread = float(weight @ (off * off).sum(axis=1))
+        off, n = (position - generators[cell]).T, len(generators)
+        spread = float(weight @ (off[0] * off[0] + off[1] * off[1]))
         if spread >= before * (1.0 - LEAST_GAIN):
             break
         total = np.bincount(cell, weight, n)
-        moved = np.column_stack([np.bincount(cell, weight * along, n) for along in off.T])
+        moved = np.column_stack([np.bincount(cell, weight * along, n) for along in off])
         generators, before = generators + moved / np.where(total > 0, total, 1.0)[:, None], spread
     cell = nearest_generators(position, generators, k=1)[1][:, 0]
     generators = generators[np.bincount(cell, minlength=len(generators)) > 0]
@@ -198,12 +197,13 @@ def seeds(position: FloatArray, weight: FloatArray, uniform: FloatArray) -> IntA
     """
     chosen: list[int] = []
     squared = np.ones(weight.size)
+    x, y = np.ascontiguousarray(position.T)
     for u in uniform.tolist():
         cumulative = np.cumsum(weight * squared)
         if not cumulative[-1] > 0.0:
             break
         at = int(np.searchsorted(cumulative, u * cumulative[-1], side="right"))
-        away = ((position - position[at]) ** 2).sum(axis=1)
+        away = (x - x[at]) ** 2 + (y - y[at]) ** 2
         squared = np.minimum(squared, away) if chosen else away
         chosen.append(at)
     return np.array(chosen, dtype=np.int64)
