@@ -1,7 +1,8 @@
 """`dirprim demo`: the whole way, from logs to a picture, on the recordings that ship with the project.
 
-A second process compiles kernels, in an installation's first run, and tracks by the rivals, while this one learns and
-tracks with the map. In the blind scene nothing is detected in a ring about the junction, and detections have no ids.
+A second process compiles kernels, in an installation's first run, tracks by the rivals, and draws, while this one
+learns and tracks with the map. In the blind scene nothing is detected in a ring about the junction, and detections have
+no ids.
 """
 
 from __future__ import annotations
@@ -136,15 +137,17 @@ def demo(
         rivals = {CONSTANT_VELOCITY: second.apply_async(by_constant_velocity, (run,))}
         _step("learn", learning, "-o", map_file, "--seed", seed)
         rivals[WITHOUT_MAP] = second.apply_async(track, (run, load_map(map_file).without_places()))
+        second.apply_async(get_ready_to_draw)
         if compiled is not None:
             compiled.wait(LONGEST_S)
         _step("track", seen, "--map", map_file, "-o", estimates, "--save", shown, "--seed", seed,
               "--noise", NOISE_M, "--forecast", FORECAST_S, "--set", f"truth={tracking}")  # fmt: skip
-        _step("plot", map_file, "-o", picture, "--estimates", estimates)
+        drawn = second.apply_async(_step, ("plot", map_file, "-o", picture, "--estimates", estimates))
         found = {WITH_MAP: read_estimates(estimates)}
         found |= {name: rivals[name].get(LONGEST_S) for name in (WITHOUT_MAP, CONSTANT_VELOCITY)}
-    figures = BLIND_FIGURES if run.is_blind else SEEN_FIGURES
-    reports = {name: report(of, truth, is_blind=run.is_blind) for name, of in found.items()}
+        figures = BLIND_FIGURES if run.is_blind else SEEN_FIGURES
+        reports = {name: report(of, truth, is_blind=run.is_blind) for name, of in found.items()}
+        drawn.get(LONGEST_S)
     table = [(name, *(number(getattr(of, figure)) for figure in figures)) for name, of in reports.items()]
     typer.echo("\n".join(["", *columns([("tracking", *(FIGURES[figure] for figure in figures)), *table])]))
     typer.echo(f"\nnext: open {picture}; `dirprim view {shown}` plays it in rerun;")
@@ -172,6 +175,12 @@ def _seen(scene: Scene, folder: Path) -> Path:
     seen = with_blind_ring(Detections.concatenate(list(stream_detections(log))))
     write_tracks(read_tracks(log)[:0], path, detections=seen)
     return path
+
+
+def get_ready_to_draw() -> None:
+    """Import what the second process draws with, which takes it long, while the first one tracks."""
+    import dirprim_filter.cli.main
+    import dirprim_filter.viewer.figures  # noqa: F401
 
 
 def track(run: Run, model: PrimitiveMap | BayesFilter) -> Estimates:
