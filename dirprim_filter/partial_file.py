@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import errno
 import logging
 import os
 from io import FileIO
 from itertools import count
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 logger = logging.getLogger(__name__)
 
 SUFFIX = ".partial"
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+"""Errors of a file that finds no room: of a full disk, a quota, a limit."""
 
 
 class OutputExistsError(FileExistsError):
@@ -19,6 +23,17 @@ class OutputExistsError(FileExistsError):
 
     def __init__(self, path: Path) -> None:
         super().__init__(f"{path}: expected a new file, it exists; choose another name or use --force")
+
+
+class WholeFile(FileIO):
+    """Unbuffered, and takes all of what it is given: the system takes a part where a disk is almost full."""
+
+    def write(self, data: Any) -> int:
+        """All of it, or an error."""
+        whole = left = memoryview(data).cast("B")
+        while left:
+            left = left[super().write(left) :]
+        return len(whole)
 
 
 class PartialFile:
@@ -58,7 +73,7 @@ class PartialFile:
     def __enter__(self) -> FileIO:
         for number in count(2):
             try:
-                self._file = self.partial.open("xb", buffering=0)
+                self._file = WholeFile(self.partial, "xb")
                 break
             except FileExistsError:
                 self.partial = self._beside(f".{number}")
@@ -69,7 +84,14 @@ class PartialFile:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self._name(error)
         self.close(whole=kind is None)
+
+    def _name(self, error: BaseException | None) -> None:
+        """Have an error of a write say of which file, and what to do."""
+        if isinstance(error, OSError) and error.errno in NO_ROOM and error.filename is None:
+            error.filename = str(self.path)
+            error.strerror = f"{error.strerror}; make room there, or choose another place"
 
     def close(self, *, whole: bool) -> None:
         """It gets its name if it is whole.
@@ -84,6 +106,9 @@ class PartialFile:
                 os.fsync(self._file.fileno())
                 is_kept = True
                 self._take_name()
+        except OSError as error:
+            self._name(error)
+            raise
         finally:
             self._file.close()
             if not is_kept:

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from dirprim_filter.sensor import Sensor
     from dirprim_filter.viewer.sink import RerunSink
 
-FASTEST_HZ = 1000.0
+SLOWEST_HZ, FASTEST_HZ = 1e-3, 1e3
 MOST_LOST = 0.5
 """Share of the rows with an estimate below which a log counts as lost."""
 
@@ -71,8 +71,8 @@ class Own:
     focus: str = ""
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.rate_hz <= FASTEST_HZ:  # each step takes as long as a frame does
-            raise ValueError(f"rate_hz: expected from 0 to {FASTEST_HZ:g}, got {self.rate_hz}")
+        if self.rate_hz and not SLOWEST_HZ <= self.rate_hz <= FASTEST_HZ:  # each step takes as long as a frame
+            raise ValueError(f"rate_hz: expected 0, or {SLOWEST_HZ:g} to {FASTEST_HZ:g}, got {self.rate_hz}")
         if self.particles_out < 0:
             raise ValueError(f"particles_out: expected at least 0, got {self.particles_out}")
 

@@ -18,6 +18,8 @@ from dirprim_filter.recording.objects.options import EVERYTHING, ReadOptions
 from dirprim_filter.recording.reader import estimate_messages, has_estimates, stream_detections
 
 SECOND_NS = 1_000_000_000
+LONGEST_S = 86_400.0
+"""No frame is waited for longer than a day."""
 
 
 class Playback:
@@ -113,7 +115,7 @@ def paced(
             begun.append((frame.time_ns, clock()))
         wait = begun[0][1] + (frame.time_ns - begun[0][0]) / SECOND_NS / rate - clock()
         if wait > 0:
-            sleep(wait)
+            sleep(min(wait, LONGEST_S))
         return frame
 
     return map(when_due, frames)

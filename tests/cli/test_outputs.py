@@ -2,13 +2,14 @@
 
 import inspect
 import os
+import resource
 from pathlib import Path
 from typing import get_type_hints
 
 import pytest
 from matplotlib.figure import Figure
 
-from cli.commands import FAILED, dirprim
+from cli.commands import DONE, FAILED, dirprim
 from dirprim_filter.cli.commands import check_outputs
 from dirprim_filter.cli.main import app
 from dirprim_filter.cli.options import WRITTEN
@@ -106,6 +107,27 @@ def test_a_folder_that_cannot_be_written_is_reported_by_the_name_that_was_given(
         save_figure(Figure(), locked / "out.png")
     reported = [caught.value.filename for caught in (of_check, of_file, of_stream, of_figure)]
     assert reported == [str(locked / name) for name in ("out.mcap", "out.mcap", "out.rrd", "out.png")]
+
+
+@pytest.mark.parametrize(
+    ("command", "output"),
+    [
+        ("learn log.mcap -o new --tessellation grid --cell-size 8", "new"), (f"{TRACK} new --particles 20", "new"),
+        ("recover log.mcap -o new", "new"), ("plot map.mcap -o new.png", "new.png"),
+        ("export run -o new.csv", "new.csv"), ("calibrate log.mcap --truth log.mcap -o new", "new"),
+    ],
+)  # fmt: skip
+def test_a_disk_that_is_full_is_reported_by_the_name_of_the_output(here, capsys, command, output):
+    assert dirprim(f"{TRACK} run --particles 20") == DONE
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, limits[1]))
+    try:
+        code = dirprim(command)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    error = capsys.readouterr().err
+    assert (code, Path(output).exists()) == (FAILED, False), error
+    assert f"error: {output}: File too large; make room there, or choose another place\n" in error
 
 
 def test_inputs_of_one_name_have_a_checksum_each(tmp_path):

@@ -175,6 +175,11 @@ def test_a_copy_that_finds_no_room_blames_the_disk_and_not_the_pipe(tmp_path, mo
     with pytest.raises(NoRoomError, match=r"-: expected to copy it to .*: No space left .* TMPDIR"):
         scan("-")
     assert not source._kept
+    monkeypatch.setattr(message_columns, "HELD_BYTES", 100)
+    overlapping = log_bytes([("/a", i % 3, b"x" * 90) for i in range(90)], chunk_size=500)
+    (tmp_path / "overlapping.mcap").write_bytes(overlapping)
+    with pytest.raises(NoRoomError, match=r"chunks that overlap in time: expected to copy .* TMPDIR"):
+        list(scan(tmp_path / "overlapping.mcap"))
 
 
 @pytest.mark.parametrize(

@@ -85,3 +85,13 @@ def test_each_frame_comes_when_its_time_has_come(rate):
     ready = came[3] + 0.31
     expected = np.where(np.arange(10) > 3, np.maximum(due, ready), due)
     np.testing.assert_allclose(came, expected, atol=1e-9)
+
+
+def test_no_frame_is_waited_for_longer_than_the_clock_can_count():
+    nothing = {
+        "detections": Detections.none(), "estimates": Estimates.concatenate([]), "particles": Particles.none(),
+    }  # fmt: skip
+    frames = [TrackedFrame(time_ns=time_ns, **nothing) for time_ns in (0, 1 << 62)]
+    waited = []
+    assert len([*paced(frames, 1e-308, clock=lambda: 0.0, sleep=waited.append)]) == 2
+    assert waited == [86_400.0]

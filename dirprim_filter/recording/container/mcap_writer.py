@@ -6,6 +6,7 @@ import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from threading import current_thread, main_thread
+from types import SimpleNamespace
 from typing import Any, cast
 
 from mcap.writer import Writer
@@ -48,13 +49,14 @@ class McapWriter(Writer):
     """Writes one file; `finish` makes it whole. The same calls give the same bytes.
 
     Args:
-        file: unbuffered, at its start; it may take less than it is given.
+        file: unbuffered, at its start; it takes all that it is given.
         profile: of the header.
         library: of the header: who writes.
     """
 
     def __init__(self, file: Any, *, profile: str = "", library: str) -> None:
-        super().__init__(cast("Any", _Through(file)))
+        through = SimpleNamespace(write=file.write, tell=file.tell, flush=file.flush)  # else the package buffers
+        super().__init__(cast("Any", through))
         self._schemas: dict[Schema, int] = {NO_SCHEMA: 0}
         self._n_channels = 0
         self.start(profile, library)
@@ -74,16 +76,3 @@ class McapWriter(Writer):
         return self.register_channel(
             channel.topic, channel.message_encoding, self._schemas[schema], dict(channel.metadata)
         )
-
-
-class _Through:
-    """A file that takes all of what it is given; what was written outlives the process."""
-
-    def __init__(self, file: Any) -> None:
-        self._file = file
-        self.tell, self.flush = file.tell, file.flush
-
-    def write(self, data: bytes) -> None:
-        view = memoryview(data)
-        while view:
-            view = view[self._file.write(view) :]

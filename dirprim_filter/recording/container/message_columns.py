@@ -7,18 +7,18 @@ are about as large become one, so that of n chunks few runs stand beside each ot
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from io import BytesIO
 from itertools import repeat
-from typing import Any, BinaryIO, Self
+from typing import Any, Self
 
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray
 from dirprim_filter.recording.container._kernels import gather
 from dirprim_filter.recording.container.records import Channel, Message
+from dirprim_filter.recording.container.source import Copy
 
 SHORT_BYTES = 1 << 11
 """Messages longer than this on average are not copied to be read: that would cost more than it saves."""
@@ -158,12 +158,8 @@ class _Run:
     """Messages that are not yet delivered, in order; on disk they stand side by side."""
 
     columns: MessageColumns
-    file: BinaryIO | None = None
+    copy: Copy | None = None
     start: int = 0
-
-    def __del__(self) -> None:
-        if self.file is not None:
-            self.file.close()
 
     @property
     def n_bytes(self) -> int:
@@ -186,10 +182,10 @@ class _Run:
     def take(self, stop: int) -> MessageColumns:
         rows = self.columns[self.start : stop]
         self.start = stop
-        if self.file is None or not len(rows):
+        if self.copy is None or not len(rows):
             return rows
         first = int(rows.start[0])
-        contents = os.pread(self.file.fileno(), int(rows.stop[-1]) - first, first)
+        contents = os.pread(self.copy.file.fileno(), int(rows.stop[-1]) - first, first)
         return replace(rows, start=rows.start - first, stop=rows.stop - first, contents=contents)
 
 
@@ -215,7 +211,7 @@ class TimeMerge:
 def _windows(runs: Sequence[_Run], before: Key | None) -> Iterator[MessageColumns]:
     """The messages of all runs in order, some at a time."""
     while parts := [(run, stop) for run in runs if (stop := run.until(before)) > run.start]:
-        if len(parts) == 1 and parts[0][0].file is None:
+        if len(parts) == 1 and parts[0][0].copy is None:
             yield parts[0][0].take(parts[0][1])
             return
         n_rows, n_bytes = (sum(of) for of in zip(*((s - r.start, r.n_bytes) for r, s in parts), strict=True))
@@ -228,11 +224,9 @@ def _joined(runs: Sequence[_Run]) -> _Run:
     """One run of several."""
     if sum(run.n_bytes for run in runs) <= HELD_BYTES:
         return _Run(gathered([run.take(len(run.columns)) for run in runs], in_order=True))
-    file, parts = tempfile.TemporaryFile(prefix="dirprim-", buffering=0), []  # noqa: SIM115 - it goes with the run
+    copy, parts = Copy("chunks that overlap in time"), []
     for window in _windows(runs, None):
-        part, at = gathered([window]), file.tell()
+        part, at = gathered([window]), copy.tell()
         parts.append(replace(part, start=part.start + at, stop=part.stop + at, contents=b""))
-        left = memoryview(part.contents)
-        while left:
-            left = left[file.write(left) :]
-    return _Run(MessageColumns.concatenated(parts, b""), file)
+        copy.write(part.contents)
+    return _Run(MessageColumns.concatenated(parts, b""), copy)

@@ -23,6 +23,7 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, BinaryIO, cast
 
+from dirprim_filter.partial_file import NO_ROOM
 from dirprim_filter.recording.container.errors import READ_BYTES, NoRoomError, NotMcapError, RecordingError, one_line
 from dirprim_filter.recording.container.records import MAGIC
 
@@ -124,12 +125,11 @@ VERSION_FREE_MAGIC = MAGIC[:5]
 READ_AT_ONCE = 1 << 22
 FETCHED_BYTES = 1 << 20
 """Of a URL, at a time."""
-NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 URL = re.compile(r"(?P<scheme>[A-Za-z][A-Za-z0-9+.:-]+?):/+(?P<rest>[^/].*)")
 """`Path` folds the slashes of a URL; what names no file and starts like this is taken for one."""
 
 
-_kept: dict[str, _Copy] = {}
+_kept: dict[str, Copy] = {}
 
 
 def open_files(path: str | PathLike[str], *, live: bool = False) -> list[tuple[Path, FileBytes]]:
@@ -155,7 +155,7 @@ def open_files(path: str | PathLike[str], *, live: bool = False) -> list[tuple[P
 
             if files := ros_bags.files_of(file) if file.is_dir() else []:
                 return [(one, FileBytes(os.open(one, os.O_RDONLY))) for one in files]
-            copy = _Copy(name)
+            copy = Copy(name)
             ros_bags.write_mcap(file, copy)
             _kept[key] = copy
         elif not stat.S_ISREG(file.stat().st_mode):
@@ -201,7 +201,7 @@ def as_url(name: str) -> str | None:
     return f"{match['scheme']}://{root}{match['rest']}"
 
 
-class _Copy:
+class Copy:
     """A temporary file of blocks; `name` is what the user calls it."""
 
     def __init__(self, name: str, blocks: Iterable[bytes] = ()) -> None:
@@ -232,13 +232,14 @@ class _Copy:
         return len(block)
 
     def bytes_of(self, *, live: bool) -> FileBytes:
+        """What it holds."""
         return FileBytes(os.dup(self.file.fileno()))
 
     def __del__(self) -> None:
         self.file.close()
 
 
-class _Pipe(_Copy):
+class _Pipe(Copy):
     """What has come of a pipe."""
 
     def __init__(self, name: str, stream: Any) -> None:
@@ -262,7 +263,7 @@ class _Pipe(_Copy):
         return super().bytes_of(live=False)
 
 
-class _Remote(_Copy):
+class _Remote(Copy):
     """A file elsewhere, and what of it was fetched: nothing is twice."""
 
     def __init__(self, name: str, remote: BinaryIO) -> None:
@@ -290,7 +291,7 @@ class _Remote(_Copy):
         return FileBytes(os.dup(self.file.fileno()), self._need, is_remote=True)
 
 
-def _remote(name: str, url: str) -> _Copy:
+def _remote(name: str, url: str) -> Copy:
     """Fetched in parts; all of it where a server does not send parts."""
     with _asking(url) as fsspec:
         files, place = fsspec.core.url_to_fs(url)
@@ -302,7 +303,7 @@ def _remote(name: str, url: str) -> _Copy:
         except (OSError, ValueError, TypeError, RecordingError) as error:  # no parts, or no length
             logger.info("%s", one_line(f"{name}: copied whole: {error}"))
             with files.open(place, "rb", block_size=0) as stream:
-                return _Copy(name, iter(partial(stream.read, READ_AT_ONCE), b""))
+                return Copy(name, iter(partial(stream.read, READ_AT_ONCE), b""))
         return remote
 
 
