@@ -12,6 +12,7 @@ import re
 import time
 import uuid
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from threading import Thread
 
@@ -30,6 +31,8 @@ FROZEN_S = 5.0
 """A viewer that takes nothing for so long is given up."""
 ASKED_EVERY_S = 1.0
 """Whether it takes what is sent: unasked, all would gather in memory."""
+BEGINNING = 1 << 16
+"""Bytes: so many more than what the SDK writes as it opens a file."""
 WHOLE_END = b"RRF2FOOT"
 """Near the end of a whole .rrd."""
 PLACES_NEEDED = (
@@ -89,14 +92,14 @@ class Stream:
 
         if save is not None:
             save.parent.mkdir(parents=True, exist_ok=True)
-            file = PartialFile(save, force=force, keep=True)
+            file = PartialFile(save, force=force)
         if spawn:
             add("the viewer", rr.GrpcSink(spawn_viewer()))
         if connect is not None:
             require_listener(connect)
             add(connect, rr.GrpcSink(connect))
         if save is not None:
-            file.__enter__()
+            _begin(file)
             self._file = file
             add(str(save), rr.FileSink(file.partial))
 
@@ -162,6 +165,16 @@ class Stream:
     def _report(self, line: str) -> None:
         self.failures.append(line)
         logger.error(line)
+
+
+def _begin(file: PartialFile) -> None:
+    """Open it, if there is room for the beginning: the SDK would wait for ever for a file that takes nothing."""
+    with ExitStack() as opened:
+        room = opened.enter_context(file)
+        room.write(bytes(BEGINNING))
+        room.truncate(0)
+        file.keep = True
+        opened.pop_all()
 
 
 def _disconnect(stream: rr.RecordingStream) -> None:

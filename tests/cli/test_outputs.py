@@ -114,7 +114,8 @@ def test_a_folder_that_cannot_be_written_is_reported_by_the_name_that_was_given(
     [
         ("learn log.mcap -o new --tessellation grid --cell-size 8", "new"), (f"{TRACK} new --particles 20", "new"),
         ("recover log.mcap -o new", "new"), ("plot map.mcap -o new.png", "new.png"),
-        ("export run -o new.csv", "new.csv"), ("calibrate log.mcap --truth log.mcap -o new", "new"),
+        ("export run -o new.csv", "new.csv"), ("view map.mcap --save new.rrd", "new.rrd"),
+        ("calibrate log.mcap --truth log.mcap -o new", "new"),
     ],
 )  # fmt: skip
 def test_a_disk_that_is_full_is_reported_by_the_name_of_the_output(here, capsys, command, output):
