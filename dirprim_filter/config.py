@@ -95,7 +95,8 @@ class FilterConfig:
         speed_noise: m/s, standard deviation of a measured speed.
         motion_outlier_probability: share of measured directions and speeds that are outliers: detectors confuse
             front and rear, and give standing vehicles any course.
-        resample_below: resample when the effective sample size falls below this share of the particles; 0 is never.
+        resample_below: resample when the effective sample size falls below this share of the particles; 0 is never, and
+            they are not drawn given measurements either.
         innovation_outlier_rate: 1/s, how often a vehicle leaves its motion model for a moment and is a metre or two off
             it: a belief that is sure of what its vehicle did not do, such as to stop, is not lost. Without it errors in
             sight are 3 to 12 % larger, and .95 ± .18 % more rows of vehicles that misbehave are lost.

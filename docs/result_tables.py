@@ -315,8 +315,8 @@ TABLES: dict[str, Table] = {
             Column(head="misbehaviour", read=worth("misbehaviour", in_sight=(100.0, 1), lost=(100.0, 2))),
             Column(head="Mcity", read=worth("Mcity", in_sight=(100.0, 1))),
             Column(head="autoferry", read=worth("autoferry", HOTA=(100.0, 2))),
+            Column(head="buses", read=worth("buses", energy_at_5_s=(100.0, 1))),
         ),
-        renamed=(("begun anew", "reinitialised"),),
         minutes=240,
     ),
     "ablation_learning": Table(

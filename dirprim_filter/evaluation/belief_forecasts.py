@@ -7,6 +7,7 @@ This is how `dirprim track --forecast` makes them. From a point, the course and 
 from __future__ import annotations
 
 import heapq
+from collections.abc import Callable
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from dirprim_filter.evaluation.forecast_cases import Cases, mean_log_energy, usu
 from dirprim_filter.evaluation.settings import Axis, Choice, choose
 from dirprim_filter.filtering.particle_filter import ParticleFilter
 from dirprim_filter.filtering.roster import GAP_INTERVALS
-from dirprim_filter.forecasting import forecast_states, leader_table, projected, sampled_belief, side_by_side
+from dirprim_filter.forecasting import leader_table, projected, sampled_belief, side_by_side
 from dirprim_filter.instants import LONGEST_UNSEEN_S
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.primitives._leader import ALONE
@@ -28,12 +29,13 @@ NOISE = Axis("noise_m", 0.1)
 """Of a log's rows; they are tracks already, so it is small."""
 MOST_VEHICLES, FEWEST_VEHICLES, MOST_SECONDS, N_SAMPLES = 50, 10, 5000.0, 16
 """Of the training vehicles by which the noise is chosen, and rollouts of each case. Ships are seen for an hour each."""
+FilterOf = Callable[[PrimitiveMap, FilterConfig], ParticleFilter]
 NO_VEHICLE, LOST_AFTER = -1, TrackingConfig().lost_after
 
 
 def forecast_beliefs(
     primitive_map: PrimitiveMap, cases: Cases, horizons_s: tuple[float, ...], *, noise_m: float = NOISE.start,
-    leaders: bool = False, n_samples: int, rng: np.random.Generator,
+    leaders: bool = False, n_samples: int, rng: np.random.Generator, filter_of: FilterOf = ParticleFilter,
 ) -> FloatArray:  # fmt: skip
     """Rollouts of cases.
 
@@ -45,6 +47,7 @@ def forecast_beliefs(
         leaders: whether sample p of all vehicles seen in the last quarter of a second is one scene.
         n_samples: of each case.
         rng: draws beliefs and rollouts.
+        filter_of: makes the filter.
 
     Returns:
         (n, n_samples, n_horizons, 2) metres.
@@ -59,7 +62,7 @@ def forecast_beliefs(
 
     frames = _frames(log, np.arange(len(log)) if leaders else np.flatnonzero(np.isin(vehicle, vehicle[cases.row])))
     slots = _slots(vehicle, frames)
-    beliefs = ParticleFilter(primitive_map, config)
+    beliefs = filter_of(primitive_map, config)
     beliefs.reserve(n_slots := 1 + int(slots.max(initial=0)))
     held = np.full(n_slots, NO_VEHICLE)  # the vehicle that a slot's belief is of
     seen_ns, at_ns = np.zeros((2, n_slots), np.int64)  # of its last row, and of the belief
@@ -100,10 +103,7 @@ def forecast_beliefs(
 def chosen_noise(
     primitive_map: PrimitiveMap, known: Cases, horizons_s: tuple[float, ...], *, rng: np.random.Generator
 ) -> tuple[Choice, ...]:
-    """The noise with which training vehicles are forecast best, as rivals' settings are chosen.
-
-    None where `forecast_points` is better, as of rows seconds apart, which the filter follows badly, or of few cases.
-    """
+    """The noise with which training vehicles are forecast best, as rivals' settings are chosen; none of few cases."""
     log, vehicle, seed = known.log, known.log.vehicle[known.row], rng.integers(2**63)
     some = rng.permutation(np.unique(vehicle))[:MOST_VEHICLES]
     seconds = np.cumsum([1e-9 * np.ptp(log.time_ns[log.vehicle == v]) for v in some])
@@ -117,20 +117,7 @@ def chosen_noise(
         )
         return -mean_log_energy(path, cases.later)
 
-    found = choose([NOISE], score)
-    points = forecast_points(primitive_map, cases, horizons_s, n_samples=N_SAMPLES, rng=np.random.default_rng(seed))
-    return found if score((found[0].chosen,)) >= -mean_log_energy(points, cases.later) else ()
-
-
-def forecast_points(
-    primitive_map: PrimitiveMap, cases: Cases, horizons_s: tuple[float, ...], *, n_samples: int,
-    rng: np.random.Generator,
-) -> FloatArray:  # fmt: skip
-    """As `forecast_beliefs`, each case alone and from its motion of late, as if that were known."""
-    return forecast_states(
-        primitive_map, position=cases.position, direction=cases.direction, speed=cases.speed, time_s=horizons_s,
-        n_samples=n_samples, rng=rng,
-    )  # fmt: skip
+    return choose([NOISE], score)
 
 
 def _frames(log: Tracks, rows: IntArray) -> list[IntArray]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from dirprim_filter.arrays import AnyArray, FloatArray
 from dirprim_filter.evaluation.baselines.trajectory_memory import States, TrajectoryMemory
-from dirprim_filter.evaluation.belief_forecasts import NOISE, chosen_noise, forecast_beliefs, forecast_points
+from dirprim_filter.evaluation.belief_forecasts import NOISE, chosen_noise, forecast_beliefs
 from dirprim_filter.evaluation.forecast_cases import HORIZONS_S, SCORES, Cases, score_cases
 from dirprim_filter.evaluation.intervals import Interval, paired, reduction_of_mean
 from dirprim_filter.evaluation.settings import Choice
@@ -65,15 +65,10 @@ def by_one_cell(train: Tracks, horizons_s: tuple[float, ...], rng: np.random.Gen
 def from_beliefs(
     primitive_map: PrimitiveMap, known: Cases, horizons_s: tuple[float, ...], rng: np.random.Generator
 ) -> Forecaster:
-    """On a map, with the noise of positions that suits cases of training vehicles; without settings from a point."""
+    """On a map, with the noise of positions that suits cases of training vehicles."""
     settings = chosen_noise(primitive_map, known, horizons_s, rng=rng)
-    if settings:
-        return Forecaster(rollouts_of(primitive_map, horizons_s, noise_m=settings[0].chosen), settings)
-
-    def sample(cases: Cases, n_samples: int, rng: np.random.Generator) -> FloatArray:
-        return forecast_points(primitive_map, cases, horizons_s, n_samples=n_samples, rng=rng)
-
-    return Forecaster(sample)
+    noise_m = settings[0].chosen if settings else NOISE.start
+    return Forecaster(rollouts_of(primitive_map, horizons_s, noise_m=noise_m), settings)
 
 
 def rollouts_of(

@@ -26,12 +26,13 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions import _random as random
 from dirprim_filter.distributions._arithmetic import dot
 from dirprim_filter.distributions._elementary import cos, exp, sin, squared_sine, wrap
 from dirprim_filter.distributions._random import UIntArray
-from dirprim_filter.filtering._kernels import Cloud
+from dirprim_filter.filtering._conditioning import Measured, draw_given
+from dirprim_filter.filtering._kernels import Carried, Cloud
 from dirprim_filter.primitives import _map_kernels
 from dirprim_filter.primitives._manoeuvres import STANDING_BELOW
 from dirprim_filter.primitives._map_kernels import MapTable
@@ -63,6 +64,7 @@ class Noise(NamedTuple):
     Those of course and speed are ratios to the densities of a false detection's, see `measurements`.
     """
 
+    few: float  # share of the particles: where effectively fewer are left, they are drawn given the measurement
     outlier: float  # per square metre
     kept: float  # 1 less the probability of an outlier
     leaves: float  # 1/s, rate of innovation outliers
@@ -80,15 +82,6 @@ class Errors(NamedTuple):
     bias: tuple[float, float]  # m
     lasting: tuple[float, float]  # m2, variance of what lasts
     forgets: tuple[float, float]  # 1/s
-
-
-class Carried(NamedTuple):
-    """The lasting part of every belief's error."""
-
-    mean: FloatArray  # (V, P, 2) metres along both axes, given the particle's path
-    variance: FloatArray  # (V, 2) of that
-    since_s: FloatArray  # (V,) since the belief was last weighed
-    has_course: BoolArray  # (V,) the particles agree on a course: the bias is in its axes, for all alike
 
 
 @njit(cache=True, nogil=True)
@@ -147,8 +140,9 @@ def weigh(
     """Weigh each vehicle's particles by its measurement, normalise, and learn of the error that each carries.
 
     Fills (V, 3): the log density of the measurement given those before it, that of its position alone, and 1 where
-    particles were moved as innovation outliers. A measurement that the belief as a whole calls an outlier says nothing
-    of the carried error. Loops are kept apart, and without branches, so that they are compiled to vector instructions.
+    particles were moved: drawn given it, or as innovation outliers. A measurement that the belief as a whole calls an
+    outlier says nothing of the carried error. Loops are kept apart, and without branches, so that they are compiled to
+    vector instructions.
     """
     n = cloud.position.shape[1]
     fit, off = np.empty(n), np.empty((4, n))
@@ -161,19 +155,69 @@ def weigh(
             likely = scale * exp(-0.5 * fit[p]) + noise.outlier
             fit[p] = likely if fit[p] < np.inf else 0.0  # it has run off to where there are no numbers
         near = dot(weight, fit)
+        is_drawn = False
+        if noise.few > 0.0 and (near < 2.0 * noise.outlier or effective_share(weight, fit) < noise.few):
+            found = draw_given_measurement(cloud, carried, v, z, share, errors, noise, off)
+            is_drawn = found > 0.0
+            if is_drawn:
+                near = found
+                residuals(cloud, carried, v, z, errors, off, fit)
+                fit[:] = near
         fit_motion(cloud, v, z, noise, fit)
         total = dot(weight, fit)
         evidence[i, 0] = math.log(total) if total > 0.0 else -np.inf  # no particle has a weight
         evidence[i, 1] = math.log(near) if near > 0.0 else -np.inf
         is_explained = near >= 2.0 * noise.outlier and total > 0.0
-        is_moved = is_explained and near * LEAST_SHARE < share * densest
-        evidence[i, 2] = 1.0 if is_moved else 0.0
+        is_moved = is_explained and not is_drawn and near * LEAST_SHARE < share * densest
+        evidence[i, 2] = 1.0 if is_moved or is_drawn else 0.0
         if is_moved:
             move_outliers(cloud, carried, v, z, share, errors, noise, off, fit)
             fit_motion(cloud, v, z, noise, fit)
         normalise(weight, fit)
         learn(cloud, carried, v, z, errors, off, is_explained)
         carried.since_s[v] = 0.0
+
+
+@njit(cache=True)
+def effective_share(weight: FloatArray, fit: FloatArray) -> float:
+    """The share of particles (P,) that are effectively left of weights times likelihoods."""
+    total, squares = 0.0, 0.0
+    for p in range(weight.size):
+        later = weight[p] * fit[p]
+        total += later
+        squares += later * later
+    return total * total / (squares * weight.size) if squares > 0.0 else 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def draw_given_measurement(
+    cloud: Cloud, carried: Carried, v: int, z: FloatArray, share: float, errors: Errors, noise: Noise, off: FloatArray
+) -> float:
+    """Draw particles given the measurement, unless innovation outliers explain it better; its density, 1/m2, or 0.
+
+    Where particles do not agree on a course, each has the bias elsewhere: there nothing is drawn. Carried errors come
+    to the measurement's time.
+    """
+    if not carried.has_course[v] and (errors.bias[0] != 0.0 or errors.bias[1] != 0.0):
+        return 0.0
+    for a in range(2):
+        kept = math.exp(-carried.since_s[v] * errors.forgets[a])
+        carried.variance[v, a] = lasting_variance(carried, v, errors, a)
+        for p in range(off.shape[1]):
+            carried.mean[v, p, a] *= kept
+    carried.since_s[v], weight, place, far = 0.0, cloud.weight[v], cloud.position[v], 0.0
+    for p in range(weight.size):
+        dx, dy = z[X] - place[p, 0], z[Y] - place[p, 1]
+        far += weight[p] * exp(-0.5 * (dx * dx + dy * dy) / (PLACE_M * PLACE_M))
+    far *= share / (2.0 * math.pi * PLACE_M * PLACE_M)
+    c, s = course_of(weight, off)
+    measured = Measured(
+        z[X] - errors.bias[0] * c + errors.bias[1] * s, z[Y] - errors.bias[0] * s - errors.bias[1] * c, c, s,
+        z[WHITE] + carried.variance[v, 0], z[WHITE + 1] + carried.variance[v, 1],
+    )  # fmt: skip
+    lasts = errors.lasting[0] > 0.0 or errors.lasting[1] > 0.0
+    least = max(2.0 * noise.outlier, far)
+    return float(draw_given(cloud, carried, v, measured, noise.kept, noise.outlier, least, lasts))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

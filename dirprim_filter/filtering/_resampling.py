@@ -23,8 +23,7 @@ from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions import _random as random
 from dirprim_filter.distributions._arithmetic import dot, total_of
 from dirprim_filter.distributions._elementary import squared_sine, wrap
-from dirprim_filter.filtering._kernels import Cloud, effective_sample_size
-from dirprim_filter.filtering._measuring import Carried
+from dirprim_filter.filtering._kernels import Carried, Cloud, effective_sample_size
 from dirprim_filter.primitives._manoeuvres import STANDING_BELOW
 
 FEW = 0.1
@@ -39,9 +38,22 @@ class Room(NamedTuple):
 
     survivors: IntArray  # (P,) how often each particle survives
     parent: IntArray  # (P,) whose copy each becomes
-    state: FloatArray  # (d, P)
+    state: FloatArray  # (d, P) deviations from the mean
     normal: FloatArray  # (d P + d,)
     product: FloatArray  # (P,)
+    mean: FloatArray  # (d,)
+    covariance: FloatArray  # (d, d)
+    root: FloatArray  # (d, d) its lower triangle of Cholesky
+
+
+@njit(cache=True)
+def room_for(n: int, lasts: bool) -> Room:
+    """For n particles, which carry errors if these last."""
+    d = ERROR + 2 if lasts else ERROR
+    numbers, columns, squares = np.zeros((2, n), np.int64), np.empty((d + 1, n)), np.zeros((2, d, d))
+    return Room(
+        numbers[0], numbers[1], columns[:d], np.empty(d * (n + 1)), columns[d], np.empty(d), squares[0], squares[1]
+    )
 
 
 @njit(cache=True)
@@ -81,26 +93,31 @@ def resample(cloud: Cloud, carried: Carried, vehicle: IntArray, at_birth: tuple[
     A vehicle whose effective sample size is not below `below` keeps its own. `at_birth` are the deviations of carried
     errors then, 0 where none are. Who stands keeps its direction and keeps standing; who moves keeps moving.
     """
-    n, d = cloud.position.shape[1], 6 if max(at_birth[0], at_birth[1]) > 0.0 else 4
-    numbers = np.empty((2, n), np.int64)
-    room = Room(numbers[0], numbers[1], np.empty((d, n)), np.empty(d * (n + 1)), np.empty(n))
-    mean, root, covariance = np.empty(d), np.zeros((d, d)), np.empty((d, d))
+    n, lasts = cloud.position.shape[1], max(at_birth[0], at_birth[1]) > 0.0
+    room = room_for(n, lasts)
     for v in vehicle:
         effective = effective_sample_size(cloud.weight[v])
         if effective < below:
-            c, s = states_of(cloud, carried, v, room, mean)
-            covariance_of(cloud.weight[v], room, covariance)
-            factorise(covariance, root)
-            h = (4.0 / (effective * (d + 2.0))) ** (1.0 / (d + 4.0))
-            draw(cloud, carried, v, room, mean, root, h, c, s)
-            if d > ERROR:
-                place_errors(cloud, carried, v, room, mean, at_birth, effective < FEW * n)
+            h, c, s = kernel_of(cloud, carried, v, room)
+            draw(cloud, v, room, h, c, s)
+            if lasts:
+                place_errors(cloud, carried, v, room, at_birth, effective < FEW * n)
 
 
 @njit(cache=True)
-def states_of(cloud: Cloud, carried: Carried, v: int, room: Room, mean: FloatArray) -> tuple[float, float]:
+def kernel_of(cloud: Cloud, carried: Carried, v: int, room: Room) -> tuple[float, float, float]:
+    """Fills the deviations of a belief, its mean and covariance; -> the bandwidth and the mean course."""
+    c, s = states_of(cloud, carried, v, room)
+    covariance_of(cloud.weight[v], room)
+    factorise(room.covariance, room.root)
+    d = len(room.mean)
+    return (4.0 / (effective_sample_size(cloud.weight[v]) * (d + 2.0))) ** (1.0 / (d + 4.0)), c, s
+
+
+@njit(cache=True)
+def states_of(cloud: Cloud, carried: Carried, v: int, room: Room) -> tuple[float, float]:
     """Fills (d, P) deviations from the mean, and the mean (d,): of the place east and north; -> the mean course."""
-    weight, state, direction = cloud.weight[v], room.state, cloud.direction[v]
+    weight, state, mean, direction = cloud.weight[v], room.state, room.mean, cloud.direction[v]
     for p in range(weight.size):
         state[0, p] = 1.0 - 2.0 * squared_sine(0.5 * direction[p])
         state[1, p] = 1.0 - 2.0 * squared_sine(0.5 * direction[p] - 0.25 * math.pi)
@@ -136,9 +153,9 @@ def foresee(cloud: Cloud, carried: Carried, v: int, state: FloatArray, sign: flo
 
 
 @njit(cache=True)
-def covariance_of(weight: FloatArray, room: Room, covariance: FloatArray) -> None:
+def covariance_of(weight: FloatArray, room: Room) -> None:
     """Fills (d, d) from deviations (d, P)."""
-    total = total_of(weight)
+    total, covariance = total_of(weight), room.covariance
     for a in range(len(covariance)):
         for p in range(weight.size):
             room.product[p] = weight[p] * room.state[a, p]
@@ -161,11 +178,9 @@ def factorise(covariance: FloatArray, root: FloatArray) -> None:
 
 
 @njit(cache=True)
-def draw(
-    cloud: Cloud, carried: Carried, v: int, room: Room, mean: FloatArray, root: FloatArray, h: float, c: float, s: float
-) -> None:  # fmt: skip
+def draw(cloud: Cloud, v: int, room: Room, h: float, c: float, s: float) -> None:
     """Draw the survivors of a vehicle, and put each beside its parent's state."""
-    n, d, kept, state, parent = room.parent.size, mean.size, math.sqrt(1.0 - h * h), room.state, room.parent
+    n, d, state, parent = room.parent.size, len(room.mean), room.state, room.parent
     numbers, m = cloud.state[v].copy(), (n + 1) // 2 * 2
     systematic(cloud.weight[v], random.uniform(numbers), room.survivors)
     find_parents(room.survivors, parent)
@@ -181,34 +196,46 @@ def draw(
             )  # fmt: skip
             for k in range(d):
                 state[k, p] = state[k, a]
+    spread(room, h)
+    put(cloud, v, room, c, s)
+    for p in range(n):
+        cloud.weight[v, p] = 1.0 / n
+
+
+@njit(cache=True)
+def spread(room: Room, h: float) -> None:
+    """Shrink deviations (d, P) towards the mean, and add the kernel's draws."""
+    state, root, d, n = room.state, room.root, len(room.mean), room.parent.size
+    kept, m = math.sqrt(1.0 - h * h), (n + 1) // 2 * 2
     for a in range(d - 1, -1, -1):
         for p in range(n):
             state[a, p] *= kept
         for b in range(a + 1):
             for p in range(n):
                 state[a, p] += h * root[a, b] * room.normal[b * m + p]
-    for p in range(n):
-        ahead, aside = state[AHEAD, p], state[ASIDE, p]
-        state[AHEAD, p] = mean[AHEAD] + ahead * c - aside * s
-        state[ASIDE, p] = mean[ASIDE] + ahead * s + aside * c
-        if cloud.speed[v, p] >= STANDING_BELOW:
-            cloud.direction[v, p] = wrap(mean[TURN] + state[TURN, p])
-            cloud.speed[v, p] = max(mean[PACE] + state[PACE, p], STANDING_BELOW)
-    for p in range(n):
-        cloud.position[v, p, 0], cloud.position[v, p, 1] = state[AHEAD, p], state[ASIDE, p]
-        cloud.weight[v, p] = 1.0 / n
 
 
 @njit(cache=True)
-def place_errors(
-    cloud: Cloud, carried: Carried, v: int, room: Room, mean: FloatArray, at_birth: tuple[float, float], anew: bool
-) -> None:  # fmt: skip
+def put(cloud: Cloud, v: int, room: Room, c: float, s: float) -> None:
+    """Put the particles at their deviations (d, P). Who stands keeps standing, and who moves keeps moving."""
+    state, mean = room.state, room.mean
+    for p in range(room.parent.size):
+        ahead, aside = state[AHEAD, p], state[ASIDE, p]
+        state[AHEAD, p] = cloud.position[v, p, 0] = mean[AHEAD] + ahead * c - aside * s
+        state[ASIDE, p] = cloud.position[v, p, 1] = mean[ASIDE] + ahead * s + aside * c
+        if cloud.speed[v, p] >= STANDING_BELOW:
+            cloud.direction[v, p] = wrap(mean[TURN] + state[TURN, p])
+            cloud.speed[v, p] = max(mean[PACE] + state[PACE, p], STANDING_BELOW)
+
+
+@njit(cache=True)
+def place_errors(cloud: Cloud, carried: Carried, v: int, room: Room, at_birth: tuple[float, float], anew: bool) -> None:
     """Give each particle its error, for copies perhaps `anew`, and the place from which it foresees its detection."""
     error, state = carried.mean[v], cloud.state[v].copy()
     for p in range(room.parent.size):
         for a in range(2):
             is_anew = anew and room.parent[p] != p
-            drawn = mean[ERROR + a] + room.state[ERROR + a, p]
+            drawn = room.mean[ERROR + a] + room.state[ERROR + a, p]
             error[p, a] = at_birth[a] * random.draw_normal(state) if is_anew else drawn
     foresee(cloud, carried, v, room.state, -1.0)
     for p in range(room.parent.size):

@@ -9,8 +9,7 @@ import numpy as np
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.estimates import Particles, Samples
-from dirprim_filter.filtering._kernels import Cloud
-from dirprim_filter.filtering._measuring import Carried
+from dirprim_filter.filtering._kernels import Carried, Cloud
 from dirprim_filter.primitives._manoeuvres import MotionTable
 from dirprim_filter.primitives.cues import Cue
 

@@ -18,7 +18,7 @@ from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.distributions import von_mises
-from dirprim_filter.filtering import _kernels, _measuring, _resampling
+from dirprim_filter.filtering import _conditioning, _kernels, _measuring, _resampling
 from dirprim_filter.filtering.belief import BeliefSamples, ParticleBelief, weigh_by_cue
 from dirprim_filter.filtering.measurements import FASTEST, MOVING_FROM, OUTLIER_EXTENT_M
 from dirprim_filter.filtering.protocols import BayesFilter, Evidence, Places
@@ -237,6 +237,7 @@ def _noise(config: FilterConfig) -> _measuring.Noise:
     outlier, astray = config.outlier_probability, config.motion_outlier_probability
     concentration = np.array(1.0 / config.direction_noise**2)
     return _measuring.Noise(
+        few=min(_conditioning.FEWEST, config.resample_below),
         outlier=outlier / OUTLIER_EXTENT_M**2,
         kept=1.0 - outlier,
         leaves=config.innovation_outlier_rate,

@@ -7,7 +7,8 @@ whose interval holds 0 everywhere gains nothing that can be shown. Two processes
 has done is kept in `.cache/ablation/COMMIT`, so that a run may be resumed, or made in pieces.
 
 Scenes: the town's roundabout and intersection and Lankershim (with ids, each vehicle out of sight once for 3 s); dense
-traffic without ids (a fifth missed, ten false a frame); vehicles that misbehave; Mcity's and autoferry's real sensors.
+traffic without ids (a fifth missed, ten false a frame); vehicles that misbehave; Mcity's and autoferry's real sensors;
+buses' GPS.
 Data that are absent are left out, and said.
 """
 
@@ -82,12 +83,18 @@ def without_ends(bayes: Any) -> None:
     bayes._of_manoeuvre[:, 1] = 0.0
 
 
+def without_draws(bayes: Any) -> None:
+    """Particles are drawn from the transition alone, however few of them a measurement leaves."""
+    bayes._noise = bayes._noise._replace(few=0.0)
+
+
 UNNAMED = ("dense intersection", "dense highway", "autoferry")
 LEARNED = ("roundabout", "intersection", "Lankershim")
 WITHOUT_TAILS = LearningConfig(broad_share=0.0)
 ONE_MODE = LearningConfig(max_modes=1)
 MECHANISMS: dict[str, Mechanism] = {
     "innovation outliers": Mechanism(filter={"innovation_outlier_rate": 0.0}),
+    "draws given measurements": Mechanism(strip=without_draws),
     "vehicles go their own way": Mechanism(filter={"own_way_rate": 0.0}),
     "measurement outliers": Mechanism(filter={"outlier_probability": 0.0}),
     "carried errors": Mechanism(scenes=("Mcity",), white=True),

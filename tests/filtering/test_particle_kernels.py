@@ -40,7 +40,7 @@ WHITE = _measuring.Errors(bias=(0.0, 0.0), lasting=(0.0, 0.0), forgets=(1.0, 1.0
 
 
 def nothing_carried():
-    return _measuring.Carried(np.zeros((3, 500, 2)), np.zeros((3, 2)), np.zeros(3), np.zeros(3, np.bool_))
+    return _kernels.Carried(np.zeros((3, 500, 2)), np.zeros((3, 2)), np.zeros(3), np.zeros(3, np.bool_))
 
 
 def resampled(cloud, vehicle, below=np.inf):
