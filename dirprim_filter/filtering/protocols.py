@@ -1,6 +1,6 @@
 """What a tracker asks of a filter: beliefs in numbered slots, which it predicts and corrects.
 
-One tracker serves the particle filter on the map and the Kalman filters, so that a comparison is one of motion models
+One tracker serves the particle filter on the map and the Kalman filter, so that a comparison is one of motion models
 alone. What some filters can do beside that are protocols of their own.
 """
 
