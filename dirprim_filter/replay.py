@@ -44,15 +44,8 @@ def replay(
 def step(
     tracker: Tracker | GroupTracker, detections: Detections, sinks: Sequence[EstimateSink], **at: Any
 ) -> TrackedFrame:
-    """One frame of the loop, for the sinks; `at` as `predict` takes it.
-
-    Raises:
-        ValueError: as `predict`.
-    """
-    tracker.predict(detections, **at)  # one step on, by the manoeuvres of the map
-    tracker.weigh()  # by the measured positions
-    frame = tracker.frame()
+    """One frame of the loop, for the sinks; `at` and errors as of `Tracker.track`."""
+    frame = tracker.track(detections, **at)
     for sink in sinks:
         sink.write(frame)
-    tracker.resample()
     return frame

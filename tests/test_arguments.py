@@ -51,7 +51,6 @@ CALLS = {
     "tracker, sensor": (lambda m: tracker(m, sensor="s.toml"), "sensor: expected a Sensor, as load_sensor rea"),
     "step, tracks": (lambda m: tracker(m).step(tracks()), "detections: expected a Detections, got Tracks("),
     "step, instants": (lambda m: tracker(m).step(Detections.of(tracks())), "see Detections.frames"),
-    "weigh, first": (lambda m: tracker(m).weigh(), "weigh: expected once for each frame, after predict"),
     "tracks, degrees": (lambda _: tracks(direction=[0.0, 90.0]), DEGREES),
     "tracks, heading": (lambda _: tracks(heading=[0.0, 90.0]), DEGREES.replace("direction", "heading")),
     "forecast, path": (lambda _: forecast("m.mcap", **STATE), "expected a PrimitiveMap, as load_map reads it"),
@@ -80,10 +79,6 @@ def test_a_wrong_argument_is_one_line(call, a_map):
     assert call == "step, tracks" or "\n" not in str(error.value)
 
 
-def test_weighing_twice_is_refused_and_unsorted_rows_are_put_in_order(a_map):
-    own = tracker(a_map)
-    own.step(seen())
-    with pytest.raises(ValueError, match="weigh: expected once for each frame"):
-        own.weigh()
+def test_unsorted_rows_are_put_in_order():
     assert tracks(time_ns=[10**8, 0], direction=[0.1, 0.0]) == tracks()
     assert [int(f.time_ns[0]) for f in Detections.of(tracks(time_ns=[10**8, 0])).frames()] == [0, 10**8]

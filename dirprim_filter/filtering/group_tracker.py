@@ -27,7 +27,6 @@ class GroupTracker:
     def __init__(self, make: Callable[[int], Tracker]) -> None:
         self._make = make
         self._trackers: dict[int, Tracker] = {}
-        self._now: list[int] = []
 
     @property
     def recoveries(self) -> int:
@@ -39,33 +38,25 @@ class GroupTracker:
         """How many groups have come so far."""
         return len(self._trackers)
 
-    def predict(
+    def track(
         self, detections: Detections, *, time_ns: int | None = None, groups: Iterable[int] = (), is_scan: bool = True
-    ) -> None:  # fmt: skip
-        """Move the beliefs of the groups that have a frame; each as `Tracker.predict`, errors included.
+    ) -> TrackedFrame:  # fmt: skip
+        """One frame of the groups that have one, each as `Tracker.track`, of vehicles named `group/id`.
 
-        Those of the detections have one, those of `groups`, and all where the sensor did not look.
-        """
-        self._now = sorted({*np.unique(detections.group).tolist(), *(groups if is_scan else self._trackers)})
-        for group in self._now:
-            if group not in self._trackers:
-                self._trackers[group] = self._make(group)
-            self._trackers[group].predict(detections[detections.group == group], time_ns=time_ns, is_scan=is_scan)
-
-    def weigh(self) -> None:
-        """Weigh the moved beliefs by the frame's measurements."""
-        for group in self._now:
-            self._trackers[group].weigh()
-
-    def frame(self) -> TrackedFrame:
-        """All of the frame at hand, of vehicles named `group/id`; those of group 0 keep their ids.
+        Those of group 0 keep their ids. Groups of the detections have a frame, those of `groups`, and all where the
+        sensor did not look.
 
         Raises:
-            ValueError: there is no group yet.
+            ValueError: no group has a frame; or as `Tracker.track`.
         """
-        parts = [_renamed(self._trackers[group].frame(), group) for group in self._now]
+        parts = []
+        for group in sorted({*np.unique(detections.group).tolist(), *(groups if is_scan else self._trackers)}):
+            if group not in self._trackers:
+                self._trackers[group] = self._make(group)
+            seen = detections[detections.group == group]
+            parts.append(_renamed(self._trackers[group].track(seen, time_ns=time_ns, is_scan=is_scan), group))
         if not parts:
-            raise ValueError("frame: expected that of at least one group, got none")
+            raise ValueError("groups: expected a frame of at least one, got none")
         if len(parts) == 1:
             return parts[0]
         innovations = [part.innovations for part in parts if part.innovations is not None]
@@ -78,11 +69,6 @@ class GroupTracker:
             reinitialised=tuple(name for part in parts for name in part.reinitialised),
             group=np.concatenate([part.group for part in parts]),
         )  # fmt: skip
-
-    def resample(self) -> None:
-        """Renew the samples of measured beliefs that have lost their weight."""
-        for group in self._now:
-            self._trackers[group].resample()
 
 
 def _renamed(frame: TrackedFrame, group: int) -> TrackedFrame:

@@ -47,7 +47,6 @@ class _Frame:
     n_aside: int = 0  # how many beliefs were moved aside
     held: IntArray = field(default_factory=NO_ROWS.copy)  # the slots that hold their beliefs at the frame's time
     is_scan: bool = True  # the sensor looked
-    is_weighed: bool = False  # the beliefs are weighed by it
     moments: FloatArray | None = None  # of those, once they are weighed
     innovation: FloatArray | None = None  # (slots,) as in `TrackedFrame`, where they were asked for
     lost: IntArray = field(default_factory=NO_ROWS.copy)  # the slots of reinitialised beliefs
@@ -107,7 +106,7 @@ class Tracker:
         self._undetected = Undetected(traffic, self.tracking, self.config)
         self._seed = int(rng.integers(2**63))
         self._time_ns = self._scanned_ns = NO_TIME
-        self._frame = _Frame(is_weighed=True)
+        self._frame = _Frame()
 
     @property
     def longest_gap_ns(self) -> int:
@@ -115,24 +114,20 @@ class Tracker:
         return self._roster.longest_gap_ns
 
     def step(self, detections: Detections, *, time_ns: int | None = None) -> Estimates:
-        """A whole frame: predict to its time, weigh by its detections, estimate, and resample; see `predict`.
+        """The estimates of a frame; as `track`, errors included."""
+        return self.track(detections, time_ns=time_ns).estimates
 
-        Raises:
-            ValueError: as `predict`.
-        """
-        self.predict(detections, time_ns=time_ns)
-        self.weigh()
-        estimates = self.frame().estimates
-        self.resample()
-        return estimates
-
-    def predict(self, detections: Detections, *, time_ns: int | None = None, is_scan: bool = True) -> None:
-        """Predict beliefs to the frame's time, assign its detections, and initialise tracks at those not assigned.
+    def track(self, detections: Detections, *, time_ns: int | None = None, is_scan: bool = True) -> TrackedFrame:
+        """A whole frame: resample, predict to its time, weigh by its detections, estimate.
 
         Args:
             detections: one instant, each id once; none is no frame, unless `time_ns` says when nothing was seen.
             time_ns: the frame's time; left out, that of its detections.
             is_scan: the sensor looked; else no vehicle was missed at `time_ns`, which is between its frames.
+
+        Returns:
+            All of the frame; confirmed tracks are reported. Labelled ones of the frame come first, in its order, then
+            absent and unlabelled ones. Of the samples copies can be taken until the next frame.
 
         Raises:
             ValueError: several instants or groups, a repeated id, time going backwards, or another time than that of
@@ -149,37 +144,39 @@ class Tracker:
         else:
             check_after(time_ns, self._time_ns)
         is_frame = time_ns > self._time_ns
+        self._filter.resample(self._frame.hits.slot)  # who was weighed by the frame before
         self._time_ns = time_ns
-        self._frame = frame = _Frame(detections=detections, is_scan=is_scan)
-        if not is_frame:
-            return
+        self._frame = _Frame(detections=detections, is_scan=is_scan)
+        if is_frame:
+            self._predict()
+            self._weigh()
+        return self._tracked()
+
+    def _predict(self) -> None:
+        """Predict beliefs to the frame's time, assign its detections, and initialise tracks at those not assigned."""
+        frame, time_ns = self._frame, self._time_ns
+        detections = frame.detections
         is_labelled = detections.track_id != NO_ID
         labels, row = detections.track_id[is_labelled].tolist(), np.flatnonzero(is_labelled)
-        if is_scan:
+        if frame.is_scan:
             self._roster.see(labels, time_ns)
             passed_ns, self._scanned_ns = time_ns - self._scanned_ns, time_ns
             frame.by_chance = self._by_chance(is_labelled, passed_ns)
         self._roster.forget(now_ns=time_ns)
         frame.hits = Hits.concatenate([self._match(labels, row), self._associate(np.flatnonzero(~is_labelled))])
-        if is_scan:
+        if frame.is_scan:
             is_new = np.ones(len(detections), np.bool_)
             is_new[frame.hits.row] = False
             self._begin_tracks(np.flatnonzero(is_new), is_labelled)
         self._hold(labels)
 
-    def weigh(self) -> None:
+    def _weigh(self) -> None:
         """Weigh the moved beliefs by the frame's measurements; reinitialise those that have lost their vehicle.
 
         Then learn from hits and misses which tracks are of vehicles. A measurement that a belief does not explain is a
         miss: it came from somewhere else.
-
-        Raises:
-            ValueError: they were weighed by it already, or none was predicted.
         """
         frame, roster, time_ns = self._frame, self._roster, self._time_ns
-        if frame.is_weighed:
-            raise ValueError("weigh: expected once for each frame, after predict")
-        frame.is_weighed = True
         slot, row = frame.hits
         measured = frame.detections[row]
         self._motion.change_cues(slot, measured.cue)
@@ -202,12 +199,8 @@ class Tracker:
             self._recover(slot[is_lost], row[is_lost])
         frame.moments = self._filter.moments(frame.held)
 
-    def frame(self) -> TrackedFrame:
-        """All of the frame at hand, to be written before the next step; confirmed tracks are reported.
-
-        Labelled ones of the frame come first, in its order, then absent and unlabelled ones. Of the samples copies can
-        be taken until the next step.
-        """
+    def _tracked(self) -> TrackedFrame:
+        """All of the frame at hand."""
         frame, roster, time_ns = self._frame, self._roster, self._time_ns + self._latency_ns
         exists = roster.probability[frame.home]
         reported = roster.is_confirmed[frame.home] & (exists >= self.tracking.report_above)
@@ -241,10 +234,6 @@ class Tracker:
             innovations=None if frame.innovation is None else frame.innovation[home],
             reinitialised=tuple(compress(names, np.isin(home, frame.lost).tolist())) if frame.lost.size else (),
         )  # fmt: skip
-
-    def resample(self) -> None:
-        """Renew the samples of measured beliefs that have lost their weight."""
-        self._filter.resample(self._frame.hits.slot)
 
     def _by_chance(self, is_labelled: BoolArray, passed_ns: int) -> FloatArray:
         """(d,) density of clutter and first detections at each of the frame's, so long after the frame before."""

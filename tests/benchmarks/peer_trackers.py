@@ -119,10 +119,7 @@ def _followed(
     tracker = Tracker(model, config=config, tracking=tracking, sensor=sensor, rng=np.random.default_rng(0))
     kept, since = EstimateList(), time.process_time()
     for time_ns, seen in part.frames():
-        tracker.predict(seen, time_ns=time_ns)
-        tracker.weigh()
-        kept.write(tracker.frame())
-        tracker.resample()
+        kept.write(tracker.track(seen, time_ns=time_ns))
     found = kept.all()
     if sensor is not None and isinstance(model, ConstantVelocityKalman):
         found = without_own_bias(found, sensor)

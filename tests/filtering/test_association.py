@@ -83,10 +83,8 @@ def test_of_two_that_pass_each_other_the_course_says_which_is_which():
         for i in range(11):
             place = np.array([[-10.0 + i, 0.4], [10.0 - i, -0.4]]) * [1.0, -1.0 if i == 10 else 1.0]
             known = {"direction": [0.0, np.pi], "speed": [10.0, 10.0]} if is_measured else {}
-            tracker.predict(Detections(track_id=["", ""], time_ns=[i * 10**8] * 2, position=place, **known))
-            hits = tracker._frame.hits
-            if i < 10:
-                tracker.weigh()
+            tracker.step(Detections(track_id=["", ""], time_ns=[i * 10**8] * 2, position=place, **known))
+        hits = tracker._frame.hits
         return tracker._filter.moments(hits.slot)[np.argsort(hits.row), 5]
 
     np.testing.assert_allclose(np.cos(courses_of_hits(is_measured=True)), [1.0, -1.0], atol=0.1)

@@ -82,11 +82,8 @@ def signalling(side, *, n_frames=8, off_from=99):
     for i in range(n_frames):
         cue = [[np.nan, np.nan] if side is None or not 2 <= i < off_from else [side * np.pi / 2, 2.5]]
         place = [[MIDDLE[0] + i, MIDDLE[1]]]
-        tracker.predict(Detections(track_id=["a"], time_ns=[i * 10**8], position=place, cue=cue))
-        tracker.weigh()
-        particles = tracker.frame().particles.thinned(1)
-        tracker.resample()
-    return particles
+        frame = tracker.track(Detections(track_id=["a"], time_ns=[i * 10**8], position=place, cue=cue))
+    return frame.particles.thinned(1)
 
 
 @pytest.mark.parametrize("side", [1, -1])

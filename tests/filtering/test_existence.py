@@ -94,10 +94,9 @@ def log_odds(ring_map, *, turned=None, off=0.0, n=3):
     tracker = Tracker(ring_map, config=FilterConfig(n_particles=2000), rng=np.random.default_rng(0))
     for i in range(n):
         known = {} if turned is None else {"direction": [0.04 * i + np.pi / 2 + turned], "speed": [8.0 + off]}
-        tracker.predict(
+        tracker.step(
             Detections(track_id=[""], time_ns=[i * 10**8], position=[on_the_ring(0.1 * i)], **(known if i else {}))
         )
-        tracker.weigh()
     visible, occluded, gone = tracker._roster.existence[tracker._roster.unlabelled[0]]
     return np.log((visible + occluded) / gone)
 

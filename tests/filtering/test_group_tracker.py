@@ -58,9 +58,7 @@ def test_each_group_is_tracked_as_if_it_were_alone(ring, ring_map, ids, model):
 def test_joined_samples_are_those_of_the_estimates_that_they_are_given_to(ring, ring_map):
     tracker_of_all = GroupTracker(lambda _: tracker(ring_map))
     for seen in Detections.concatenate([reported(ring, group, ids=True) for group in (1, 3)]).frames():
-        tracker_of_all.predict(seen)
-        tracker_of_all.weigh()
-        frame = tracker_of_all.frame()
+        frame = tracker_of_all.track(seen)
         samples = frame.particles.thinned(1)
         assert len(frame.particles) == len(samples) == 50 * len(frame.estimates) == 400
         for row in range(8):
@@ -70,22 +68,17 @@ def test_joined_samples_are_those_of_the_estimates_that_they_are_given_to(ring, 
             np.testing.assert_allclose(mean, frame.estimates.position[row], atol=1e-9)
             np.testing.assert_array_equal(own.position, samples.of(row).position)
         assert frame.innovations.shape == (8,)
-        tracker_of_all.resample()
 
 
 def test_a_tracker_takes_one_group_at_a_time_also_one_in_which_nothing_is_seen(ring, ring_map):
     both = Detections.concatenate([reported(ring, group, ids=False) for group in (1, 3)])
     with pytest.raises(ValueError, match="rows of one group, for each is tracked by itself"):
-        tracker(ring_map).predict(next(both.frames()))
-    with pytest.raises(ValueError, match="expected that of at least one group"):
-        GroupTracker(lambda _: tracker(ring_map)).frame()
+        tracker(ring_map).track(next(both.frames()))
+    with pytest.raises(ValueError, match="expected a frame of at least one"):
+        GroupTracker(lambda _: tracker(ring_map)).track(Detections.none())
     tracker_of_all = GroupTracker(lambda _: tracker(ring_map))
     first, *_ = reported(ring, 3, ids=True).frames()
-    tracker_of_all.predict(first)
-    tracker_of_all.weigh()
-    tracker_of_all.resample()
-    tracker_of_all.predict(Detections.none(), time_ns=100_000_000, groups=[3])
-    tracker_of_all.weigh()
-    frame = tracker_of_all.frame()
+    tracker_of_all.track(first)
+    frame = tracker_of_all.track(Detections.none(), time_ns=100_000_000, groups=[3])
     assert frame.group.tolist() == [3] * 4
     assert frame.estimates.unseen_s.tolist() == pytest.approx([0.1] * 4)

@@ -66,11 +66,8 @@ def test_a_tracker_goes_by_all_that_its_sensor_states():
     for i in range(25):
         off = rng.normal([i - 2.0, 0.5], [1.5, 0.3], (40, 2))
         place = off @ turned.T + 30.0 * np.arange(40)[:, None] * turned[:, 1]
-        tracker.predict(Detections(track_id=np.arange(40), time_ns=np.full(40, i * 10**8), position=place))
-        tracker.weigh()
-        if i > 4:
-            squared.append(tracker.frame().innovations)
-        tracker.resample()
+        frame = tracker.track(Detections(track_id=np.arange(40), time_ns=np.full(40, i * 10**8), position=place))
+        squared += [frame.innovations] if i > 4 else []
     assert abs(np.mean(squared) - 2.0) < 4 * 2.0 / np.sqrt(np.size(squared)) + 0.2  # as above
 
 

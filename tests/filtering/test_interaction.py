@@ -87,14 +87,14 @@ def test_forecasts_of_a_frame_are_worlds_of_its_groups():
         lambda _: Tracker(learned, config=RESPONDING, tracking=TRUSTING, rng=np.random.default_rng(1))
     )
     where = np.column_stack([place, np.full(3, 10.0)])
-    tracker.predict(Detections(track_id=["a", "b", "a"], time_ns=np.zeros(3, np.int64), position=where, group=group))
-    tracker.weigh()
+    frame = tracker.track(
+        Detections(track_id=["a", "b", "a"], time_ns=np.zeros(3, np.int64), position=where, group=group)
+    )
+    assert frame.names == ["a", "b", "1/a"]
     ways = {}
     for interaction in ("leader", "none"):
         config = replace(RESPONDING, interaction=interaction)
         forecaster = Forecaster(learned, [], horizon_s=3.0, config=config, rng=np.random.default_rng(0))
-        frame = tracker.frame()
-        assert frame.names == ["a", "b", "1/a"]
         ways[interaction] = forecaster.paths(frame)[:, :, -1, 0].mean(axis=1) - place
     assert ways["leader"][0] < ways["none"][0] - 4.0
     np.testing.assert_allclose(ways["leader"][1:], ways["none"][1:], atol=0.5)  # steps are cut by looks

@@ -174,10 +174,7 @@ def test_estimates_are_of_the_frames_time_and_detections_as_they_came(learned):
     truth = circling(2, 20)
     tracker = Tracker(learned, sensor=SENSOR, config=FilterConfig(n_particles=50), rng=np.random.default_rng(0))
     for frame in sense(truth, SENSOR, rng=np.random.default_rng(2)).frames():
-        tracker.predict(frame)
-        tracker.weigh()
-        reported = tracker.frame()
+        reported = tracker.track(frame)
         assert reported.time_ns == frame.time_ns[0]
         assert (reported.estimates.time_ns == reported.time_ns).all()
         assert (reported.detections.time_ns == reported.time_ns).all()
-        tracker.resample()

@@ -17,6 +17,7 @@ from dirprim_filter.filtering.smoothing import _kernels
 from dirprim_filter.filtering.smoothing.recorder import Recorder
 from dirprim_filter.filtering.smoothing.smoother import Smoother
 from dirprim_filter.primitives.motion import PUSH_RATE
+from dirprim_filter.replay import step
 from moving import ring_road
 from oracles import ring_forward_backward
 from situations import beside, one_cell_map, ring_traffic
@@ -43,12 +44,7 @@ def smoothed(seen, *, model=None, lag_s=None, with_ids=True, times=None, group=0
     frames = {int(frame.time_ns[0]): frame if with_ids else frame.without_ids() for frame in seen.frames()}
     with smoother:
         for time_ns in sorted({*frames, *(times or ())}):
-            tracker.predict(frames.get(time_ns, Detections.none()), time_ns=time_ns)
-            tracker.weigh()
-            frame = tracker.frame()
-            found.write(frame)
-            smoother.write(frame)
-            tracker.resample()
+            step(tracker, frames.get(time_ns, Detections.none()), [found, smoother], time_ns=time_ns)
     return found.all(), later.all()
 
 
@@ -206,11 +202,8 @@ def test_frames_come_in_order_each_once_and_hold_the_detections_of_their_time():
     late = []
     with smoother:
         for frame in seen.frames():
-            trackers.predict(frame)
-            trackers.weigh()
-            smoother.write(trackers.frame())
+            step(trackers, frame, [smoother])
             late.append(len(frames))
-            trackers.resample()
     assert late[8:14] == [0, 0, 1, 2, 3, 4]  # a second late, no more
     assert [frame.time_ns for frame in frames] == np.unique(seen.time_ns).tolist()
     for frame in frames:

@@ -134,11 +134,10 @@ def test_a_frame_out_of_order_is_refused_and_changes_nothing(ring_map, filter_of
     def followed(*, bad):
         _, tracker = track(ring_map, [one("a", 0.5, 20.0, 0.0)], filter_of=filter_of)
         if bad and message is None:  # no frame
-            tracker.predict(frame)
-            assert len(tracker.frame().particles) == 0
+            assert len(tracker.track(frame).particles) == 0
         elif bad:
             with pytest.raises(ValueError, match=message):
-                tracker.predict(frame, time_ns=time_ns)
+                tracker.track(frame, time_ns=time_ns)
         return tracker.step(both([0.8, 0.8]))
 
     assert followed(bad=True) == followed(bad=False)
@@ -147,9 +146,7 @@ def test_a_frame_out_of_order_is_refused_and_changes_nothing(ring_map, filter_of
 def test_particles_weigh_one_for_each_vehicle_and_are_copied_before_the_next_step(ring_map, traffic):
     frames = list(traffic.frames())
     _, tracker = track(ring_map, frames[:4])
-    tracker.predict(frames[4])
-    tracker.weigh()
-    frame = tracker.frame()
+    frame = tracker.track(frames[4])
     estimates, samples = frame.estimates, frame.particles
     particles, odd = samples.thinned(1), np.arange(40) % 2 == 1
     weight = particles.weight.reshape(len(estimates), 100)
@@ -167,7 +164,7 @@ def test_particles_weigh_one_for_each_vehicle_and_are_copied_before_the_next_ste
     ):
         for name in ("position", "direction", "speed", "weight", "vehicle", "mode"):
             np.testing.assert_array_equal(getattr(some, name), getattr(particles, name)[rows])
-    tracker.resample()
+    tracker.step(frames[5])
     np.testing.assert_allclose(np.einsum("vp,vpi->vi", weight, particles.position.reshape(40, 100, 2)), mean)
     assert (weight.max(axis=1) > 1 / 50).any()  # they were weighed
     assert len(samples) == len(particles)
@@ -240,17 +237,6 @@ def test_turn_and_shift_the_world_and_estimates_turn_and_shift_with_it():
     assert (
         np.abs(other[0] @ [[np.cos(0.1), -np.sin(0.1)], [np.sin(0.1), np.cos(0.1)]] - own[0]) / deviation
     ).mean() > 0.5
-
-
-def test_one_step_is_predict_weigh_estimate_and_resample(ring_map, traffic):
-    frames, found = list(traffic.frames())[:6], []
-    _, tracker = track(ring_map, [])
-    for frame in frames:
-        tracker.predict(frame)
-        tracker.weigh()
-        found.append(tracker.frame().estimates)
-        tracker.resample()
-    assert Estimates.concatenate(found) == track(ring_map, frames)[0]
 
 
 def test_a_lone_outlier_in_sight_reinitialises_nothing_and_who_is_back_out_of_reach_does(ring_map):
