@@ -94,10 +94,11 @@ class BeliefSamples:
                 raise RuntimeError(
                     "these particles have moved on: copy what is wanted of them while their frame is written"
                 )
-            vehicle, number = np.divmod(np.arange(0, slot.size * belief.n_particles, stride), belief.n_particles)
-            if rows is not None:
-                kept = rows[first + vehicle]
-                vehicle, number = vehicle[kept], number[kept]
+            chosen = np.arange(slot.size) if rows is None else np.flatnonzero(rows[first : first + slot.size])
+            skipped = -chosen * belief.n_particles % stride  # of each vehicle's: all samples are counted through
+            count = np.maximum(-((skipped - belief.n_particles) // stride), 0)
+            vehicle, before = np.repeat(chosen, count), np.cumsum(count) - count
+            number = np.repeat(skipped - stride * before, count) + stride * np.arange(vehicle.size)
             found.append(belief.samples(slot[vehicle] * belief.n_particles + number, first + vehicle))
             first += slot.size
         return Particles.concatenate(found[1:] or found)
