@@ -80,7 +80,7 @@ class LogWriter:
         with ExitStack() as opened:
             self._writer = McapWriter(opened.enter_context(self._partial), library=PRODUCER)
             said = {"producer": PRODUCER, "version": producer_version(), **self._metadata}
-            self._writer.add_metadata(METADATA_NAME, said)
+            self._writer.add_metadata(METADATA_NAME, {_utf8(name): _utf8(text) for name, text in said.items()})
             self._opened = opened.pop_all()
         return self
 
@@ -150,6 +150,11 @@ class LogWriter:
         channel_id = self._writer.define(channel)
         self._n_messages[channel_id] = 0
         return channel_id
+
+
+def _utf8(text: str) -> str:
+    """With escapes for what UTF-8 cannot hold, such as names of files in other encodings."""
+    return text.encode(errors="backslashreplace").decode()
 
 
 @cache

@@ -13,7 +13,7 @@ from cli.commands import DONE, FAILED, dirprim
 from dirprim_filter.cli.commands import check_outputs
 from dirprim_filter.cli.main import app
 from dirprim_filter.cli.options import WRITTEN
-from dirprim_filter.cli.results import provenance
+from dirprim_filter.cli.results import metadata_of, provenance
 from dirprim_filter.partial_file import PartialFile
 from dirprim_filter.viewer.figures import save_figure
 from dirprim_filter.viewer.sink import open_stream
@@ -129,6 +129,13 @@ def test_a_disk_that_is_full_is_reported_by_the_name_of_the_output(here, capsys,
     error = capsys.readouterr().err
     assert (code, Path(output).exists()) == (FAILED, False), error
     assert f"error: {output}: File too large; make room there, or choose another place\n" in error
+
+
+def test_the_name_of_an_input_may_be_no_utf8(here):
+    Path("log.mcap").rename(name := "log\udcff.mcap")
+    for command in ("learn -o new --tessellation grid --cell-size 8", "track --map map.mcap -o out --particles 20"):
+        assert dirprim(command, name) == DONE
+    assert any(key == "sha256 log\\udcff.mcap" for key in metadata_of(Path("new")))
 
 
 def test_inputs_of_one_name_have_a_checksum_each(tmp_path):

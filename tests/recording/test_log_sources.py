@@ -178,6 +178,9 @@ def test_a_copy_that_finds_no_room_blames_the_disk_and_not_the_pipe(tmp_path, mo
     monkeypatch.setattr(message_columns, "HELD_BYTES", 100)
     overlapping = log_bytes([("/a", i % 3, b"x" * 90) for i in range(90)], chunk_size=500)
     (tmp_path / "overlapping.mcap").write_bytes(overlapping)
+    monkeypatch.setattr(sys, "stdin", None)
+    with pytest.raises(RecordingError, match="-: expected a log on standard input, which is closed"):
+        scan("-")
     with pytest.raises(NoRoomError, match=r"chunks that overlap in time: expected to copy .* TMPDIR"):
         list(scan(tmp_path / "overlapping.mcap"))
 

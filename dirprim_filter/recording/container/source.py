@@ -147,6 +147,8 @@ def open_files(path: str | PathLike[str], *, live: bool = False) -> list[tuple[P
     file = Path(path)
     if key not in _kept:
         if name == STDIN:
+            if sys.stdin is None:
+                raise RecordingError("-: expected a log on standard input, which is closed; give a file, or open it")
             _kept[key] = _Pipe(name, sys.stdin.buffer)
         elif url := as_url(name):
             _kept[key] = _remote(name, url)
