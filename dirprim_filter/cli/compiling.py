@@ -46,7 +46,12 @@ def has_kernels(kernel: str) -> bool:
 
 
 def mend_cache() -> None:
-    """Remove what a power cut left empty of the compiler's cache, and say so: the compiler would end in an error."""
+    """Remove what a power cut left empty of the compiler's cache, and say so: the compiler would end in an error.
+
+    Where there is no place for a cache that is said too.
+    """
+    from tessellation._compiling import COMPILED
+
     broken = [path for folder in cache_folders() for path in folder.rglob("*.nb[ic]") if not _is_pickled(path)]
     for path in broken:
         path.unlink(missing_ok=True)
@@ -54,6 +59,8 @@ def mend_cache() -> None:
         sys.stderr.write(
             f"warning: {len(broken)} of the compiled kernels' files were damaged and are removed; compiling anew\n"
         )
+    if not COMPILED["cache"]:
+        sys.stderr.write("warning: every run compiles, up to a minute: set NUMBA_CACHE_DIR to a folder of yours\n")
 
 
 def cache_folders() -> list[Path]:

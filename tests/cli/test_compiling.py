@@ -1,5 +1,7 @@
 """The line about compiling: once, on a terminal, only where something is compiled for long; and the kernels' cache."""
 
+import os
+import subprocess
 import sys
 from importlib import import_module
 
@@ -8,6 +10,10 @@ from numba import njit
 
 from dirprim_filter.cli import compiling, demo
 from dirprim_filter.cli.compiling import compiling_notice
+
+RECORDING = demo.recordings_folder() / "roundabout_track.mcap"
+NOWHERE = "numba.core.caching._IPythonCacheLocator"
+"""Of numba's places for a cache the one that takes no files."""
 
 
 @pytest.mark.parametrize(("is_terminal", "unnoticed_s", "n_lines"), [(True, 0.0, 1), (False, 0.0, 0), (True, 100.0, 0)])
@@ -41,3 +47,23 @@ def test_kernels_are_looked_for_by_name_and_damaged_ones_are_compiled_again(tmp_
     assert (kernel.exists(), other.exists()) == (False, True)
     compiling.mend_cache()
     assert capsys.readouterr().err == ""
+
+
+def test_an_installation_that_keeps_nothing_compiles_in_each_run_and_says_so(tmp_path):
+    """As in a container whose user has no home: by numba's own rules every command ended in a traceback."""
+    code = (
+        "import os; os.access = lambda *_, **__: False\n"
+        "from dirprim_filter.cli.main import run\n"
+        f"raise SystemExit(run(['info', {str(RECORDING)!r}]))"
+    )
+    refused = {
+        "NUMBA_CACHE_DIR": "",
+        "HOME": "/proc",
+        "XDG_CACHE_HOME": "/proc/none",
+        "NUMBA_CACHE_LOCATOR_CLASSES": NOWHERE,
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=os.environ | refused, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "warning: every run compiles" in done.stderr
