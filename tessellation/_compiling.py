@@ -12,7 +12,8 @@ def has_a_place() -> bool:
         return True
     from numba.misc.appdirs import AppDirs  # noqa: PLC0415 - of installations that others own
 
-    return _takes_files(Path(AppDirs(appname="numba", appauthor=False).user_cache_dir))
+    own = AppDirs(appname="numba", appauthor=False)  # type: ignore[no-untyped-call]
+    return _takes_files(Path(own.user_cache_dir))
 
 
 def _takes_files(folder: Path) -> bool:
