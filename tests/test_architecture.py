@@ -46,9 +46,13 @@ def test_layers_hold():
     [
         ("dirprim_filter", ["numpy", "numba", "rerun", "matplotlib", "google.protobuf"]),
         ("dirprim_filter.cli.main", ["numpy", "numba", "rerun", "matplotlib", "google.protobuf", "rich.progress"]),
-        ("dirprim_filter.primitives", ["sklearn", "rerun", "matplotlib", "mcap"]),
+        ("dirprim_filter.primitives", ["numpy"]),
+        ("dirprim_filter.primitives.learning", ["sklearn", "rerun", "matplotlib", "mcap"]),
         ("dirprim_filter.recording", ["rerun", "matplotlib", "sklearn"]),
-        ("dirprim_filter.replay, dirprim_filter.filtering.smoothing", ["filterpy", "scipy.stats", "rerun"]),
+        (
+            "dirprim_filter.replay, dirprim_filter.filtering.smoothing",
+            ["filterpy", "scipy.stats", "rerun", "scipy.cluster", "scipy.optimize", "scipy.sparse.csgraph"],
+        ),
         ("dirprim_filter.evaluation.tracking_experiment", ["filterpy", "scipy.stats"]),
         ("dirprim_filter.store.learning, dirprim_filter.primitives.learning", ["scipy.stats", "filterpy"]),
         ("dirprim_filter.arrays", ["numba", "scipy"]),
