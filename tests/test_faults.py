@@ -51,6 +51,9 @@ UNITS = {
     "course in degrees": ({"direction": lambda of: wrap(np.rad2deg(of.direction) + 20.0)}, "are courses in degrees"),
     "course from north": ({"direction": lambda of: np.pi / 2 - of.direction}, "are courses in degrees, or from north?"),
     "latitudes": ({"position": lambda of: DEGREES + 9e-6 * of.position}, "degrees"),
+    "latitudes far apart": (
+        {"position": lambda of: DEGREES + 9e-6 * of.position + 9.0 * of.vehicle[:, None]}, "speeds lead thousands",
+    ),
     "latitudes, no speed": (
         {"position": lambda of: DEGREES + 9e-6 * of.position, "speed": lambda of: 1e-5 * of.speed}, "degrees",
     ),

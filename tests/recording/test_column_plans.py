@@ -282,7 +282,7 @@ def test_columns_of_many_numbers_are_whole(lengths):
 
 
 def test_a_protobuf_schema_that_cannot_be_read_says_why():
-    for definition, path, reported in (
+    for definition, path, reported, *kind in (
         (b"\xff\xff", ".double", "FileDescriptorSet"),
         (b"", ".double", "defines it"),
         (DEFINITION, ".nothing", "lacks"),
@@ -291,9 +291,12 @@ def test_a_protobuf_schema_that_cannot_be_read_says_why():
         (DEFINITION, ".many_double", "repeated"),
         (DEFINITION, ".one", "expected a time at .one"),
         (DEFINITION, ".string", "got text"),
+        (DEFINITION, ".double.x", "expected a message at p.M.double, got a value"),
+        (DEFINITION, ".double", "expected a time at .double, got a double", "time"),
+        (DEFINITION, ".double", "expected a message at .double, got a double", "presence"),
     ):
         with pytest.raises(SchemaError, match=r"p\.M: ") as error:
-            protobuf_plan("p.M", definition, {"x": Field(path=path)})
+            protobuf_plan("p.M", definition, {"x": Field(path=path, kind=(*kind, "number")[0])})
         assert reported in str(error.value)
 
 

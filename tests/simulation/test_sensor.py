@@ -84,6 +84,7 @@ def test_what_is_stated_holds_and_a_little_more_does_not(truth, rng, holds, stat
 
 def test_a_perfect_sensor_reports_the_truth(truth, rng):
     assert not errors(truth, rng, 0.0).any()
+    assert not len(detect(truth[:0], noise_m=0.5, false_per_frame=3.0, rng=rng))
 
 
 @pytest.mark.parametrize(
