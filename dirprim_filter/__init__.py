@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from dirprim_filter.estimates import Estimates as Estimates
     from dirprim_filter.filtering import Tracker as Tracker
     from dirprim_filter.forecasting import forecast as forecast
-    from dirprim_filter.primitives import PrimitiveMap as PrimitiveMap
-    from dirprim_filter.primitives import learn_primitives as learn_primitives
+    from dirprim_filter.primitives.learning import learn_primitives as learn_primitives
+    from dirprim_filter.primitives.primitive_map import PrimitiveMap as PrimitiveMap
     from dirprim_filter.recording import load_map as load_map
     from dirprim_filter.recording import read_estimates as read_estimates
     from dirprim_filter.recording import read_tracks as read_tracks
@@ -28,11 +28,11 @@ _HOME = {
     "Estimates": "estimates",
     "FilterConfig": "config",
     "LearningConfig": "config",
-    "PrimitiveMap": "primitives",
+    "PrimitiveMap": "primitives.primitive_map",
     "Tracker": "filtering",
     "Tracks": "tracks",
     "forecast": "forecasting",
-    "learn_primitives": "primitives",
+    "learn_primitives": "primitives.learning",
     "load_map": "recording",
     "read_estimates": "recording",
     "read_tracks": "recording",

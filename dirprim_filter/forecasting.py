@@ -22,11 +22,11 @@ from dirprim_filter.estimates import Particles, TrackedFrame
 from dirprim_filter.filtering import _kernels
 from dirprim_filter.filtering._kernels import Cloud
 from dirprim_filter.filtering.belief import birth_key, weigh_by_cue
-from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.primitives._leader import ALONE, LeaderTable
 from dirprim_filter.primitives._manoeuvres import MotionTable
 from dirprim_filter.primitives.cues import Cue
 from dirprim_filter.primitives.motion_table import motion_table
+from dirprim_filter.primitives.primitive_map import PrimitiveMap
 
 REGION_SHARES = (0.9, 0.5)
 """The shares of a vehicle's rollouts that its regions contain."""

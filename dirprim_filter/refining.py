@@ -18,7 +18,7 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import TrackedFrame
 from dirprim_filter.filtering import GroupTracker
 from dirprim_filter.filtering.smoothing.smoother import Smoother
-from dirprim_filter.primitives import PrimitiveMap
+from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.replay import step
 from dirprim_filter.sensor import AxisError, Sensor
 from dirprim_filter.track_ids import qualified_names

@@ -1,27 +1,24 @@
 """How kernels are compiled: once per installation, and without unused wrappers."""
 
 import os
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 
 def has_a_place() -> bool:
     """Whether what is compiled can be kept: numba refuses to compile where it cannot, as for users without a home."""
-    package, given = Path(__file__).parent, os.environ.get("NUMBA_CACHE_DIR")
-    if os.access(package, os.W_OK) or (given and _takes_files(Path(given))):
+    if os.access(Path(__file__).parent, os.W_OK):
         return True
     from numba.misc.appdirs import AppDirs  # noqa: PLC0415 - of installations that others own
 
-    own = AppDirs(appname="numba", appauthor=False)  # type: ignore[no-untyped-call]
-    return _takes_files(Path(own.user_cache_dir))
-
-
-def _takes_files(folder: Path) -> bool:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        return False
-    return os.access(folder, os.W_OK | os.X_OK)
+    own: str = AppDirs(appname="numba", appauthor=False).user_cache_dir  # type: ignore[no-untyped-call]
+    for folder in (os.environ.get("NUMBA_CACHE_DIR") or own, own):
+        with suppress(OSError):
+            Path(folder).mkdir(parents=True, exist_ok=True)
+            if os.access(folder, os.W_OK | os.X_OK):
+                return True
+    return False
 
 
 COMPILED: dict[str, Any] = {"cache": has_a_place(), "no_cfunc_wrapper": True, "fastmath": False}

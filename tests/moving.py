@@ -7,9 +7,10 @@ import numpy as np
 
 from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.distributions import _random as random
-from dirprim_filter.primitives import PrimitiveMap, _motion
+from dirprim_filter.primitives import _motion
 from dirprim_filter.primitives.motion import COURSE_RATE, FLOATS, Motion, background_manoeuvres, joined
 from dirprim_filter.primitives.motion_table import motion_table
+from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from tessellation import GridTessellation
 
 SIDE = 20.0

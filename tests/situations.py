@@ -8,8 +8,8 @@ from dirprim_filter.config import TrackingConfig
 from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.estimates import Estimates
-from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.primitives.motion import FLOATS, Motion
+from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.rows import CellRows
 from dirprim_filter.tracks import Tracks
 from tessellation import GridTessellation

@@ -46,7 +46,6 @@ def test_layers_hold():
     [
         ("dirprim_filter", ["numpy", "numba", "rerun", "matplotlib", "google.protobuf"]),
         ("dirprim_filter.cli.main", ["numpy", "numba", "rerun", "matplotlib", "google.protobuf", "rich.progress"]),
-        ("dirprim_filter.primitives", ["numpy"]),
         ("dirprim_filter.primitives.learning", ["sklearn", "rerun", "matplotlib", "mcap"]),
         ("dirprim_filter.recording", ["rerun", "matplotlib", "sklearn"]),
         (

@@ -84,7 +84,7 @@ def warm_up() -> None:
     from dirprim_filter.distributions.highest_density import highest_density_regions
     from dirprim_filter.filtering import Tracker
     from dirprim_filter.forecasting import forecast
-    from dirprim_filter.primitives import PrimitiveMap
+    from dirprim_filter.primitives.primitive_map import PrimitiveMap
     from tessellation import GridTessellation
 
     two_rows = np.ones((2, 1))

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from dirprim_filter.estimates import Estimates
     from dirprim_filter.evaluation.tracking_report import TrackingReport
     from dirprim_filter.filtering import BayesFilter
-    from dirprim_filter.primitives import PrimitiveMap
+    from dirprim_filter.primitives.primitive_map import PrimitiveMap
     from dirprim_filter.tracks import Tracks
 
 KERNEL = "_kernels.advance"

@@ -12,7 +12,7 @@ from dirprim_filter.cli.options import FIGURE, WRITTEN, Force, Map, Seed, named_
 from dirprim_filter.cli.texts import columns
 
 if TYPE_CHECKING:
-    from dirprim_filter.primitives import PrimitiveMap
+    from dirprim_filter.primitives.primitive_map import PrimitiveMap
 
 FASTEST = 1e4
 """m/s: nothing that drives is faster."""

@@ -14,7 +14,7 @@ from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.texts import counted
 
 if TYPE_CHECKING:
-    from dirprim_filter.primitives import PrimitiveMap
+    from dirprim_filter.primitives.primitive_map import PrimitiveMap
 
 
 CellSize = Annotated[float | None, typer.Option(help="Metres. Default: chosen on held-out vehicles.")]
@@ -58,7 +58,7 @@ def learn(
     import numpy as np
 
     from dirprim_filter.cli.progress import learning_progress
-    from dirprim_filter.primitives import learn_primitives
+    from dirprim_filter.primitives.learning import learn_primitives
     from dirprim_filter.recording.sensor_file import load_sensor
     from dirprim_filter.sensor import without_bias
 

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from dirprim_filter.config import FilterConfig, TrackingConfig
     from dirprim_filter.estimates import EstimateSink, TrackedFrame
     from dirprim_filter.filtering import GroupTracker
-    from dirprim_filter.primitives import PrimitiveMap
+    from dirprim_filter.primitives.primitive_map import PrimitiveMap
     from dirprim_filter.recording.writer import EstimateWriter
     from dirprim_filter.sensor import Sensor
     from dirprim_filter.viewer.sink import RerunSink

@@ -20,9 +20,9 @@ from dirprim_filter.filtering.particle_filter import ParticleFilter
 from dirprim_filter.filtering.roster import GAP_INTERVALS
 from dirprim_filter.forecasting import leader_table, projected, sampled_belief, side_by_side
 from dirprim_filter.instants import LONGEST_UNSEEN_S
-from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.primitives._leader import ALONE
 from dirprim_filter.primitives.motion_table import motion_table
+from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
 
 NOISE = Axis("noise_m", 0.1)

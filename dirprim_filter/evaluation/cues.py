@@ -34,9 +34,9 @@ from dirprim_filter.distributions.von_mises_mixture import log_weights
 from dirprim_filter.evaluation.density import mean_over, rows_to_judge
 from dirprim_filter.evaluation.intervals import Interval
 from dirprim_filter.evaluation.splits import Fold, SplitBy, honest_split, split, steps
-from dirprim_filter.primitives import PrimitiveMap, learn_primitives
 from dirprim_filter.primitives.cues import Cue
-from dirprim_filter.primitives.learning import CellsRule
+from dirprim_filter.primitives.learning import CellsRule, learn_primitives
+from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.track_ids import vehicle_numbers
 from dirprim_filter.tracks import Tracks
 

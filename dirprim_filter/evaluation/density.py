@@ -30,7 +30,8 @@ from dirprim_filter.evaluation.baselines.stef_map import StefMap
 from dirprim_filter.evaluation.intervals import Interval, clustered, interval, mean
 from dirprim_filter.evaluation.settings import Axis, Choice, choose
 from dirprim_filter.evaluation.splits import Fold, SplitBy, honest_split, split, steps, thinned
-from dirprim_filter.primitives import PrimitiveMap, learn_primitives
+from dirprim_filter.primitives.learning import learn_primitives
+from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.track_ids import vehicle_numbers
 from dirprim_filter.tracks import Tracks
 

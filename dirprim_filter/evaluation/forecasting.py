@@ -20,7 +20,8 @@ from dirprim_filter.evaluation.forecast_cases import HORIZONS_S, SCORES, Cases, 
 from dirprim_filter.evaluation.intervals import Interval, paired, reduction_of_mean
 from dirprim_filter.evaluation.settings import Choice
 from dirprim_filter.evaluation.splits import SplitBy, split, steps
-from dirprim_filter.primitives import PrimitiveMap, learn_primitives
+from dirprim_filter.primitives.learning import learn_primitives
+from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
 
 SampleRollouts = Callable[[Cases, int, np.random.Generator], FloatArray]

@@ -27,7 +27,8 @@ from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
 from dirprim_filter.evaluation.tracking_report import TrackingReport
 from dirprim_filter.filtering import ConstantVelocityKalman
 from dirprim_filter.filtering.particle_filter import bayes_filter_of
-from dirprim_filter.primitives import PrimitiveMap, learn_primitives
+from dirprim_filter.primitives.learning import learn_primitives
+from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
 
 SMOOTHED_SUFFIX = " smoothed"

@@ -24,10 +24,10 @@ from dirprim_filter.filtering.measurements import FASTEST, MOVING_FROM, OUTLIER_
 from dirprim_filter.filtering.protocols import BayesFilter, Evidence, Places
 from dirprim_filter.filtering.smoothing import _kernels as smoothing
 from dirprim_filter.filtering.smoothing._kernels import log_gaussian
-from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.primitives._leader import ALONE
 from dirprim_filter.primitives.cues import Cue
 from dirprim_filter.primitives.motion_table import motion_table
+from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.traffic import Traffic
 from dirprim_filter.sensor import Sensor
 

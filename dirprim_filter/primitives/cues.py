@@ -44,9 +44,8 @@ class Cue:
     def belief(self, heading: npt.ArrayLike) -> VonMisesMixture:
         """The cue of vehicles that head so, in map directions. (...) radians -> mixtures (..., M)."""
         mean: FloatArray = np.asarray(heading, dtype=np.float64)[..., None] + np.asarray(self.turn)
-        n_modes = mean.shape[-1]
         return VonMisesMixture(
-            weight=np.full(mean.shape, 1.0 / n_modes),
+            weight=np.full(mean.shape, 1.0 / mean.shape[-1]),
             mean_direction=mean,
             concentration=np.broadcast_to(np.asarray(self.concentration), mean.shape),
         )

@@ -20,7 +20,7 @@ import numpy as np
 import dirprim_filter
 import tessellation
 from dirprim_filter.config import LearningConfig
-from dirprim_filter.primitives import learn_primitives
+from dirprim_filter.primitives.learning import learn_primitives
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording import load_map, save_map
 from dirprim_filter.store.blocks import Block

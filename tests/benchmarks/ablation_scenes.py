@@ -22,7 +22,8 @@ from dirprim_filter.evaluation.splits import held_out
 from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
 from dirprim_filter.filtering import Tracker
 from dirprim_filter.filtering.particle_filter import ParticleFilter, bayes_filter_of
-from dirprim_filter.primitives import PrimitiveMap, learn_primitives
+from dirprim_filter.primitives.learning import learn_primitives
+from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording.tables import read_named
 from dirprim_filter.tracks import Tracks
 

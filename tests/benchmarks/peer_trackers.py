@@ -28,7 +28,7 @@ from dirprim_filter.estimates import EstimateList
 from dirprim_filter.evaluation.settings import Axis
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
 from dirprim_filter.filtering import BayesFilter, ConstantVelocityKalman, Tracker
-from dirprim_filter.primitives import PrimitiveMap
+from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.sensor import Sensor
 
 Settings = Mapping[str, float]

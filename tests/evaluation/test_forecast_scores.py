@@ -10,7 +10,7 @@ from dirprim_filter.course import motion_of
 from dirprim_filter.evaluation.belief_forecasts import _slots
 from dirprim_filter.evaluation.forecast_cases import SCORES, Cases, score_cases, seen_so_far
 from dirprim_filter.evaluation.forecasting import Forecaster, by_constant_velocity, evaluate_forecasts, rollouts_of
-from dirprim_filter.primitives import learn_primitives
+from dirprim_filter.primitives.learning import learn_primitives
 from situations import ring_traffic, tracks_of
 
 HORIZONS = (0.5, 1.0, 2.0)

@@ -7,7 +7,7 @@ from dirprim_filter.evaluation.cues import steps_between_cells
 from dirprim_filter.evaluation.forecast_cases import Cases
 from dirprim_filter.evaluation.splits import split, thinned
 from dirprim_filter.filtering.kalman import acceleration_density
-from dirprim_filter.primitives import learn_primitives
+from dirprim_filter.primitives.learning import learn_primitives
 from dirprim_filter.tracks import Tracks
 from situations import ring_traffic
 

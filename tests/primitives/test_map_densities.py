@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from dirprim_filter.distributions import Gamma, VonMisesMixture
-from dirprim_filter.primitives import PrimitiveMap
+from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from oracles import map_log_densities
 from situations import one_cell_map
 from tessellation import GridTessellation

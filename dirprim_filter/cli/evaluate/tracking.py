@@ -17,7 +17,7 @@ from dirprim_filter.cli.texts import counted, figure_lines, number
 if TYPE_CHECKING:
     from dirprim_filter.evaluation.tracking import TrackingTable
     from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
-    from dirprim_filter.primitives import PrimitiveMap
+    from dirprim_filter.primitives.primitive_map import PrimitiveMap
     from dirprim_filter.tracks import Tracks
 
 MOST_OUTSIDE = 0.9

@@ -22,7 +22,7 @@ from dirprim_filter.filtering.smoothing.chain import Chain, Smoothed
 from dirprim_filter.filtering.smoothing.recorder import Recorder
 from dirprim_filter.filtering.smoothing.stitching import stitch
 from dirprim_filter.filtering.tracker import Tracker
-from dirprim_filter.primitives import PrimitiveMap
+from dirprim_filter.primitives.primitive_map import PrimitiveMap
 
 WHOLE_S = 30.0
 """Measurements so long after an instant do not change its estimate; the longest gap is added."""
