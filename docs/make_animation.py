@@ -28,7 +28,7 @@ from dirprim_filter.evaluation.metrics.comparison import Comparison
 from dirprim_filter.evaluation.rivals import fitted_acceleration
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
 from dirprim_filter.filtering import ConstantVelocityKalman
-from dirprim_filter.primitives import PrimitiveMap
+from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording.reader import stream_detections
 from dirprim_filter.tracks import Tracks
 
