@@ -28,6 +28,7 @@ from dirprim_filter.evaluation.metrics.comparison import Comparison
 from dirprim_filter.evaluation.rivals import fitted_acceleration
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
 from dirprim_filter.filtering import ConstantVelocityKalman
+from dirprim_filter.filtering.protocols import BayesFilter
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording.reader import stream_detections
 from dirprim_filter.tracks import Tracks
@@ -41,7 +42,7 @@ PALETTE = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"]
 """Of Okabe and Ito (2008)."""
 
 
-def tracked(model: object, tracking: TrackingConfig) -> Estimates:
+def tracked(model: PrimitiveMap | BayesFilter, tracking: TrackingConfig) -> Estimates:
     """What a tracker makes of the detections outside of the ring."""
     tracker = Tracker(model, tracking=tracking, rng=np.random.default_rng(0))
     frames = map(with_blind_ring, stream_detections(RECORDINGS / "intersection_track.mcap"))
@@ -141,8 +142,8 @@ def main() -> None:
             draw(axes, side, truth, learned, float(at_s))
         text = f"{at_s:.1f} s.  Grey: no detections.  Square: a vehicle.  Colour: its track.  Red ring: a new track."
         figure.text(0.5, 0.015, text, ha="center", fontsize=9)
-        canvas.draw()
-        pictures.append(Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB"))
+        canvas.draw()  # type: ignore[no-untyped-call]
+        pictures.append(Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB"))  # type: ignore[no-untyped-call]
     some_of_all = np.concatenate([np.asarray(picture) for picture in pictures[:: len(pictures) // 6]])
     palette = Image.fromarray(some_of_all).quantize(N_COLORS, method=Image.Quantize.FASTOCTREE)
     first, *more = (picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures)

@@ -96,7 +96,7 @@ def draw_gaps(primitives: PrimitiveMap, tracks: Tracks, n_shown: int, path: Path
     experiment = TrackingExperiment()
     scene = Scene.of(tracks, experiment, seed=1)
     ways = followed([scene], lambda: ParticleFilter(primitives, experiment.filter), experiment, smooth=True, seed=1)
-    truth, hidden = scene.truth.tracks, scene.truth.is_hidden
+    truth, hidden = scene.truth, scene.is_hidden
     speed = np.where(hidden, truth.speed, 0.0)
     east, north = (np.bincount(truth.vehicle, speed * of(truth.direction)) for of in (np.cos, np.sin))
     chosen = np.argsort(np.hypot(east, north) - np.bincount(truth.vehicle, speed))[:n_shown]
@@ -114,7 +114,7 @@ def draw_gaps(primitives: PrimitiveMap, tracks: Tracks, n_shown: int, path: Path
             ("filter", "smoother"),
             strict=True,
         ):
-            found = tracked.estimates.all()
+            found = tracked.estimates
             own = (found.track_id == truth.track_id[rows][0]) & (found.time_ns >= from_ns) & (found.time_ns <= to_ns)
             of = found[own]
             axes.plot(*of.position.T, color=color, linewidth=width, label=name)
