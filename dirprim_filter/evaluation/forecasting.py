@@ -48,8 +48,7 @@ def by_map(train: Tracks, horizons_s: tuple[float, ...], rng: np.random.Generato
     """The map as it is learned by default, the same without its cells, and where vehicles respond to those ahead."""
     learned, known = learn_primitives(train, rng=rng), Cases.of(train, horizons_s=horizons_s)
     prior = from_beliefs(learned, known, horizons_s, rng)
-    noise_m = prior.settings[0].chosen if prior.settings else NOISE.start
-    behind_leaders = rollouts_of(learned, horizons_s, noise_m=noise_m, leaders=True)
+    behind_leaders = rollouts_of(learned, horizons_s, noise_m=noise_of(prior.settings), leaders=True)
     return {
         "prior": prior,
         "place-free": from_beliefs(learned.without_places(), known, horizons_s, rng),
@@ -68,8 +67,12 @@ def from_beliefs(
 ) -> Forecaster:
     """On a map, with the noise of positions that suits cases of training vehicles."""
     settings = chosen_noise(primitive_map, known, horizons_s, rng=rng)
-    noise_m = settings[0].chosen if settings else NOISE.start
-    return Forecaster(rollouts_of(primitive_map, horizons_s, noise_m=noise_m), settings)
+    return Forecaster(rollouts_of(primitive_map, horizons_s, noise_m=noise_of(settings)), settings)
+
+
+def noise_of(settings: tuple[Choice, ...]) -> float:
+    """Metres: as chosen, where it could be."""
+    return settings[0].chosen if settings else NOISE.start
 
 
 def rollouts_of(

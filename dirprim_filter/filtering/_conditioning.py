@@ -57,11 +57,8 @@ def draw_given(
     along, across, state, weight = measured.along, measured.across, room.state, cloud.weight[v]
     dx, dy = measured.x - room.mean[AHEAD], measured.y - room.mean[ASIDE]
     ahead, aside = dx * c + dy * s, dy * c - dx * s
-    c, s, course = (
-        measured.c * c + measured.s * s,
-        measured.s * c - measured.c * s,
-        (c, s),
-    )  # axes, in those of the course
+    course = c, s
+    c, s = measured.c * c + measured.s * s, measured.s * c - measured.c * s  # the errors' axes, in those of the course
     xx, xy, yy = along * c * c + across * s * s, (along - across) * c * s, along * s * s + across * c * c
     kernel = room.covariance
     if determinant_of(kernel, xx, xy, yy) < WIDE * WIDE * along * across:

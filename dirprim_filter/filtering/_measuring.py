@@ -32,24 +32,28 @@ from dirprim_filter.distributions._arithmetic import dot
 from dirprim_filter.distributions._elementary import cos, exp, sin, squared_sine, wrap
 from dirprim_filter.distributions._random import UIntArray
 from dirprim_filter.filtering._conditioning import Measured, draw_given
+from dirprim_filter.filtering._errors import (
+    AXIS,
+    COSINE,
+    COURSE,
+    PACE,
+    SINE,
+    WHITE,
+    Errors,
+    X,
+    Y,
+    course_of,
+    lasting_share,
+    lasting_variance,
+    learn,
+)  # fmt: skip
 from dirprim_filter.filtering._kernels import Carried, Cloud
 from dirprim_filter.primitives import _map_kernels
 from dirprim_filter.primitives._manoeuvres import STANDING_BELOW
 from dirprim_filter.primitives._map_kernels import MapTable
 
-X, Y, COURSE, PACE, AXIS, WHITE = range(6)
-"""Columns of a measurement: metres; radians and m/s, NaN where not measured; the direction of the first axis, NaN where
-it is each particle's own; the variances of white errors along both, m2, two columns."""
-COSINE, SINE = 2, 3
-"""Rows of `off`, the unit vector of the first axis, below metres along both axes."""
 LEAST = 1e-200
 """Weight below which a particle has none: far above the subnormal numbers, with which processors are slow."""
-COURSE_FROM, COURSE_UNTIL = 0.95, 0.7
-"""Resultants of a belief's directions from which on it has a course, and below which it has none any more.
-
-Were the bias in the axes of each particle for good, it would be a lever: what it swings across would measure directions
-far better than the motion's noise in them allows, for a body's heading is smooth.
-"""
 PLACE_M, SPEED_OFF, TOGETHER = 1.0, 2.0, 0.7
 """Metres, m/s, and their correlation: an acceleration of 2 m/s^2 beside the model's, for a second."""
 LEAST_SHARE = 0.01
@@ -74,14 +78,6 @@ class Noise(NamedTuple):
     speed_precision: float  # (s/m)^2
     speed_scale: float
     speed_outlier: float
-
-
-class Errors(NamedTuple):
-    """A sensor's errors along both axes, beside white ones."""
-
-    bias: tuple[float, float]  # m
-    lasting: tuple[float, float]  # m2, variance of what lasts
-    forgets: tuple[float, float]  # 1/s
 
 
 @njit(cache=True, nogil=True)
@@ -124,12 +120,6 @@ def begin(
         normalise(cloud.weight[v], fit)
         carried.variance[v, 0], carried.variance[v, 1] = share * z[WHITE], share_across * z[WHITE + 1]
         carried.since_s[v], carried.has_course[v] = 0.0, False
-
-
-@njit(cache=True, inline="always")
-def lasting_share(z: FloatArray, errors: Errors, a: int) -> float:
-    """Of the variance along an axis."""
-    return float(errors.lasting[a] / (errors.lasting[a] + z[WHITE + a]))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -274,13 +264,6 @@ def residuals(
     return math.sqrt(precision * precision_across) / (2.0 * math.pi)
 
 
-@njit(cache=True, inline="always")
-def lasting_variance(carried: Carried, v: int, errors: Errors, a: int) -> float:
-    """Of the carried error by now: a Gauss-Markov process has kept a share."""
-    kept = math.exp(-2.0 * carried.since_s[v] * errors.forgets[a])
-    return float(kept * carried.variance[v, a] + (1.0 - kept) * errors.lasting[a])
-
-
 @njit(cache=True, nogil=True)
 def fit_motion(cloud: Cloud, v: int, z: FloatArray, noise: Noise, fit: FloatArray) -> None:
     """Multiply (P,) by how well a measured course and pace fit, over how well they fit a false detection."""
@@ -345,44 +328,3 @@ def displace(cloud: Cloud, v: int, p: int, east: float, north: float, state: UIn
         aside = SPEED_OFF * (TOGETHER * (north * c - east * s) / PLACE_M + alone * random.draw_normal(state))
         cloud.direction[v, p] = wrap(theta + aside / (pace + SPEED_OFF))
         cloud.speed[v, p] = max(pace + ahead, STANDING_BELOW)
-
-
-@njit(cache=True, nogil=True)
-def learn(
-    cloud: Cloud, carried: Carried, v: int, z: FloatArray, errors: Errors, off: FloatArray, is_explained: bool
-) -> None:
-    """The carried error at the measurement's time, and corrected by what is left of it where the belief explains it."""
-    for a in range(2):
-        if errors.lasting[a] > 0.0:
-            kept, variance = math.exp(-carried.since_s[v] * errors.forgets[a]), lasting_variance(carried, v, errors, a)
-            gain = variance / (variance + z[WHITE + a]) if is_explained else 0.0
-            carried.variance[v, a] = (1.0 - gain) * variance
-            for p in range(off.shape[1]):
-                carried.mean[v, p, a] = kept * carried.mean[v, p, a] + gain * off[a, p]
-    if errors.bias[0] != 0.0 or errors.bias[1] != 0.0:
-        update_course(cloud, carried, v, errors, off)
-
-
-@njit(cache=True)
-def course_of(weight: FloatArray, off: FloatArray) -> tuple[float, float]:
-    """The unit vector of the belief's course; off (4, P) as `residuals` fills it."""
-    c, s = dot(weight, off[COSINE]), dot(weight, off[SINE])
-    length = max(math.hypot(c, s), 1e-9)
-    return c / length, s / length
-
-
-@njit(cache=True)
-def update_course(cloud: Cloud, carried: Carried, v: int, errors: Errors, off: FloatArray) -> None:
-    """Update whether particles agree on a course; where that changes, move them so that detections fit as before."""
-    weight, place, had = cloud.weight[v], cloud.position[v], carried.has_course[v]
-    resultant = math.hypot(dot(weight, off[COSINE]), dot(weight, off[SINE]))
-    has = resultant >= (COURSE_UNTIL if had else COURSE_FROM)
-    if has == had:
-        return
-    carried.has_course[v] = has
-    c, s = course_of(weight, off)
-    sign = 1.0 if has else -1.0
-    for p in range(weight.size):
-        dc, ds = sign * (off[COSINE, p] - c), sign * (off[SINE, p] - s)
-        place[p, 0] += errors.bias[0] * dc - errors.bias[1] * ds
-        place[p, 1] += errors.bias[0] * ds + errors.bias[1] * dc

@@ -18,7 +18,7 @@ from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.distributions import von_mises
-from dirprim_filter.filtering import _conditioning, _kernels, _measuring, _resampling
+from dirprim_filter.filtering import _conditioning, _errors, _kernels, _measuring, _resampling
 from dirprim_filter.filtering.belief import BeliefSamples, ParticleBelief, weigh_by_cue
 from dirprim_filter.filtering.measurements import FASTEST, MOVING_FROM, OUTLIER_EXTENT_M
 from dirprim_filter.filtering.protocols import BayesFilter, Evidence, Places
@@ -65,7 +65,7 @@ class ParticleFilter(ParticleBelief):
         self._of_manoeuvre[:, 0] = primitive_map.motion.cell >= 0
         if self.traffic is not None:
             self._of_manoeuvre[: self.traffic.ends.size, 1] = self.traffic.ends
-        self._noise, self._sensor, self._errors = _noise(config), sensor, _errors(sensor)
+        self._noise, self._sensor, self._errors = _noise(config), sensor, _errors_of(sensor)
         spread = (1.0, 1.0) if sensor is None else (sensor.along.spread_m, sensor.across.spread_m)
         self._errors_at_birth = self._errors.lasting[0] / spread[0], self._errors.lasting[1] / spread[1]
         self._n_threads = os.cpu_count() or 1
@@ -250,11 +250,11 @@ def _noise(config: FilterConfig) -> _measuring.Noise:
     )
 
 
-def _errors(sensor: Sensor | None) -> _measuring.Errors:
+def _errors_of(sensor: Sensor | None) -> _errors.Errors:
     if sensor is None:
-        return _measuring.Errors(bias=(0.0, 0.0), lasting=(0.0, 0.0), forgets=(1.0, 1.0))
+        return _errors.Errors(bias=(0.0, 0.0), lasting=(0.0, 0.0), forgets=(1.0, 1.0))
     along, across = sensor.along, sensor.across
-    return _measuring.Errors(
+    return _errors.Errors(
         bias=(along.bias_m, across.bias_m),
         lasting=(along.correlated_variance, across.correlated_variance),
         forgets=(1.0 / along.correlation_s, 1.0 / across.correlation_s),

@@ -9,7 +9,7 @@ from scipy import stats
 
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.distributions.angles import wrap
-from dirprim_filter.filtering import _kernels, _measuring, _resampling, particle_filter
+from dirprim_filter.filtering import _errors, _kernels, _measuring, _resampling, particle_filter
 from dirprim_filter.filtering.belief import ParticleBelief, birth_key
 from dirprim_filter.primitives._manoeuvres import STANDING_BELOW
 from dirprim_filter.primitives.motion_table import motion_table
@@ -36,7 +36,7 @@ def cloud():
     )
 
 
-WHITE = _measuring.Errors(bias=(0.0, 0.0), lasting=(0.0, 0.0), forgets=(1.0, 1.0))
+WHITE = _errors.Errors(bias=(0.0, 0.0), lasting=(0.0, 0.0), forgets=(1.0, 1.0))
 
 
 def nothing_carried():
