@@ -187,6 +187,7 @@ def _cloud(
     cloud = Cloud(
         position, direction, speed, cell=unknown, manoeuvre=unknown.copy(), push=np.empty((v, n)),
         weight=np.full((v, n), 1.0 / n), state=rng.integers(2**64, size=(v, 4), dtype=np.uint64),
+        since_s=np.zeros(v),
     )  # fmt: skip
     _kernels.initialise_motion(table, cloud, np.arange(v))
     return cloud
@@ -198,8 +199,8 @@ def _weighted_by_cue(table: MotionTable, cloud: Cloud, cue: Cue, *, rng: np.rand
     vehicle = np.arange(v)
     weigh_by_cue(table, cloud, vehicle, cue)
     kept = np.stack([rng.choice(n, n // PER_SAMPLE, p=weight) for weight in cloud.weight])
-    of_particles = {name: column[vehicle[:, None], kept] for name, column in cloud._asdict().items() if name != "state"}
-    return cloud._replace(**of_particles)
+    columns = {name: column for name, column in cloud._asdict().items() if name not in ("state", "since_s")}
+    return cloud._replace(**{name: column[vehicle[:, None], kept] for name, column in columns.items()})
 
 
 def projected(table: MotionTable, cloud: Cloud, dt_s: FloatArray, response: LeaderTable = ALONE) -> FloatArray:

@@ -55,11 +55,6 @@ class AxisError:
         """Of the correlated part, square metres."""
         return self.correlated_share * self.spread_m**2
 
-    @property
-    def white_variance(self) -> float:
-        """Of the white part, square metres."""
-        return (1.0 - self.correlated_share) * self.spread_m**2
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sensor:
@@ -104,10 +99,11 @@ class Sensor:
         return cls(along=AxisError(spread_m=noise_m), across=AxisError(spread_m=noise_m))
 
     def unseen_covariance(self, direction: FloatArray, speed: FloatArray) -> FloatArray:
-        """(n, 2, 2) square metres: what the stated uncertainty of bias and latency adds to each estimated position.
+        """(n, 2, 2) square metres: what no filter sees of the errors, to be added to each estimated position.
 
-        Both move all detections of a vehicle alike, so no filter sees them: the variance along the course is that of
-        the bias plus speed^2 times that of the latency.
+        An error that lasts, and what is not known of bias and latency, move the detections of a vehicle alike: the
+        variance along the course is that of the correlated part, plus that of the bias, plus speed^2 times that of the
+        latency. A filter takes the whole error for white (Schmidt 1966: such errors are considered, not estimated).
 
         Args:
             direction: (n,) radians.
@@ -117,6 +113,7 @@ class Sensor:
             (self.uncertainty.get(name, 0.0) / WIDE) ** 2 for name in ("along.bias_m", "across.bias_m", "latency_s")
         )
         axis = np.stack([np.cos(direction), np.sin(direction)], axis=-1)
+        along, across = along + self.along.correlated_variance, across + self.across.correlated_variance
         own = along - across + speed**2 * late
         return np.asarray(across * np.eye(2) + own[:, None, None] * axis[:, :, None] * axis[:, None, :])
 

@@ -58,6 +58,5 @@ def _errors(axis, time_s, rng):
     for i in range(1, time_s.size):
         correlated[i] += kept[i] * correlated[i - 1]
     white = rng.standard_normal(time_s.size)
-    return np.asarray(
-        axis.bias_m + math.sqrt(axis.correlated_variance) * correlated + math.sqrt(axis.white_variance) * white
-    )
+    share = math.sqrt(axis.correlated_share) * correlated + math.sqrt(1.0 - axis.correlated_share) * white
+    return np.asarray(axis.bias_m + axis.spread_m * share)

@@ -21,8 +21,8 @@ from dirprim_filter.arrays import FloatArray
 from dirprim_filter.distributions import _random as random
 from dirprim_filter.distributions._arithmetic import dot
 from dirprim_filter.distributions._elementary import exp
-from dirprim_filter.filtering._kernels import Carried, Cloud
-from dirprim_filter.filtering._resampling import AHEAD, ASIDE, kernel_of, place_errors, put, room_for, spread
+from dirprim_filter.filtering._kernels import Cloud
+from dirprim_filter.filtering._resampling import AHEAD, ASIDE, kernel_of, put, room_for, spread
 
 FEWEST = 0.01
 """Share of the particles that a measurement leaves effectively, below which they are drawn given it. Else forecasts of
@@ -33,9 +33,9 @@ the vehicle left the motion model, see `_measuring`."""
 
 
 class Measured(NamedTuple):
-    """A place, as it was measured."""
+    """A place, as it was measured, and its errors along two axes that all particles share."""
 
-    x: float  # m, biases aside
+    x: float  # m, without bias
     y: float
     c: float  # the unit vector of the errors' first axis
     s: float
@@ -44,16 +44,14 @@ class Measured(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy")
-def draw_given(
-    cloud: Cloud, carried: Carried, v: int, measured: Measured, kept: float, outlier: float, least: float, lasts: bool
-) -> float:
+def draw_given(cloud: Cloud, v: int, measured: Measured, kept: float, outlier: float, least: float) -> float:
     """Draw a vehicle's particles given the place where it was measured; an outlier leaves a particle as it was.
 
     Returns:
         The density of the measurement, 1/m2; 0 where it is below `least` or the belief not wide: it is as before then.
     """
-    room = room_for(cloud.speed.shape[1], lasts)
-    h, c, s = kernel_of(cloud, carried, v, room)
+    room = room_for(cloud.speed.shape[1])
+    h, c, s = kernel_of(cloud, v, room)
     along, across, state, weight = measured.along, measured.across, room.state, cloud.weight[v]
     dx, dy = measured.x - room.mean[AHEAD], measured.y - room.mean[ASIDE]
     ahead, aside = dx * c + dy * s, dy * c - dx * s
@@ -93,8 +91,6 @@ def draw_given(
     put(cloud, v, room, course[0], course[1])
     for word in range(numbers.size):  # a slice would compile numba's strings for its error
         cloud.state[v, word] = numbers[word]
-    if lasts:
-        place_errors(cloud, carried, v, room, (0.0, 0.0), False)
     return float(density)
 
 

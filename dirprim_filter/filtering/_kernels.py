@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions._arithmetic import dot, total_of
 from dirprim_filter.distributions._elementary import EXACT, squared_sine
 from dirprim_filter.distributions._random import UIntArray
@@ -31,15 +31,7 @@ class Cloud(NamedTuple):
     push: FloatArray  # (V, P) the vehicle's own acceleration, in standard deviations of its manoeuvre's
     weight: FloatArray  # (V, P) sums to 1
     state: UIntArray  # (V, 4) of the random numbers
-
-
-class Carried(NamedTuple):
-    """The lasting part of every belief's error."""
-
-    mean: FloatArray  # (V, P, 2) metres along both axes, given the particle's path
-    variance: FloatArray  # (V, 2) of that
-    since_s: FloatArray  # (V,) since the belief was last weighed
-    has_course: BoolArray  # (V,) the particles agree on a course: the bias is in its axes, for all alike
+    since_s: FloatArray  # (V,) since each belief was last weighed
 
 
 LOOK_S = 0.2

@@ -1,11 +1,11 @@
 """Compiled: particles against measured positions, directions and speeds, each of which may be an outlier.
 
 A measurement leaves each particle a residual along two axes, with a variance along each. The axes are those of the
-measurement's covariance, or each particle's own, along and across its direction, where a sensor errs so. Part of a
-sensor's error lasts: given the particle's path it is a first-order Gauss-Markov process, measured in white noise by
-what the path leaves of the detections. Each particle *carries* its mean, by a scalar Kalman filter for each axis; its
-variance is the same for all particles of a belief, for it depends on times alone (Rao-Blackwellisation). White errors
-are the case in which nothing is carried.
+measurement's covariance; or, where a sensor errs along and across a vehicle's way, those of the belief's mean course.
+The particles differ in theirs: turned by d from the mean course, of E[cos d] = r and E[cos^2 d] = q, an error of mean b
+and variances s^2 has in the shared axes the mean r b, and the variance along
+
+    q (s_1^2 + b_1^2) + (1 - q) (s_2^2 + b_2^2) - r^2 b_1^2
 
 A particle that stands two metres beyond where its vehicle stopped stays there, and so do all others: they are equally
 far off, so none is preferred. But now and then a vehicle leaves its motion model: an *innovation outlier* puts it off
@@ -14,10 +14,8 @@ particle is weighed by the mixture (1 - e) N(z; x, R) + e N(z; x, R + PLACE_M^2)
 given the measurement as often as that part weighs. A belief that is sure and wrong then takes a few measurements to
 mend.
 
-Source: Doucet, de Freitas, Murphy and Russell, Rao-Blackwellised Particle Filtering, 2000; Bar-Shalom, Li and
-Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, section 8, for the state augmented by the
-error; Fox, Outliers in time series, 1972, for innovation outliers, against additive ones, which are a sensor's; Liu and
-Chen, Sequential Monte Carlo methods for dynamic systems, 1998, for drawing from a transition given the measurement.
+Source: Fox, Outliers in time series, 1972, for innovation outliers, against additive ones, which are a sensor's; Liu
+and Chen, Sequential Monte Carlo methods for dynamic systems, 1998, for drawing from a transition given the measurement.
 """
 
 import math
@@ -32,26 +30,14 @@ from dirprim_filter.distributions._arithmetic import dot
 from dirprim_filter.distributions._elementary import cos, exp, sin, squared_sine, wrap
 from dirprim_filter.distributions._random import UIntArray
 from dirprim_filter.filtering._conditioning import Measured, draw_given
-from dirprim_filter.filtering._errors import (
-    AXIS,
-    COSINE,
-    COURSE,
-    PACE,
-    SINE,
-    WHITE,
-    Errors,
-    X,
-    Y,
-    course_of,
-    lasting_share,
-    lasting_variance,
-    learn,
-)  # fmt: skip
-from dirprim_filter.filtering._kernels import Carried, Cloud
+from dirprim_filter.filtering._kernels import Cloud
 from dirprim_filter.primitives import _map_kernels
 from dirprim_filter.primitives._manoeuvres import STANDING_BELOW
 from dirprim_filter.primitives._map_kernels import MapTable
 
+X, Y, COURSE, PACE, AXIS, ALONG, ACROSS, BIAS, BIAS_ACROSS = range(9)
+"""Columns of a measurement: metres; radians and m/s, NaN where not measured; the direction of the errors' first axis,
+NaN where it is a vehicle's course; the variances along both axes, m2, and the means, m."""
 LEAST = 1e-200
 """Weight below which a particle has none: far above the subnormal numbers, with which processors are slow."""
 PLACE_M, SPEED_OFF, TOGETHER = 1.0, 2.0, 0.7
@@ -82,9 +68,8 @@ class Noise(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def begin(
-    primitives: MapTable, cloud: Cloud, carried: Carried, vehicle: IntArray, key: UIntArray, measured: FloatArray,
-    errors: Errors, noise: Noise,
-) -> None:  # fmt: skip
+    primitives: MapTable, cloud: Cloud, vehicle: IntArray, key: UIntArray, measured: FloatArray, noise: Noise
+) -> None:
     """Initialise beliefs from one measurement each: positions by its errors, direction and speed by the primitive.
 
     Where the axes are the particles' own, the primitive is that at a position drawn with the larger of the two errors.
@@ -94,9 +79,9 @@ def begin(
     fit = np.empty(n)
     for i in range(vehicle.size):
         v, z = vehicle[i], measured[i]
-        place, direction, mean, state = cloud.position[v], cloud.direction[v], carried.mean[v], cloud.state[v]
+        place, direction, state = cloud.position[v], cloud.direction[v], cloud.state[v]
         random.seed_state(key[i], state)
-        along, across = math.sqrt(z[WHITE] + errors.lasting[0]), math.sqrt(z[WHITE + 1] + errors.lasting[1])
+        along, across = math.sqrt(z[ALONG]), math.sqrt(z[ACROSS])
         is_own, widest = math.isnan(z[AXIS]), max(along, across)
         c, s = (1.0, 0.0) if is_own else (math.cos(z[AXIS]), math.sin(z[AXIS]))
         first, second = (widest, widest) if is_own else (along, across)
@@ -104,55 +89,42 @@ def begin(
             ahead, aside = first * random.draw_normal(state), second * random.draw_normal(state)
             place[p, 0], place[p, 1] = z[X] + ahead * c - aside * s, z[Y] + ahead * s + aside * c
         _map_kernels.draw(primitives, place, state, direction, cloud.speed[v])
-        share, share_across = lasting_share(z, errors, 0), lasting_share(z, errors, 1)
-        if is_own:
-            along, across = along / widest, across / widest
-            for p in range(n):
-                c, s = math.cos(direction[p]), math.sin(direction[p])
-                dx, dy = z[X] - place[p, 0], z[Y] - place[p, 1]
-                ahead, aside = along * (dx * c + dy * s), across * (dy * c - dx * s)
-                mean[p, 0], mean[p, 1] = share * ahead, share_across * aside
-                ahead, aside = ahead + errors.bias[0], aside + errors.bias[1]
-                place[p, 0], place[p, 1] = z[X] - (ahead * c - aside * s), z[Y] - (ahead * s + aside * c)
-        for p in range(n):
-            fit[p], cloud.weight[v, p] = 1.0, 1.0 / n
+        for p in range(n if is_own else 0):
+            c, s = math.cos(direction[p]), math.sin(direction[p])
+            dx, dy = (z[X] - place[p, 0]) / widest, (z[Y] - place[p, 1]) / widest
+            ahead, aside = along * (dx * c + dy * s) + z[BIAS], across * (dy * c - dx * s) + z[BIAS_ACROSS]
+            place[p, 0], place[p, 1] = z[X] - (ahead * c - aside * s), z[Y] - (ahead * s + aside * c)
+        fit[:], cloud.weight[v] = 1.0, 1.0 / n
         fit_motion(cloud, v, z, noise, fit)
         normalise(cloud.weight[v], fit)
-        carried.variance[v, 0], carried.variance[v, 1] = share * z[WHITE], share_across * z[WHITE + 1]
-        carried.since_s[v], carried.has_course[v] = 0.0, False
+        cloud.since_s[v] = 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def weigh(
-    cloud: Cloud, carried: Carried, vehicle: IntArray, measured: FloatArray, evidence: FloatArray, errors: Errors,
-    noise: Noise,
-) -> None:  # fmt: skip
-    """Weigh each vehicle's particles by its measurement, normalise, and learn of the error that each carries.
+def weigh(cloud: Cloud, vehicle: IntArray, measured: FloatArray, evidence: FloatArray, noise: Noise) -> None:
+    """Weigh each vehicle's particles by its measurement, and normalise.
 
     Fills (V, 3): the log density of the measurement given those before it, that of its position alone, and 1 where
-    particles were moved: drawn given it, or as innovation outliers. A measurement that the belief as a whole calls an
-    outlier says nothing of the carried error. Loops are kept apart, and without branches, so that they are compiled to
-    vector instructions.
+    particles were moved: drawn given it, or as innovation outliers. Loops are kept apart, and without branches, so that
+    they are compiled to vector instructions.
     """
     n = cloud.position.shape[1]
-    fit, off = np.empty(n), np.empty((4, n))
+    fit, off = np.empty(n), np.empty((2, n))
     densest = 1.0 / (2.0 * math.pi * PLACE_M * PLACE_M)
     for i in range(vehicle.size):
         v, z = vehicle[i], measured[i]
-        weight, share = cloud.weight[v], min(noise.leaves * carried.since_s[v], MOST_OUTLIERS)
-        scale = noise.kept * residuals(cloud, carried, v, z, errors, off, fit)
+        weight, share = cloud.weight[v], min(noise.leaves * cloud.since_s[v], MOST_OUTLIERS)
+        place = in_shared_axes(cloud, v, z, off)
+        scale = noise.kept * residuals(cloud, v, place, off, fit)
         for p in range(n):
             likely = scale * exp(-0.5 * fit[p]) + noise.outlier
             fit[p] = likely if fit[p] < np.inf else 0.0  # it has run off to where there are no numbers
-        near = dot(weight, fit)
-        is_drawn = False
+        near, is_drawn = dot(weight, fit), False
         if noise.few > 0.0 and (near < 2.0 * noise.outlier or effective_share(weight, fit) < noise.few):
-            found = draw_given_measurement(cloud, carried, v, z, share, errors, noise, off)
-            is_drawn = found > 0.0
-            if is_drawn:
-                near = found
-                residuals(cloud, carried, v, z, errors, off, fit)
-                fit[:] = near
+            least = max(2.0 * noise.outlier, share * densest * outlying(weight, off))
+            found = draw_given(cloud, v, place, noise.kept, noise.outlier, least)
+            if found > 0.0:
+                near, is_drawn, fit[:] = found, True, found
         fit_motion(cloud, v, z, noise, fit)
         total = dot(weight, fit)
         evidence[i, 0] = math.log(total) if total > 0.0 else -np.inf  # no particle has a weight
@@ -161,11 +133,10 @@ def weigh(
         is_moved = is_explained and not is_drawn and near * LEAST_SHARE < share * densest
         evidence[i, 2] = 1.0 if is_moved or is_drawn else 0.0
         if is_moved:
-            move_outliers(cloud, carried, v, z, share, errors, noise, off, fit)
+            move_outliers(cloud, v, place, share, noise, off, fit)
             fit_motion(cloud, v, z, noise, fit)
         normalise(weight, fit)
-        learn(cloud, carried, v, z, errors, off, is_explained)
-        carried.since_s[v] = 0.0
+        cloud.since_s[v] = 0.0
 
 
 @njit(cache=True)
@@ -179,48 +150,23 @@ def effective_share(weight: FloatArray, fit: FloatArray) -> float:
     return total * total / (squares * weight.size) if squares > 0.0 else 0.0
 
 
-@njit(cache=True, error_model="numpy")
-def draw_given_measurement(
-    cloud: Cloud, carried: Carried, v: int, z: FloatArray, share: float, errors: Errors, noise: Noise, off: FloatArray
-) -> float:
-    """Draw particles given the measurement, unless innovation outliers explain it better; its density, 1/m2, or 0.
-
-    Where particles do not agree on a course, each has the bias elsewhere: there nothing is drawn. Carried errors come
-    to the measurement's time.
-    """
-    if not carried.has_course[v] and (errors.bias[0] != 0.0 or errors.bias[1] != 0.0):
-        return 0.0
-    for a in range(2):
-        kept = math.exp(-carried.since_s[v] * errors.forgets[a])
-        carried.variance[v, a] = lasting_variance(carried, v, errors, a)
-        for p in range(off.shape[1]):
-            carried.mean[v, p, a] *= kept
-    carried.since_s[v], weight, place, far = 0.0, cloud.weight[v], cloud.position[v], 0.0
+@njit(cache=True)
+def outlying(weight: FloatArray, off: FloatArray) -> float:
+    """How probable residuals (2, P) are of innovation outliers, beside one of no residual."""
+    total = 0.0
     for p in range(weight.size):
-        dx, dy = z[X] - place[p, 0], z[Y] - place[p, 1]
-        far += weight[p] * exp(-0.5 * (dx * dx + dy * dy) / (PLACE_M * PLACE_M))
-    far *= share / (2.0 * math.pi * PLACE_M * PLACE_M)
-    c, s = course_of(weight, off)
-    measured = Measured(
-        z[X] - errors.bias[0] * c + errors.bias[1] * s, z[Y] - errors.bias[0] * s - errors.bias[1] * c, c, s,
-        z[WHITE] + carried.variance[v, 0], z[WHITE + 1] + carried.variance[v, 1],
-    )  # fmt: skip
-    lasts = errors.lasting[0] > 0.0 or errors.lasting[1] > 0.0
-    least = max(2.0 * noise.outlier, far)
-    return float(draw_given(cloud, carried, v, measured, noise.kept, noise.outlier, least, lasts))
+        total += weight[p] * exp(-0.5 * (off[0, p] * off[0, p] + off[1, p] * off[1, p]) / (PLACE_M * PLACE_M))
+    return total
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def log_likelihood(
-    cloud: Cloud, carried: Carried, vehicle: IntArray, measured: FloatArray, out: FloatArray, errors: Errors,
-    noise: Noise,
-) -> None:  # fmt: skip
+def log_likelihood(cloud: Cloud, vehicle: IntArray, measured: FloatArray, out: FloatArray, noise: Noise) -> None:
     """Fills (V,): natural log of the density of each measurement under the belief, outlying positions aside."""
     n = cloud.position.shape[1]
-    fit, off = np.empty(n), np.empty((4, n))
+    fit, off = np.empty(n), np.empty((2, n))
     for i in range(vehicle.size):
         v = vehicle[i]
-        scale = residuals(cloud, carried, v, measured[i], errors, off, fit)
+        scale = residuals(cloud, v, in_shared_axes(cloud, v, measured[i], off), off, fit)
         nearest = fit.min()
         for p in range(n):
             fit[p] = exp(-0.5 * (fit[p] - nearest))
@@ -230,38 +176,42 @@ def log_likelihood(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def residuals(
-    cloud: Cloud, carried: Carried, v: int, z: FloatArray, errors: Errors, off: FloatArray, fit: FloatArray
-) -> float:
-    """What each particle's path and carried error leave of a measurement.
+def in_shared_axes(cloud: Cloud, v: int, z: FloatArray, room: FloatArray) -> Measured:
+    """A measured place without its bias, and its errors in axes that all particles share, see above. room: (2, P)."""
+    if not math.isnan(z[AXIS]):
+        return Measured(z[X], z[Y], math.cos(z[AXIS]), math.sin(z[AXIS]), z[ALONG], z[ACROSS])
+    weight, direction = cloud.weight[v], cloud.direction[v]
+    for p in range(direction.size):
+        room[0, p] = 1.0 - 2.0 * squared_sine(0.5 * direction[p])
+        room[1, p] = 1.0 - 2.0 * squared_sine(0.5 * direction[p] - 0.25 * math.pi)
+    c, s = dot(weight, room[0]), dot(weight, room[1])
+    r = math.hypot(c, s)
+    c, s = (c / r, s / r) if r > 0.0 else (1.0, 0.0)
+    for p in range(direction.size):
+        room[0, p] = (room[0, p] * c + room[1, p] * s) ** 2
+    q, ahead, aside = dot(weight, room[0]), r * z[BIAS], r * z[BIAS_ACROSS]
+    along, across = z[ALONG] + z[BIAS] * z[BIAS], z[ACROSS] + z[BIAS_ACROSS] * z[BIAS_ACROSS]
+    return Measured(
+        z[X] - ahead * c + aside * s, z[Y] - ahead * s - aside * c, c, s,
+        q * along + (1.0 - q) * across - ahead * ahead, q * across + (1.0 - q) * along - aside * aside,
+    )  # fmt: skip
 
-    Fills off (4, P), metres along both axes and the unit vector of the first, and fit (P,), the squares of the metres
-    in their variances. Returns the density of no difference, 1/m2.
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def residuals(cloud: Cloud, v: int, measured: Measured, off: FloatArray, fit: FloatArray) -> float:
+    """What each particle leaves of a measured place.
+
+    Fills off (2, P), metres along both axes, and fit (P,), their squares in their variances. Returns the density of no
+    difference, 1/m2.
     """
-    place, direction, mean, x, y = cloud.position[v], cloud.direction[v], carried.mean[v], z[X], z[Y]
-    kept, other = math.exp(-carried.since_s[v] * errors.forgets[0]), math.exp(-carried.since_s[v] * errors.forgets[1])
-    precision = 1.0 / (z[WHITE] + lasting_variance(carried, v, errors, 0))
-    precision_across = 1.0 / (z[WHITE + 1] + lasting_variance(carried, v, errors, 1))
-    bias, bias_across = errors.bias[0], errors.bias[1]
-    if math.isnan(z[AXIS]):
-        for p in range(direction.size):
-            off[COSINE, p] = 1.0 - 2.0 * squared_sine(0.5 * direction[p])
-            off[SINE, p] = 1.0 - 2.0 * squared_sine(0.5 * direction[p] - 0.25 * math.pi)
-    else:
-        c, s = math.cos(z[AXIS]), math.sin(z[AXIS])
-        for p in range(direction.size):
-            off[COSINE, p], off[SINE, p] = c, s
-    if carried.has_course[v]:
-        c, s = course_of(cloud.weight[v], off)
-        x, y = x - (bias * c - bias_across * s), y - (bias * s + bias_across * c)
-        bias = bias_across = 0.0
-    for p in range(direction.size):
-        dx, dy = x - place[p, 0], y - place[p, 1]
-        off[0, p] = dx * off[COSINE, p] + dy * off[SINE, p] - bias - kept * mean[p, 0]
-        off[1, p] = dy * off[COSINE, p] - dx * off[SINE, p] - bias_across - other * mean[p, 1]
-    for p in range(direction.size):
-        fit[p] = precision * off[0, p] * off[0, p] + precision_across * off[1, p] * off[1, p]
-    return math.sqrt(precision * precision_across) / (2.0 * math.pi)
+    place, c, s = cloud.position[v], measured.c, measured.s
+    by_along, by_across = 1.0 / measured.along, 1.0 / measured.across
+    for p in range(fit.size):
+        dx, dy = measured.x - place[p, 0], measured.y - place[p, 1]
+        off[0, p], off[1, p] = dx * c + dy * s, dy * c - dx * s
+    for p in range(fit.size):
+        fit[p] = by_along * off[0, p] * off[0, p] + by_across * off[1, p] * off[1, p]
+    return math.sqrt(by_along * by_across) / (2.0 * math.pi)
 
 
 @njit(cache=True, nogil=True)
@@ -290,28 +240,23 @@ def normalise(weight: FloatArray, fit: FloatArray) -> None:
 
 @njit(cache=True, error_model="numpy")
 def move_outliers(
-    cloud: Cloud, carried: Carried, v: int, z: FloatArray, share: float, errors: Errors, noise: Noise,
-    off: FloatArray, fit: FloatArray,
-) -> None:  # fmt: skip
-    """Fill (P,) likelihoods of the mixture, and move the particles that are its outliers; `off` stays what is left."""
-    k, state = PLACE_M * PLACE_M, cloud.state[v].copy()
-    s = z[WHITE] + lasting_variance(carried, v, errors, 0)
-    s_across = z[WHITE + 1] + lasting_variance(carried, v, errors, 1)
-    gain, gain_across = k / (k + s), k / (k + s_across)
-    scale = (1.0 - share) * noise.kept / (2.0 * math.pi * math.sqrt(s * s_across))
-    wide = share * noise.kept / (2.0 * math.pi * math.sqrt((k + s) * (k + s_across)))
+    cloud: Cloud, v: int, measured: Measured, share: float, noise: Noise, off: FloatArray, fit: FloatArray
+) -> None:
+    """Fill (P,) likelihoods of the mixture, and move the particles that are its outliers, of residuals (2, P)."""
+    k, state, c, s = PLACE_M * PLACE_M, cloud.state[v].copy(), measured.c, measured.s
+    along, across = measured.along, measured.across
+    gain, gain_across = k / (k + along), k / (k + across)
+    scale = (1.0 - share) * noise.kept / (2.0 * math.pi * math.sqrt(along * across))
+    wide = share * noise.kept / (2.0 * math.pi * math.sqrt((k + along) * (k + across)))
     for p in range(fit.size):
         ahead, aside = off[0, p], off[1, p]
-        ordinary = scale * exp(-0.5 * (ahead * ahead / s + aside * aside / s_across)) + (1.0 - share) * noise.outlier
+        ordinary = scale * exp(-0.5 * (ahead * ahead / along + aside * aside / across)) + (1.0 - share) * noise.outlier
         far = wide * exp(-0.5 * (gain * ahead * ahead + gain_across * aside * aside) / k)
         fit[p] = ordinary + far if ordinary + far < np.inf else 0.0
         if random.uniform(state) * fit[p] < far:
-            ahead = gain * ahead + math.sqrt(gain * s) * random.draw_normal(state)
-            aside = gain_across * aside + math.sqrt(gain_across * s_across) * random.draw_normal(state)
-            off[0, p] -= ahead
-            off[1, p] -= aside
-            east = ahead * off[COSINE, p] - aside * off[SINE, p]
-            displace(cloud, v, p, east, ahead * off[SINE, p] + aside * off[COSINE, p], state)
+            ahead = gain * ahead + math.sqrt(gain * along) * random.draw_normal(state)
+            aside = gain_across * aside + math.sqrt(gain_across * across) * random.draw_normal(state)
+            displace(cloud, v, p, ahead * c - aside * s, ahead * s + aside * c, state)
     for word in range(state.size):  # a slice would compile numba's strings for its error
         cloud.state[v, word] = state[word]
 

@@ -6,8 +6,7 @@ from one that is wrong, and the belief is sure of it. With weights w and d numbe
     m + sqrt(1 - h^2) (x - m) + h L xi,    h = (4 / (n (d + 2)))^(1 / (d + 4)),    L L^T = P
 
 of mean m, covariance P and effective sample size n = 1 / sum w^2: m and P stay as they are. Places stand along and
-across the mean course, so that the belief turns with the world. Where errors last, what a particle carries is among the
-numbers, and its place is that where it foresees a detection: that is known well, the vehicle's and its error's are not.
+across the mean course, so that the belief turns with the world.
 
 Source: Liu and West, Combined parameter and state estimation in simulation-based filtering, 2001; Musso, Oudjane and Le
 Gland, Improving regularised particle filters, 2001, for the bandwidth; Kitagawa 1996 for systematic resampling.
@@ -23,14 +22,12 @@ from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions import _random as random
 from dirprim_filter.distributions._arithmetic import dot, total_of
 from dirprim_filter.distributions._elementary import squared_sine, wrap
-from dirprim_filter.filtering._kernels import Carried, Cloud, effective_sample_size
+from dirprim_filter.filtering._kernels import Cloud, effective_sample_size
 from dirprim_filter.primitives._manoeuvres import STANDING_BELOW
 
-FEW = 0.1
-"""Share of the particles: where effectively fewer are left, as of a vehicle found again after a gap, they show how it
-moves, not how it is seen, and the errors of copies are drawn as at birth."""
-AHEAD, ASIDE, TURN, PACE, ERROR = range(5)
-"""Rows of a state: metres along and across the mean course, radians from it, m/s; two of the carried error, if any."""
+AHEAD, ASIDE, TURN, PACE = range(4)
+"""Rows of a state: metres along and across the mean course, radians from it, m/s."""
+D = 4
 
 
 class Room(NamedTuple):
@@ -38,21 +35,20 @@ class Room(NamedTuple):
 
     survivors: IntArray  # (P,) how often each particle survives
     parent: IntArray  # (P,) whose copy each becomes
-    state: FloatArray  # (d, P) deviations from the mean
-    normal: FloatArray  # (d P + d,)
+    state: FloatArray  # (D, P) deviations from the mean
+    normal: FloatArray  # (D P + D,)
     product: FloatArray  # (P,)
-    mean: FloatArray  # (d,)
-    covariance: FloatArray  # (d, d)
-    root: FloatArray  # (d, d) its lower triangle of Cholesky
+    mean: FloatArray  # (D,)
+    covariance: FloatArray  # (D, D)
+    root: FloatArray  # (D, D) its lower triangle of Cholesky
 
 
 @njit(cache=True)
-def room_for(n: int, lasts: bool) -> Room:
-    """For n particles, which carry errors if these last."""
-    d = ERROR + 2 if lasts else ERROR
-    numbers, columns, squares = np.zeros((2, n), np.int64), np.empty((d + 1, n)), np.zeros((2, d, d))
+def room_for(n: int) -> Room:
+    """For n particles."""
+    numbers, columns, squares = np.zeros((2, n), np.int64), np.empty((D + 1, n)), np.zeros((2, D, D))
     return Room(
-        numbers[0], numbers[1], columns[:d], np.empty(d * (n + 1)), columns[d], np.empty(d), squares[0], squares[1]
+        numbers[0], numbers[1], columns[:D], np.empty(D * (n + 1)), columns[D], np.empty(D), squares[0], squares[1]
     )
 
 
@@ -87,36 +83,30 @@ def find_parents(survivors: IntArray, parent: IntArray) -> None:
 
 
 @njit(cache=True, nogil=True)
-def resample(cloud: Cloud, carried: Carried, vehicle: IntArray, at_birth: tuple[float, float], below: float) -> None:
+def resample(cloud: Cloud, vehicle: IntArray, below: float) -> None:
     """Replace the particles of each vehicle by equally weighted survivors, spread by the kernel.
 
-    A vehicle whose effective sample size is not below `below` keeps its own. `at_birth` are the deviations of carried
-    errors then, 0 where none are. Who stands keeps its direction and keeps standing; who moves keeps moving.
+    A vehicle whose effective sample size is not below `below` keeps its own. Who stands keeps its direction and keeps
+    standing; who moves keeps moving.
     """
-    n, lasts = cloud.position.shape[1], max(at_birth[0], at_birth[1]) > 0.0
-    room = room_for(n, lasts)
+    room = room_for(cloud.position.shape[1])
     for v in vehicle:
-        effective = effective_sample_size(cloud.weight[v])
-        if effective < below:
-            h, c, s = kernel_of(cloud, carried, v, room)
-            draw(cloud, v, room, h, c, s)
-            if lasts:
-                place_errors(cloud, carried, v, room, at_birth, effective < FEW * n)
+        if effective_sample_size(cloud.weight[v]) < below:
+            draw(cloud, v, room)
 
 
 @njit(cache=True)
-def kernel_of(cloud: Cloud, carried: Carried, v: int, room: Room) -> tuple[float, float, float]:
+def kernel_of(cloud: Cloud, v: int, room: Room) -> tuple[float, float, float]:
     """Fills the deviations of a belief, its mean and covariance; -> the bandwidth and the mean course."""
-    c, s = states_of(cloud, carried, v, room)
+    c, s = states_of(cloud, v, room)
     covariance_of(cloud.weight[v], room)
     factorise(room.covariance, room.root)
-    d = len(room.mean)
-    return (4.0 / (effective_sample_size(cloud.weight[v]) * (d + 2.0))) ** (1.0 / (d + 4.0)), c, s
+    return (4.0 / (effective_sample_size(cloud.weight[v]) * (D + 2.0))) ** (1.0 / (D + 4.0)), c, s
 
 
 @njit(cache=True)
-def states_of(cloud: Cloud, carried: Carried, v: int, room: Room) -> tuple[float, float]:
-    """Fills (d, P) deviations from the mean, and the mean (d,): of the place east and north; -> the mean course."""
+def states_of(cloud: Cloud, v: int, room: Room) -> tuple[float, float]:
+    """Fills (D, P) deviations from the mean, and the mean (D,): of the place east and north; -> the mean course."""
     weight, state, mean, direction = cloud.weight[v], room.state, room.mean, cloud.direction[v]
     for p in range(weight.size):
         state[0, p] = 1.0 - 2.0 * squared_sine(0.5 * direction[p])
@@ -127,10 +117,8 @@ def states_of(cloud: Cloud, carried: Carried, v: int, room: Room) -> tuple[float
     for p in range(weight.size):
         state[AHEAD, p], state[ASIDE, p] = cloud.position[v, p, 0], cloud.position[v, p, 1]
         state[TURN, p], state[PACE, p] = wrap(direction[p] - course), cloud.speed[v, p]
-    if mean.size > ERROR:
-        foresee(cloud, carried, v, state, 1.0)
     total = total_of(weight)
-    for a in range(mean.size):
+    for a in range(D):
         mean[a] = dot(weight, state[a]) / total
         for p in range(weight.size):
             state[a, p] -= mean[a]
@@ -142,21 +130,10 @@ def states_of(cloud: Cloud, carried: Carried, v: int, room: Room) -> tuple[float
 
 
 @njit(cache=True)
-def foresee(cloud: Cloud, carried: Carried, v: int, state: FloatArray, sign: float) -> None:
-    """Fill the carried errors, and add them to places east and north; each is along and across its direction."""
-    direction, mean = cloud.direction[v], carried.mean[v]
-    for p in range(direction.size):
-        c, s = math.cos(direction[p]), math.sin(direction[p])
-        state[AHEAD, p] += sign * (mean[p, 0] * c - mean[p, 1] * s)
-        state[ASIDE, p] += sign * (mean[p, 0] * s + mean[p, 1] * c)
-        state[ERROR, p], state[ERROR + 1, p] = mean[p, 0], mean[p, 1]
-
-
-@njit(cache=True)
 def covariance_of(weight: FloatArray, room: Room) -> None:
-    """Fills (d, d) from deviations (d, P)."""
+    """Fills (D, D) from deviations (D, P)."""
     total, covariance = total_of(weight), room.covariance
-    for a in range(len(covariance)):
+    for a in range(D):
         for p in range(weight.size):
             room.product[p] = weight[p] * room.state[a, p]
         for b in range(a + 1):
@@ -165,9 +142,9 @@ def covariance_of(weight: FloatArray, room: Room) -> None:
 
 @njit(cache=True)
 def factorise(covariance: FloatArray, root: FloatArray) -> None:
-    """Fills the lower triangle (d, d) of Cholesky; what does not vary has none."""
-    for b in range(len(root)):
-        for a in range(b, len(root)):
+    """Fills the lower triangle (D, D) of Cholesky; what does not vary has none."""
+    for b in range(D):
+        for a in range(b, D):
             left = covariance[a, b]
             for k in range(b):
                 left -= root[a, k] * root[b, k]
@@ -178,13 +155,14 @@ def factorise(covariance: FloatArray, root: FloatArray) -> None:
 
 
 @njit(cache=True)
-def draw(cloud: Cloud, v: int, room: Room, h: float, c: float, s: float) -> None:
+def draw(cloud: Cloud, v: int, room: Room) -> None:
     """Draw the survivors of a vehicle, and put each beside its parent's state."""
-    n, d, state, parent = room.parent.size, len(room.mean), room.state, room.parent
+    h, c, s = kernel_of(cloud, v, room)
+    n, state, parent = room.parent.size, room.state, room.parent
     numbers, m = cloud.state[v].copy(), (n + 1) // 2 * 2
     systematic(cloud.weight[v], random.uniform(numbers), room.survivors)
     find_parents(room.survivors, parent)
-    random.fill_normals(room.normal[: d * m], numbers)
+    random.fill_normals(room.normal[: D * m], numbers)
     for word in range(numbers.size):
         cloud.state[v, word] = numbers[word]
     for p in range(n):  # who is its own parent survives, so that what is read is not yet written
@@ -194,7 +172,7 @@ def draw(cloud: Cloud, v: int, room: Room, h: float, c: float, s: float) -> None
             cloud.cell[v, p], cloud.manoeuvre[v, p], cloud.push[v, p] = (
                 cloud.cell[v, a], cloud.manoeuvre[v, a], cloud.push[v, a],
             )  # fmt: skip
-            for k in range(d):
+            for k in range(D):
                 state[k, p] = state[k, a]
     spread(room, h)
     put(cloud, v, room, c, s)
@@ -204,10 +182,10 @@ def draw(cloud: Cloud, v: int, room: Room, h: float, c: float, s: float) -> None
 
 @njit(cache=True)
 def spread(room: Room, h: float) -> None:
-    """Shrink deviations (d, P) towards the mean, and add the kernel's draws."""
-    state, root, d, n = room.state, room.root, len(room.mean), room.parent.size
+    """Shrink deviations (D, P) towards the mean, and add the kernel's draws."""
+    state, root, n = room.state, room.root, room.parent.size
     kept, m = math.sqrt(1.0 - h * h), (n + 1) // 2 * 2
-    for a in range(d - 1, -1, -1):
+    for a in range(D - 1, -1, -1):
         for p in range(n):
             state[a, p] *= kept
         for b in range(a + 1):
@@ -217,7 +195,7 @@ def spread(room: Room, h: float) -> None:
 
 @njit(cache=True)
 def put(cloud: Cloud, v: int, room: Room, c: float, s: float) -> None:
-    """Put the particles at their deviations (d, P). Who stands keeps standing, and who moves keeps moving."""
+    """Put the particles at their deviations (D, P). Who stands keeps standing, and who moves keeps moving."""
     state, mean = room.state, room.mean
     for p in range(room.parent.size):
         ahead, aside = state[AHEAD, p], state[ASIDE, p]
@@ -226,19 +204,3 @@ def put(cloud: Cloud, v: int, room: Room, c: float, s: float) -> None:
         if cloud.speed[v, p] >= STANDING_BELOW:
             cloud.direction[v, p] = wrap(mean[TURN] + state[TURN, p])
             cloud.speed[v, p] = max(mean[PACE] + state[PACE, p], STANDING_BELOW)
-
-
-@njit(cache=True)
-def place_errors(cloud: Cloud, carried: Carried, v: int, room: Room, at_birth: tuple[float, float], anew: bool) -> None:
-    """Give each particle its error, for copies perhaps `anew`, and the place from which it foresees its detection."""
-    error, state = carried.mean[v], cloud.state[v].copy()
-    for p in range(room.parent.size):
-        for a in range(2):
-            is_anew = anew and room.parent[p] != p
-            drawn = room.mean[ERROR + a] + room.state[ERROR + a, p]
-            error[p, a] = at_birth[a] * random.draw_normal(state) if is_anew else drawn
-    foresee(cloud, carried, v, room.state, -1.0)
-    for p in range(room.parent.size):
-        cloud.position[v, p, 0], cloud.position[v, p, 1] = room.state[AHEAD, p], room.state[ASIDE, p]
-    for word in range(state.size):
-        cloud.state[v, word] = state[word]

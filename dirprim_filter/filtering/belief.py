@@ -9,7 +9,7 @@ import numpy as np
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.estimates import Particles, Samples
-from dirprim_filter.filtering._kernels import Carried, Cloud
+from dirprim_filter.filtering._kernels import Cloud
 from dirprim_filter.primitives._manoeuvres import MotionTable
 from dirprim_filter.primitives.cues import Cue
 
@@ -21,7 +21,6 @@ class ParticleBelief:
 
     Attributes:
         cloud: arrays of (slots, particles, ...).
-        carried: the lasting errors of measurements.
         mode_of: (z,) the mode of each manoeuvre.
         step: how often it was changed; whoever changes it counts.
     """
@@ -29,7 +28,7 @@ class ParticleBelief:
     def __init__(self, *, n_particles: int, mode_of: IntArray) -> None:
         if n_particles < 1:
             raise ValueError(f"n_particles: expected at least 1, got {n_particles}")
-        self.cloud, self.carried = _empty(FIRST_CAPACITY, n_particles)
+        self.cloud = _empty(FIRST_CAPACITY, n_particles)
         self.mode_of = mode_of
         self.step = 0
 
@@ -44,14 +43,14 @@ class ParticleBelief:
         if n_slots <= old:
             return
         larger = _empty(n_slots, self.n_particles)
-        for new, column in zip((*larger[0], *larger[1]), (*self.cloud, *self.carried), strict=True):
+        for new, column in zip(larger, self.cloud, strict=True):
             new[:old] = column
-        self.cloud, self.carried = larger
+        self.cloud = larger
 
     def copy(self, source: IntArray, target: IntArray) -> None:
         """Make the particles of `target` those of `source`, random numbers to come included."""
         self.step += 1
-        for column in (*self.cloud, *self.carried):
+        for column in self.cloud:
             column[target] = column[source]
 
     def samples(self, at: IntArray, vehicle: IntArray) -> Particles:
@@ -121,9 +120,9 @@ def weigh_by_cue(table: MotionTable, cloud: Cloud, vehicle: IntArray, cue: Cue) 
     return np.asarray(top + np.log(total))
 
 
-def _empty(n_slots: int, n_particles: int) -> tuple[Cloud, Carried]:
+def _empty(n_slots: int, n_particles: int) -> Cloud:
     shape = (n_slots, n_particles)
-    cloud = Cloud(
+    return Cloud(
         position=np.zeros((*shape, 2)),
         direction=np.zeros(shape),
         speed=np.zeros(shape),
@@ -132,9 +131,8 @@ def _empty(n_slots: int, n_particles: int) -> tuple[Cloud, Carried]:
         push=np.zeros(shape),
         weight=np.full(shape, 1.0 / n_particles),
         state=np.zeros((n_slots, 4), np.uint64),
+        since_s=np.zeros(n_slots),
     )
-    carried = Carried(np.zeros((*shape, 2)), np.zeros((n_slots, 2)), np.zeros(n_slots), np.zeros(n_slots, np.bool_))
-    return cloud, carried
 
 
 def birth_key(seed: int, track_id: str, time_ns: int) -> np.uint64:

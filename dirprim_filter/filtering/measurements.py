@@ -49,7 +49,7 @@ def innovation(
 
 def with_unseen_errors(estimates: Estimates, sensor: Sensor | None) -> Estimates:
     """Estimates whose covariances contain what no filter sees of a sensor's errors: see `Sensor.unseen_covariance`."""
-    if sensor is None or not sensor.uncertainty:
+    if sensor is None:
         return estimates
     unseen = sensor.unseen_covariance(estimates.direction, estimates.speed)
     return replace(estimates, covariance=estimates.covariance + unseen)

@@ -18,7 +18,7 @@ from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.distributions import von_mises
-from dirprim_filter.filtering import _conditioning, _errors, _kernels, _measuring, _resampling
+from dirprim_filter.filtering import _conditioning, _kernels, _measuring, _resampling
 from dirprim_filter.filtering.belief import BeliefSamples, ParticleBelief, weigh_by_cue
 from dirprim_filter.filtering.measurements import FASTEST, MOVING_FROM, OUTLIER_EXTENT_M
 from dirprim_filter.filtering.protocols import BayesFilter, Evidence, Places
@@ -65,9 +65,7 @@ class ParticleFilter(ParticleBelief):
         self._of_manoeuvre[:, 0] = primitive_map.motion.cell >= 0
         if self.traffic is not None:
             self._of_manoeuvre[: self.traffic.ends.size, 1] = self.traffic.ends
-        self._noise, self._sensor, self._errors = _noise(config), sensor, _errors_of(sensor)
-        spread = (1.0, 1.0) if sensor is None else (sensor.along.spread_m, sensor.across.spread_m)
-        self._errors_at_birth = self._errors.lasting[0] / spread[0], self._errors.lasting[1] / spread[1]
+        self._noise, self._sensor = _noise(config), sensor
         self._n_threads = os.cpu_count() or 1
         self._threads = ThreadPoolExecutor(self._n_threads - 1, "dirprim") if self._n_threads > 1 else None
 
@@ -75,8 +73,8 @@ class ParticleFilter(ParticleBelief):
         """Initialise beliefs from one measurement each and the primitive at its place. (v,), (v,) uint64, v rows."""
         self.step += 1
         self._split(
-            _measuring.begin, (self._primitives, self.cloud, self.carried),
-            (slot, np.asarray(key), self._columns(measured)), (self._errors, self._noise), each_ns=200.0,
+            _measuring.begin, (self._primitives, self.cloud),
+            (slot, np.asarray(key), self._columns(measured)), (self._noise,), each_ns=200.0,
         )  # fmt: skip
         self._split(_kernels.initialise_motion, (self._table, self.cloud), (slot,), (), each_ns=100.0)
 
@@ -137,14 +135,14 @@ class ParticleFilter(ParticleBelief):
             _kernels.advance, (self._table, ALONE, self.cloud, _kernels.NO_SCENE), (slot, dt_s), (),
             each_ns=60.0,
         )  # fmt: skip
-        self.carried.since_s[slot] += dt_s
+        self.cloud.since_s[slot] += dt_s
 
     def log_likelihood(self, slot: IntArray, measured: Detections) -> FloatArray:
         """Log density of measurements under the beliefs, outliers aside. (v,), v rows -> (v,)."""
         result = np.empty(slot.size)
         self._split(
-            _measuring.log_likelihood, (self.cloud, self.carried), (slot, self._columns(measured), result),
-            (self._errors, self._noise), each_ns=20.0,
+            _measuring.log_likelihood, (self.cloud,), (slot, self._columns(measured), result), (self._noise,),
+            each_ns=20.0,
         )  # fmt: skip
         return result
 
@@ -153,8 +151,7 @@ class ParticleFilter(ParticleBelief):
         self.step += 1
         evidence = np.empty((slot.size, 3))
         self._split(
-            _measuring.weigh, (self.cloud, self.carried), (slot, self._columns(measured), evidence),
-            (self._errors, self._noise), each_ns=8.0,
+            _measuring.weigh, (self.cloud,), (slot, self._columns(measured), evidence), (self._noise,), each_ns=8.0
         )  # fmt: skip
         unexplained = ~(np.exp(evidence[:, 1]) >= 2.0 * self._noise.outlier)  # so that a NaN is unexplained
         unexplained |= ~np.isfinite(evidence[:, 0])
@@ -169,9 +166,7 @@ class ParticleFilter(ParticleBelief):
         """Systematic resampling of the beliefs whose effective sample size has fallen. (v,)."""
         self.step += 1
         below = self.config.resample_below * self.config.n_particles
-        self._split(
-            _resampling.resample, (self.cloud, self.carried), (slot,), (self._errors_at_birth, below), each_ns=25.0
-        )
+        self._split(_resampling.resample, (self.cloud,), (slot,), (below,), each_ns=25.0)
 
     def moments(self, slot: IntArray) -> FloatArray:
         """(v,) -> (v, 10): x, y, xx, xy, yy, direction, resultant, speed, deviation, effective sample size."""
@@ -190,18 +185,20 @@ class ParticleFilter(ParticleBelief):
         return BeliefSamples((self, slot))
 
     def _columns(self, measured: Detections) -> FloatArray:
-        """(v, 7) measurements as the kernels take them."""
-        axis, white = np.full(len(measured), np.nan), np.empty((len(measured), 2))
+        """(v, 9) measurements as the kernels take them."""
+        axis, errors = np.zeros(len(measured)), np.zeros((len(measured), 4))
         if self._sensor is not None:
-            white[:] = self._sensor.along.white_variance, self._sensor.across.white_variance
+            one, two = self._sensor.along, self._sensor.across
+            errors[:] = one.spread_m**2, two.spread_m**2, one.bias_m, two.bias_m
+            axis[:] = 0.0 if one.bias_m == two.bias_m == 0.0 and one.spread_m == two.spread_m else np.nan  # none, round
         else:
-            axis[:], white[:] = 0.0, self.config.noise_m**2
+            errors[:, :2] = self.config.noise_m**2
             own = np.flatnonzero(~np.isnan(measured.covariance[:, 0, 0]))
             if own.size:
-                white[own], axes = np.linalg.eigh(measured.covariance[own])
+                errors[own, :2], axes = np.linalg.eigh(measured.covariance[own])
                 axis[own] = np.arctan2(axes[:, 1, 0], axes[:, 0, 0])
         course = np.where(measured.speed < MOVING_FROM, np.nan, measured.direction)  # it counts where no speed is known
-        return np.column_stack([measured.position, course, measured.speed, axis, white])
+        return np.column_stack([measured.position, course, measured.speed, axis, errors])
 
     def _split(
         self,
@@ -247,17 +244,6 @@ def _noise(config: FilterConfig) -> _measuring.Noise:
         speed_precision=1.0 / config.speed_noise**2,
         speed_scale=(1.0 - astray) * FASTEST / (config.speed_noise * float(np.sqrt(2.0 * np.pi))),
         speed_outlier=astray,
-    )
-
-
-def _errors_of(sensor: Sensor | None) -> _errors.Errors:
-    if sensor is None:
-        return _errors.Errors(bias=(0.0, 0.0), lasting=(0.0, 0.0), forgets=(1.0, 1.0))
-    along, across = sensor.along, sensor.across
-    return _errors.Errors(
-        bias=(along.bias_m, across.bias_m),
-        lasting=(along.correlated_variance, across.correlated_variance),
-        forgets=(1.0 / along.correlation_s, 1.0 / across.correlation_s),
     )
 
 

@@ -21,7 +21,7 @@ def weighed(place, *, pace, rate=RATE, sensor=None, n=N):
     bayes = ParticleFilter(road, config, sensor)
     cloud, slot = bayes.cloud, np.array([0])
     bayes.place(slot, np.zeros(1, np.uint64), np.zeros((1, 4)), np.zeros((1, 4, 4)))
-    cloud.speed[0], cloud.direction[0], bayes.carried.since_s[0] = pace, 0.0, DT_S
+    cloud.speed[0], cloud.direction[0], bayes.cloud.since_s[0] = pace, 0.0, DT_S
     seen = Detections(track_id=["a"], time_ns=[0], position=[place], covariance=[MEASURED])
     evidence = bayes.weigh(slot, seen)
     assert evidence.is_moved[0] == (cloud.position[0] != 0.0).any()

@@ -9,7 +9,7 @@ from scipy import stats
 
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.distributions.angles import wrap
-from dirprim_filter.filtering import _errors, _kernels, _measuring, _resampling, particle_filter
+from dirprim_filter.filtering import _kernels, _measuring, _resampling, particle_filter
 from dirprim_filter.filtering.belief import ParticleBelief, birth_key
 from dirprim_filter.primitives._manoeuvres import STANDING_BELOW
 from dirprim_filter.primitives.motion_table import motion_table
@@ -33,19 +33,13 @@ def cloud():
         push=rng.normal(size=(3, 500)),
         weight=weight,
         state=rng.integers(2**63, size=(3, 4), dtype=np.uint64),
+        since_s=np.zeros(3),
     )
 
 
-WHITE = _errors.Errors(bias=(0.0, 0.0), lasting=(0.0, 0.0), forgets=(1.0, 1.0))
-
-
-def nothing_carried():
-    return _kernels.Carried(np.zeros((3, 500, 2)), np.zeros((3, 2)), np.zeros(3), np.zeros(3, np.bool_))
-
-
 def resampled(cloud, vehicle, below=np.inf):
-    """Resample in place, with nothing carried."""
-    _resampling.resample(cloud, nothing_carried(), vehicle, (0.0, 0.0), below)
+    """Resample in place."""
+    _resampling.resample(cloud, vehicle, below)
     return cloud
 
 
@@ -167,7 +161,7 @@ def test_birth_follows_the_measurement_and_the_primitive_there(ring_map):
     first = np.array([0])
     row = np.array([[*place, np.nan, np.nan, 0.0, 1e-4, 1e-4]])
     noise = particle_filter._noise(FilterConfig())
-    _measuring.begin(ring_map.compiled(), belief.cloud, belief.carried, first, key, row, WHITE, noise)
+    _measuring.begin(ring_map.compiled(), belief.cloud, first, key, row, noise)
     _kernels.initialise_motion(table, belief.cloud, first)
     x, y = (belief.cloud.position[0] - place).T
     assert stats.kstest(x, stats.norm(0, 0.01).cdf).pvalue > FALSE_ALARM
