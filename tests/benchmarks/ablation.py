@@ -57,7 +57,6 @@ class Mechanism:
         tracking: of `TrackingConfig`.
         learning: arguments of `learn_primitives`: the map is learned again.
         strip: takes something off a particle filter.
-        white: the sensor's errors do not last.
     """
 
     scenes: tuple[str, ...] = ()
@@ -65,7 +64,6 @@ class Mechanism:
     tracking: Mapping[str, Any] = field(default_factory=dict)
     learning: Mapping[str, Any] = field(default_factory=dict)
     strip: Callable[[Any], None] | None = None
-    white: bool = False
 
     @property
     def changes_map(self) -> bool:
@@ -97,7 +95,6 @@ MECHANISMS: dict[str, Mechanism] = {
     "draws given measurements": Mechanism(strip=without_draws),
     "vehicles go their own way": Mechanism(filter={"own_way_rate": 0.0}),
     "measurement outliers": Mechanism(filter={"outlier_probability": 0.0}),
-    "carried errors": Mechanism(scenes=("Mcity",), white=True),
     "beliefs reinitialised when lost": Mechanism(tracking={"lost_after": PATIENT}),
     "occlusion": Mechanism(scenes=UNNAMED, tracking={"occlusion_rate": 0.0}),
     "births by the map": Mechanism(scenes=UNNAMED, strip=without_births),

@@ -242,9 +242,6 @@ class Drives:
         parts = []
         for drive in mcity.WITH_TRUTH:
             sensor = mcity.calibrated(drive)
-            if off.white:
-                axes = {"along": replace(sensor.along, correlated_share=0.0)}
-                sensor = replace(sensor, **axes, across=replace(sensor.across, correlated_share=0.0))
             config, tracking = mcity.configured(sensor)
             config = replace(config, **off.filter)
             model = stripped(bayes_filter_of(mcity.maps(drive, self.seed)[0], config, sensor), off)
