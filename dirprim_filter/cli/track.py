@@ -161,7 +161,7 @@ def track(
             rng=np.random.default_rng(seed),
         )  # fmt: skip
 
-    worlds, viewer = GroupTracker(tracker_of), None
+    trackers, viewer = GroupTracker(tracker_of), None
     with ExitStack() as files:
         estimates = files.enter_context(EstimateWriter(
             output, metadata=said, force=force, also_as=None if also_as == "foxglove" else also_as,
@@ -188,9 +188,9 @@ def track(
             ))  # fmt: skip
         seen = (frame.without_ids() for frame in frames) if no_ids else frames
         shown_frames = with_progress(seen, what=f"tracking {log.name}", end_ns=stream.end_ns)
-        n_frames = replay(shown_frames, worlds, sinks, rate_hz=own.rate_hz or None)
+        n_frames = replay(shown_frames, trackers, sinks, rate_hz=own.rate_hz or None)
         reading.require_frames(n_frames, log, stream.losses)
-    _say(worlds, f"{output}: {counted(n_frames, 'frame')} of {', '.join(sorted(stream.topics))}", coverage)
+    _say(trackers, f"{output}: {counted(n_frames, 'frame')} of {', '.join(sorted(stream.topics))}", coverage)
     return exit_code(viewer, exit_codes.INPUT_LOST if coverage.is_poor else exit_codes.of_losses(stream.losses, lost))
 
 
@@ -234,10 +234,10 @@ def _configured(
     return sensor, *sensor.informs(filtering, association)
 
 
-def _say(worlds: GroupTracker, what: str, coverage: Coverage) -> None:
-    if worlds.recoveries:
-        say(f"{worlds.recoveries} beliefs reinitialised, as they did not explain their measurements", err=True)
-    groups = f", {counted(worlds.n_groups, 'group')}, each by itself" if worlds.n_groups > 1 else ""
+def _say(trackers: GroupTracker, what: str, coverage: Coverage) -> None:
+    if trackers.recoveries:
+        say(f"{trackers.recoveries} beliefs reinitialised, as they did not explain their measurements", err=True)
+    groups = f", {counted(trackers.n_groups, 'group')}, each by itself" if trackers.n_groups > 1 else ""
     say(what + groups + coverage.text())
     if coverage.is_poor:
         say("most rows have no estimate: is the noise larger (--noise), or less clutter (--set clutter_density=1e-9)?",

@@ -14,7 +14,7 @@ from dirprim_filter.config import TrackingConfig
 from dirprim_filter.detections import NO_TIME, Detections
 from dirprim_filter.estimates import EstimateList, EstimateSink
 from dirprim_filter.evaluation.rivals import MakeFilter
-from dirprim_filter.evaluation.scores import TrackedWorld
+from dirprim_filter.evaluation.scores import TrackedScene
 from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
 from dirprim_filter.filtering import Tracker
 from dirprim_filter.filtering.smoothing.smoother import Smoother
@@ -78,13 +78,13 @@ class Scene(NamedTuple):
     tracking: TrackingConfig
 
     @classmethod
-    def of(cls, world: Tracks, experiment: TrackingExperiment, *, seed: int) -> Scene:
+    def of(cls, truth: Tracks, experiment: TrackingExperiment, *, seed: int) -> Scene:
         """The scene of a group's tracks: it follows from the seed and its number, whatever the other groups are."""
-        rng = np.random.default_rng(_seed_of(seed, int(world.group[0])))
-        hidden = gaps(world, gap_s=experiment.gap_s, rng=rng)
+        rng = np.random.default_rng(_seed_of(seed, int(truth.group[0])))
+        hidden = gaps(truth, gap_s=experiment.gap_s, rng=rng)
         return cls(
-            truth=world, is_hidden=hidden, seen=_report_of(world, hidden, experiment, rng=rng),
-            tracking=experiment.tracking or honest_tracking(world, experiment),
+            truth=truth, is_hidden=hidden, seen=_report_of(truth, hidden, experiment, rng=rng),
+            tracking=experiment.tracking or honest_tracking(truth, experiment),
         )  # fmt: skip
 
 
@@ -110,8 +110,8 @@ def _report_of(
 class Followed(NamedTuple):
     """The groups as a method tracked them, and as its smoother did, where one was asked for."""
 
-    filtered: list[TrackedWorld]
-    smoothed: list[TrackedWorld]
+    filtered: list[TrackedScene]
+    smoothed: list[TrackedScene]
 
 
 def followed(
@@ -131,7 +131,7 @@ def followed(
         with smoother:
             for time_ns in np.unique(scene.truth.time_ns).tolist():
                 step(tracker, frames.get(time_ns, Detections.none()), sinks, time_ns=time_ns)
-        result.filtered.append(TrackedWorld(scene.truth, scene.is_hidden, found.all()))
+        result.filtered.append(TrackedScene(scene.truth, scene.is_hidden, found.all()))
         if smooth:
-            result.smoothed.append(TrackedWorld(scene.truth, scene.is_hidden, later.all()))
+            result.smoothed.append(TrackedScene(scene.truth, scene.is_hidden, later.all()))
     return result

@@ -19,7 +19,7 @@ from dirprim_filter.track_ids import qualified_names
 from dirprim_filter.tracks import Tracks
 
 
-class TrackedWorld(NamedTuple):
+class TrackedScene(NamedTuple):
     """A group as it was, and as it was tracked.
 
     Attributes:
@@ -50,7 +50,7 @@ class RowErrors(NamedTuple):
 
 
 def scored(
-    worlds: Sequence[TrackedWorld], *, with_ids: bool, similarity_m: float = SIMILARITY_M
+    scenes: Sequence[TrackedScene], *, with_ids: bool, similarity_m: float = SIMILARITY_M
 ) -> tuple[TrackingReport, RowErrors]:
     """The figures of one group, or pooled over all, and the errors they are of: each row counts as in any other group.
 
@@ -58,22 +58,22 @@ def scored(
     interpolated row is hidden where both its neighbours are.
 
     Args:
-        worlds: groups, at least one.
+        scenes: groups, at least one.
         with_ids: assign estimates to vehicles by id; else by GOSPA's assignment.
         similarity_m: metres, the length of all metrics.
     """
-    groups = np.repeat([world.truth.group[0] for world in worlds], [len(world.estimates) for world in worlds])
-    rows = TrackedRows.of(Estimates.concatenate(world.estimates for world in worlds), group=groups)
-    judged = [judged_truth(world.truth) for world in worlds]
+    groups = np.repeat([scene.truth.group[0] for scene in scenes], [len(scene.estimates) for scene in scenes])
+    rows = TrackedRows.of(Estimates.concatenate(scene.estimates for scene in scenes), group=groups)
+    judged = [judged_truth(scene.truth) for scene in scenes]
     order = np.argsort(np.concatenate([of.tracks.time_ns for of in judged]), kind="stable")
     truth = Tracks.concatenate([of.tracks for of in judged])  # in order of time
-    hidden = [of.both(world.is_hidden) for of, world in zip(judged, worlds, strict=True)]
+    hidden = [of.both(scene.is_hidden) for of, scene in zip(judged, scenes, strict=True)]
     is_hidden = np.concatenate(hidden)[order]
     report, (squared, normalised) = report_of(
         rows, truth, is_hidden=is_hidden, with_ids=with_ids, similarity_m=similarity_m,
         interpolated=sum(of.n_interpolated for of in judged) / len(truth),
     )  # fmt: skip
-    names = truth.group.astype(np.str_) if len(worlds) > 1 else qualified_names(truth.track_id, truth.group)
+    names = truth.group.astype(np.str_) if len(scenes) > 1 else qualified_names(truth.track_id, truth.group)
     return report, RowErrors(cluster=names, squared=squared, normalised=normalised, is_hidden=is_hidden)
 
 

@@ -20,7 +20,7 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.evaluation.intervals import Interval, difference_of_means, paired, reduction_of_rmse
 from dirprim_filter.evaluation.rivals import CONSTANT_VELOCITY, SMOOTHED, MakeFilter, Method, fitted_acceleration
 from dirprim_filter.evaluation.scenes import Scene, followed
-from dirprim_filter.evaluation.scores import RowErrors, TrackedWorld, scored
+from dirprim_filter.evaluation.scores import RowErrors, TrackedScene, scored
 from dirprim_filter.evaluation.settings import Choice
 from dirprim_filter.evaluation.splits import held_out, honest_split, steps
 from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
@@ -124,9 +124,9 @@ def evaluate_tracking(
     runs: dict[str, list[tuple[TrackingReport, tuple[TrackingReport, ...], RowErrors]]] = {}
     score = partial(scored, with_ids=experiment.with_ids, similarity_m=experiment.similarity_m)
 
-    def add(name: str, tracked: list[TrackedWorld]) -> None:
+    def add(name: str, tracked: list[TrackedScene]) -> None:
         of_all, errors = score(tracked)
-        runs.setdefault(name, []).append((of_all, tuple(score([world])[0] for world in tracked), errors))
+        runs.setdefault(name, []).append((of_all, tuple(score([scene])[0] for scene in tracked), errors))
 
     groups: list[tuple[int, ...]] = []
     settings: list[Mapping[str, tuple[Choice, ...]]] = []
@@ -183,7 +183,7 @@ def _on_map(
 
 
 def _scenes(tracks: Tracks, experiment: TrackingExperiment, *, seed: int) -> list[Scene]:
-    return [Scene.of(world, experiment, seed=seed) for world in tracks.by_group()]
+    return [Scene.of(group, experiment, seed=seed) for group in tracks.by_group()]
 
 
 def _seen_in_training(train: Tracks, experiment: TrackingExperiment, *, rng: np.random.Generator) -> Detections:

@@ -17,7 +17,7 @@ from dirprim_filter.evaluation.belief_forecasts import forecast_beliefs
 from dirprim_filter.evaluation.forecast_cases import SCORES, Cases, score_cases
 from dirprim_filter.evaluation.forecasting import rollouts_of
 from dirprim_filter.evaluation.scenes import Scene, followed
-from dirprim_filter.evaluation.scores import RowErrors, TrackedWorld, scored
+from dirprim_filter.evaluation.scores import RowErrors, TrackedScene, scored
 from dirprim_filter.evaluation.splits import held_out
 from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
 from dirprim_filter.filtering import Tracker
@@ -92,7 +92,7 @@ class Simulated:
     @cached_property
     def scenes(self) -> list[Scene]:
         """The same for every variant."""
-        return [Scene.of(world, self.experiment, seed=self.seed) for world in self.test.by_group()]
+        return [Scene.of(group, self.experiment, seed=self.seed) for group in self.test.by_group()]
 
     def tracked(self, learned: PrimitiveMap, off: Any) -> Outcome:
         """Errors of tracking without a mechanism."""
@@ -102,8 +102,8 @@ class Simulated:
         def make() -> Any:
             return stripped(bayes_filter_of(learned, experiment.filter, None), off)
 
-        worlds = followed(scenes, make, experiment, seed=self.seed).filtered
-        return errors_of(worlds, with_ids=experiment.with_ids, experiment=experiment)
+        tracked = followed(scenes, make, experiment, seed=self.seed).filtered
+        return errors_of(tracked, with_ids=experiment.with_ids, experiment=experiment)
 
     def forecast(self, learned: PrimitiveMap, *, alone: bool = False) -> Outcome:
         """Energies of forecasts, without leaders or with them, and the log density of motion."""
@@ -129,14 +129,14 @@ def stripped(bayes: Any, off: Any) -> Any:
     return bayes
 
 
-def errors_of(worlds: list[TrackedWorld], *, with_ids: bool, experiment: TrackingExperiment) -> Outcome:
+def errors_of(scenes: list[TrackedScene], *, with_ids: bool, experiment: TrackingExperiment) -> Outcome:
     """Errors by row with ids; HOTA of each group without."""
     length = experiment.similarity_m
-    _, errors = scored(worlds, with_ids=with_ids, similarity_m=length)
+    _, errors = scored(scenes, with_ids=with_ids, similarity_m=length)
     found = rows_of(errors)
     if not with_ids:
-        hotas = np.array([scored([world], with_ids=False, similarity_m=length)[0].hota for world in worlds])
-        groups = np.array([str(world.truth.group[0]) for world in worlds])
+        hotas = np.array([scored([scene], with_ids=False, similarity_m=length)[0].hota for scene in scenes])
+        groups = np.array([str(scene.truth.group[0]) for scene in scenes])
         found["HOTA"] = Figure(groups if groups.size > 1 else np.zeros(1), hotas)
     return found
 
