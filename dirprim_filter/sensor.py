@@ -55,6 +55,10 @@ class AxisError:
         """Of the correlated part, square metres."""
         return self.correlated_share * self.spread_m**2
 
+    def new_variance(self, since_s: FloatArray) -> FloatArray:
+        """(n,) square metres: of what an error does not share with that of (n,) seconds before."""
+        return self.spread_m**2 - self.correlated_variance * np.exp(-2.0 * since_s / self.correlation_s)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sensor:
@@ -101,9 +105,9 @@ class Sensor:
     def unseen_covariance(self, direction: FloatArray, speed: FloatArray) -> FloatArray:
         """(n, 2, 2) square metres: what no filter sees of the errors, to be added to each estimated position.
 
-        An error that lasts, and what is not known of bias and latency, move the detections of a vehicle alike: the
+        What lasts of an error, and what is not known of bias and latency, move the detections of a vehicle alike: the
         variance along the course is that of the correlated part, plus that of the bias, plus speed^2 times that of the
-        latency. A filter takes the whole error for white (Schmidt 1966: such errors are considered, not estimated).
+        latency. They are considered, not estimated (Schmidt 1966): a filter weighs by what is new of an error.
 
         Args:
             direction: (n,) radians.

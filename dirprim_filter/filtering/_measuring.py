@@ -1,9 +1,10 @@
 """Compiled: particles against measured positions, directions and speeds, each of which may be an outlier.
 
-A measurement leaves each particle a residual along two axes, with a variance along each. The axes are those of the
-measurement's covariance; or, where a sensor errs along and across a vehicle's way, those of the belief's mean course.
-The particles differ in theirs: turned by d from the mean course, of E[cos d] = r and E[cos^2 d] = q, an error of mean b
-and variances s^2 has in the shared axes the mean r b, and the variance along
+A measurement leaves each particle a residual along two axes, with a variance along each: that of what is new of the
+error since the detection before; see `sensor` for what lasts. The axes are those of the measurement's covariance; or,
+where a sensor errs along and across a vehicle's way, those of the belief's mean course. Particles differ in theirs:
+turned by d from the mean course, of E[cos d] = r and E[cos^2 d] = q, an error of mean b and variances s^2 has in the
+shared axes the mean r b, and the variance along
 
     q (s_1^2 + b_1^2) + (1 - q) (s_2^2 + b_2^2) - r^2 b_1^2
 

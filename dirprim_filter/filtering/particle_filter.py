@@ -72,9 +72,10 @@ class ParticleFilter(ParticleBelief):
     def begin(self, slot: IntArray, key: AnyArray, measured: Detections) -> None:
         """Initialise beliefs from one measurement each and the primitive at its place. (v,), (v,) uint64, v rows."""
         self.step += 1
+        self.cloud.since_s[slot] = np.inf
         self._split(
             _measuring.begin, (self._primitives, self.cloud),
-            (slot, np.asarray(key), self._columns(measured)), (self._noise,), each_ns=200.0,
+            (slot, np.asarray(key), self._columns(slot, measured)), (self._noise,), each_ns=200.0,
         )  # fmt: skip
         self._split(_kernels.initialise_motion, (self._table, self.cloud), (slot,), (), each_ns=100.0)
 
@@ -141,7 +142,7 @@ class ParticleFilter(ParticleBelief):
         """Log density of measurements under the beliefs, outliers aside. (v,), v rows -> (v,)."""
         result = np.empty(slot.size)
         self._split(
-            _measuring.log_likelihood, (self.cloud,), (slot, self._columns(measured), result), (self._noise,),
+            _measuring.log_likelihood, (self.cloud,), (slot, self._columns(slot, measured), result), (self._noise,),
             each_ns=20.0,
         )  # fmt: skip
         return result
@@ -151,7 +152,8 @@ class ParticleFilter(ParticleBelief):
         self.step += 1
         evidence = np.empty((slot.size, 3))
         self._split(
-            _measuring.weigh, (self.cloud,), (slot, self._columns(measured), evidence), (self._noise,), each_ns=8.0
+            _measuring.weigh, (self.cloud,), (slot, self._columns(slot, measured), evidence), (self._noise,),
+            each_ns=8.0,
         )  # fmt: skip
         unexplained = ~(np.exp(evidence[:, 1]) >= 2.0 * self._noise.outlier)  # so that a NaN is unexplained
         unexplained |= ~np.isfinite(evidence[:, 0])
@@ -184,13 +186,13 @@ class ParticleFilter(ParticleBelief):
         """The beliefs' samples, one vehicle after the other."""
         return BeliefSamples((self, slot))
 
-    def _columns(self, measured: Detections) -> FloatArray:
+    def _columns(self, slot: IntArray, measured: Detections) -> FloatArray:
         """(v, 9) measurements as the kernels take them."""
         axis, errors = np.zeros(len(measured)), np.zeros((len(measured), 4))
         if self._sensor is not None:
-            one, two = self._sensor.along, self._sensor.across
-            errors[:] = one.spread_m**2, two.spread_m**2, one.bias_m, two.bias_m
-            axis[:] = 0.0 if one.bias_m == two.bias_m == 0.0 and one.spread_m == two.spread_m else np.nan  # none, round
+            for k, one in enumerate((self._sensor.along, self._sensor.across)):
+                errors[:, k], errors[:, 2 + k] = one.new_variance(self.cloud.since_s[slot]), one.bias_m
+            axis[(errors[:, 0] != errors[:, 1]) | errors[:, 2:].any(axis=1)] = np.nan  # none where errors are round
         else:
             errors[:, :2] = self.config.noise_m**2
             own = np.flatnonzero(~np.isnan(measured.covariance[:, 0, 0]))

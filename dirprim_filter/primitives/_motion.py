@@ -184,7 +184,7 @@ def _advance(step: Step, block: Block, turned: FloatArray, pushed: FloatArray, r
         push[i] = push[i] * step.push_kept + step.pushed_by * pushed[i]
 
 
-@njit(**EXACT | UNCOUNTED)
+@njit(**EXACT)
 def _place(table: MotionTable, h: float, block: Block, room: FloatArray, due: Due, state: UIntArray) -> None:
     """Put particles where they go, start those that do, and list which may change their manoeuvre."""
     position, speed, cell, now, which = block.position, block.speed, block.cell, due.cell, due.which
