@@ -74,57 +74,19 @@ def forecast(
     require("primitive_map", primitive_map, PrimitiveMap)
     require("rng", rng, np.random.Generator)
     config = require("config", FilterConfig() if config is None else config, FilterConfig)
-    states, dt = (as_floats("position", position, "2")[None], [direction], [speed]), steps(horizon_s, dt_s, n_samples)
-    return np.asarray(_rollouts(primitive_map, states, dt, n_samples, cue=cue, config=config, rng=rng)[0])
-
-
-def forecast_states(
-    primitive_map: PrimitiveMap,
-    *,
-    position: npt.ArrayLike,
-    direction: npt.ArrayLike,
-    speed: npt.ArrayLike,
-    time_s: npt.ArrayLike,
-    n_samples: int = 100,
-    cue: Cue | None = None,
-    config: FilterConfig | None = None,
-    rng: np.random.Generator,
-) -> FloatArray:
-    """Sample rollouts of many vehicles (n, ...) at times (n_times,) ahead; else as `forecast`.
-
-    Each as if it were alone, unless a `config` says that vehicles respond to leaders: then all are in one scene, and
-    sample p of every vehicle belongs together.
-
-    Returns:
-        (n, n_samples, n_times, 2) metres.
-
-    Raises:
-        ValueError: columns of different lengths, a number that is not finite, a direction that is not in radians, a
-            negative speed, or times that do not ascend from above zero.
-    """
-    dt_s = np.diff(as_floats("time_s", time_s, "n"), prepend=0.0)
-    if dt_s.size < 1 or (dt_s <= 0).any() or n_samples < 1:
-        raise ValueError(f"time_s, n_samples: expected ascending times and a sample, got {time_s!r}, {n_samples}")
-    config = config or FilterConfig(interaction="none")
-    states = position, direction, speed
-    return _rollouts(primitive_map, states, dt_s, n_samples, cue=cue, config=config, rng=rng)
-
-
-def _rollouts(
-    primitive_map: PrimitiveMap, states: tuple[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike], dt_s: FloatArray,
-    n_samples: int, *, cue: Cue | None, config: FilterConfig, rng: np.random.Generator,
-) -> FloatArray:  # fmt: skip
-    """Of vehicles (n,), each from one state. (n, n_samples, n_steps, 2) metres."""
-    place = as_floats("position", states[0], "n 2")
-    course = as_floats("direction", states[1], f"{len(place)}")
-    pace = as_floats("speed", states[2], f"{len(place)}")
+    dt = steps(horizon_s, dt_s, n_samples)
+    place = as_floats("position", position, "2")[None]
+    course, pace = as_floats("direction", [direction], "1"), as_floats("speed", [speed], "1")
     check("direction", course)
     check("speed", pace)
-    table = motion_table(primitive_map, step_s=config.step_s)
-    cloud = sampled(table, place, course, pace, n_samples * (1 if cue is None else PER_SAMPLE), rng=rng)
-    if cue is not None:
-        cloud = _weighted_by_cue(table, cloud, cue, rng=rng)
-    return projected(table, cloud, dt_s, leader_table(primitive_map, config))
+    table, n = motion_table(primitive_map, step_s=config.step_s), n_samples * (1 if cue is None else PER_SAMPLE)
+    cloud = sampled(table, place[None], course[None], pace[None], n, rng=rng)
+    if cue is not None:  # Eq. 4: of the particles those are drawn that fit it
+        weigh_by_cue(table, cloud, np.zeros(1, np.int64), cue)
+        kept = rng.choice(n, n_samples, p=cloud.weight[0])
+        columns = {name: column for name, column in cloud._asdict().items() if name not in ("state", "since_s")}
+        cloud = cloud._replace(**{name: column.take(kept, axis=1) for name, column in columns.items()})
+    return np.asarray(projected(table, [cloud], dt, leader_table(primitive_map, config))[0])
 
 
 def steps(horizon_s: float, dt_s: float, n_samples: int) -> FloatArray:
@@ -155,9 +117,19 @@ def sampled(
     table: MotionTable, position: FloatArray, direction: FloatArray, speed: FloatArray, n_samples: int, *,
     rng: np.random.Generator,
 ) -> Cloud:  # fmt: skip
-    """Samples of vehicles (n,) that all begin at one state each."""
-    columns = (np.repeat(column[:, None], n_samples, axis=1) for column in (position, direction, speed))
-    return _cloud(table, *columns, rng=rng)
+    """Particles, (v, n_samples), that follow manoeuvres which fit their states: (v, n_samples, ...), or one for all."""
+    shape = len(speed), n_samples
+    position, direction, speed = (
+        np.array(np.broadcast_to(state, (*shape, *state.shape[2:]))) for state in (position, direction, speed)
+    )
+    cell, manoeuvre = np.empty((2, *shape), np.int64)
+    cloud = Cloud(
+        position, direction, speed, cell=cell, manoeuvre=manoeuvre, push=np.empty(shape),
+        weight=np.full(shape, 1.0 / n_samples), state=rng.integers(2**64, size=(len(speed), 4), dtype=np.uint64),
+        since_s=np.zeros(len(speed)),
+    )  # fmt: skip
+    _kernels.initialise_motion(table, cloud, np.arange(len(speed)))
+    return cloud
 
 
 def sampled_belief(table: MotionTable, belief: Particles, n_samples: int, *, rng: np.random.Generator) -> Cloud:
@@ -166,53 +138,26 @@ def sampled_belief(table: MotionTable, belief: Particles, n_samples: int, *, rng
     Samples go on by the manoeuvre and the push that the filter found for them; those of no place look at the map anew.
     """
     chosen = belief[rng.choice(len(belief), n_samples, p=belief.weight / belief.weight.sum())]
-    cloud = _cloud(table, chosen.position[None], chosen.direction[None], chosen.speed[None], rng=rng)
+    cloud = sampled(table, chosen.position[None], chosen.direction[None], chosen.speed[None], n_samples, rng=rng)
     placed = (chosen.manoeuvre >= 0) & (chosen.manoeuvre < table.begin[-1])
     cloud.manoeuvre[0, placed], cloud.push[0, placed] = chosen.manoeuvre[placed], chosen.push[placed]
     return cloud
 
 
-def side_by_side(clouds: Sequence[Cloud]) -> Cloud:
-    """The samples of several vehicles as one cloud."""
+def projected(
+    table: MotionTable, clouds: Sequence[Cloud], dt_s: FloatArray, response: LeaderTable = ALONE
+) -> FloatArray:
+    """Particles of v vehicles moved on: (v, n, n_steps, 2) metres. Behind leaders sample p of all is one scene."""
     columns: list[Any] = [np.concatenate(column) for column in zip(*clouds, strict=True)]
-    return Cloud(*columns)
-
-
-def _cloud(
-    table: MotionTable, position: FloatArray, direction: FloatArray, speed: FloatArray, *, rng: np.random.Generator
-) -> Cloud:  # fmt: skip
-    """Particles of each vehicle, (v, n, ...), that follow manoeuvres which fit them."""
-    v, n = speed.shape
-    unknown = np.empty((v, n), np.int64)
-    cloud = Cloud(
-        position, direction, speed, cell=unknown, manoeuvre=unknown.copy(), push=np.empty((v, n)),
-        weight=np.full((v, n), 1.0 / n), state=rng.integers(2**64, size=(v, 4), dtype=np.uint64),
-        since_s=np.zeros(v),
-    )  # fmt: skip
-    _kernels.initialise_motion(table, cloud, np.arange(v))
-    return cloud
-
-
-def _weighted_by_cue(table: MotionTable, cloud: Cloud, cue: Cue, *, rng: np.random.Generator) -> Cloud:
-    """One in `PER_SAMPLE` of the particles, drawn by how well they fit a cue (Eq. 4)."""
-    v, n = cloud.speed.shape
-    vehicle = np.arange(v)
-    weigh_by_cue(table, cloud, vehicle, cue)
-    kept = np.stack([rng.choice(n, n // PER_SAMPLE, p=weight) for weight in cloud.weight])
-    columns = {name: column for name, column in cloud._asdict().items() if name not in ("state", "since_s")}
-    return cloud._replace(**{name: column[vehicle[:, None], kept] for name, column in columns.items()})
-
-
-def projected(table: MotionTable, cloud: Cloud, dt_s: FloatArray, response: LeaderTable = ALONE) -> FloatArray:
-    """The particles moved on: (v, n, n_steps, 2) metres. Behind leaders sample p of all vehicles is one scene."""
+    cloud = Cloud(*columns)
     v, n = cloud.speed.shape
     path, is_alone, scene = np.empty((v, n, dt_s.size, 2)), response.trust == 0.0 or v == 1, _kernels.NO_SCENE
     for t, dt in enumerate(dt_s.tolist()):
         n_looks = 1 if is_alone else max(1, math.ceil(dt / _kernels.LOOK_S - 1e-9))
         for _ in range(n_looks):
             if not is_alone:
-                columns = [*np.moveaxis(cloud.position, 2, 0), cloud.direction, cloud.speed]
-                scene = np.ascontiguousarray(np.stack(columns, axis=-1).transpose(1, 0, 2))
+                state = [*np.moveaxis(cloud.position, 2, 0), cloud.direction, cloud.speed]
+                scene = np.ascontiguousarray(np.stack(state, axis=-1).transpose(1, 0, 2))
             _kernels.advance(table, response, cloud, scene, np.arange(v), np.full(v, dt / n_looks))
         path[:, :, t] = cloud.position
     return path
@@ -307,8 +252,7 @@ class Forecaster:
         path = np.empty((len(clouds), self._n_samples, self._dt_s.size, 2))
         for group in np.unique(frame.group):
             own = np.flatnonzero(frame.group == group)
-            scene = side_by_side([clouds[row] for row in own])
-            path[own] = projected(self._table, scene, self._dt_s, self._response)
+            path[own] = projected(self._table, [clouds[row] for row in own], self._dt_s, self._response)
         return path
 
     def _of_vehicle(self, frame: TrackedFrame, particles: Particles, row: int) -> Cloud:
@@ -316,5 +260,5 @@ class Forecaster:
         rng = np.random.default_rng(int(birth_key(self._seed, frame.names[row], frame.time_ns)))
         if len(particles):
             return sampled_belief(self._table, particles.of(row), self._n_samples, rng=rng)
-        mean = estimates.position[[row]], estimates.direction[[row]], estimates.speed[[row]]
+        mean = estimates.position[[[row]]], estimates.direction[[[row]]], estimates.speed[[[row]]]
         return sampled(self._table, *mean, self._n_samples, rng=rng)

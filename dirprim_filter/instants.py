@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -27,64 +26,31 @@ class Instants(NamedTuple):
 
         Nothing is used that was seen after an instant. (i,) groups, (i,) times.
         """
-        vehicle = tracks.vehicle
-        row, at = _seen_before(tracks, group, time_ns)
-        n = 1 + int(vehicle.max(initial=-1))
-        key = at * n + vehicle[row]
-        order = np.argsort(key, kind="stable")  # of a vehicle's rows before an instant the last one stays
-        lasts = order[np.append(np.diff(key[order]) != 0, True)[: order.size]]
-        row, at = row[lasts], at[lasts]
-        state = np.empty((row.size, 4))
-        state[:, 2], state[:, 3] = course, speed = tracks.direction[row], tracks.speed[row]
+        order = np.argsort(tracks.group, kind="stable")  # each group's rows are in order of time
+        of_group, seen_ns = tracks.group[order], tracks.time_ns[order]
+        begin, count = np.zeros((2, time_ns.size), np.int64)
+        for one in np.unique(group).tolist():
+            wanted, start = group == one, int(np.searchsorted(of_group, one))
+            asked_ns, own_ns = time_ns[wanted], seen_ns[start : np.searchsorted(of_group, one, side="right")]
+            begin[wanted] = start + np.searchsorted(own_ns, asked_ns - int(LONGEST_UNSEEN_S * 1e9))
+            count[wanted] = start + np.searchsorted(own_ns, asked_ns, side="right") - begin[wanted]
+        at = np.repeat(np.arange(time_ns.size), count)
+        row = order[np.arange(at.size) + np.repeat(begin - np.cumsum(count) + count, count)]
+        vehicle = tracks.vehicle[row]
+        key = np.lexsort((vehicle, at))  # of a vehicle's rows before an instant the last one stays
+        is_last = np.append((np.diff(at[key]) != 0) | (np.diff(vehicle[key]) != 0), True)[: key.size]
+        row, at = row[key[is_last]], at[key[is_last]]
+        course, speed = tracks.direction[row], tracks.speed[row]
         way = speed * (time_ns[at] - tracks.time_ns[row]) * 1e-9
-        state[:, 0] = tracks.position[row, 0] + way * np.cos(course)
-        state[:, 1] = tracks.position[row, 1] + way * np.sin(course)
-        first = np.searchsorted(at, np.arange(time_ns.size + 1))
-        return cls(state, np.asarray(vehicle[row], np.int64), first)
+        place = tracks.position[row] + np.column_stack([way * np.cos(course), way * np.sin(course)])
+        state = np.column_stack([place, course, speed])
+        return cls(state, vehicle[key[is_last]], np.searchsorted(at, np.arange(time_ns.size + 1)))
 
-    @property
-    def instant(self) -> IntArray:
-        """(n,) the instant of each row."""
-        return np.repeat(np.arange(self.first.size - 1), np.diff(self.first))
-
-    def some(self, instant: IntArray) -> Instants:
-        """Those that are chosen, (m,), in their order."""
-        count = np.diff(self.first)[instant]
-        first = np.append(0, np.cumsum(count))
-        row = np.repeat(self.first[instant] - first[:-1], count) + np.arange(first[-1])
-        return Instants(self.state[row], self.vehicle[row], first)
-
-    def rows_of(self, instant: IntArray, vehicle: IntArray) -> IntArray:
-        """(m,) the row of each vehicle at each instant, -1 where it is not there. (m,), (m,)."""
-        wide = 1 + max(int(self.vehicle.max(initial=0)), int(np.max(vehicle, initial=0)))
-        own, wanted = self.instant * wide + self.vehicle, instant * wide + vehicle
-        at = np.minimum(np.searchsorted(own, wanted), max(own.size - 1, 0))
-        return np.where(own[at] == wanted, at, -1) if own.size else np.full(wanted.size, -1)
-
-
-def _seen_before(tracks: Tracks, group: IntArray, time_ns: IntArray) -> tuple[IntArray, IntArray]:
-    """Rows of an instant's group within `LONGEST_UNSEEN_S` before it, in order of time; and the instant of each."""
-    unseen_ns = int(LONGEST_UNSEEN_S * 1e9)
-    rows, instants = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
-    of_group = dict(rows_of_groups(tracks.group))
-    for one, wanted in rows_of_groups(group):
-        own = of_group.get(one, np.empty(0, np.int64))
-        seen_ns, asked_ns = tracks.time_ns[own], time_ns[wanted]
-        begin = np.searchsorted(seen_ns, asked_ns - unseen_ns)
-        count = np.searchsorted(seen_ns, asked_ns, side="right") - begin
-        row = np.repeat(begin, count) + np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-        rows.append(row if isinstance(own, slice) else own[row])
-        instants.append(np.repeat(np.arange(time_ns.size)[wanted], count))
-    return np.concatenate(rows), np.concatenate(instants)
-
-
-def rows_of_groups(group: IntArray) -> Iterator[tuple[int, IntArray | slice]]:
-    """Each group, ascending, and its rows, (n,) of each row's group: most logs have one, of which nothing is copied."""
-    if group.size == 0:
-        return
-    if (group == group[0]).all():
-        yield int(group[0]), slice(None)
-        return
-    order = np.argsort(group, kind="stable")
-    groups, first = np.unique(group[order], return_index=True)
-    yield from zip(groups.tolist(), np.split(order, first[1:]), strict=True)
+    def rows_of(self, others: Instants) -> IntArray:
+        """(m,) the row of each of the others' rows: of its vehicle at its instant, -1 where that is not there."""
+        n = 1 + max(int(of.vehicle.max(initial=0)) for of in (self, others))
+        own, wanted = (
+            np.repeat(np.arange(of.first.size - 1), np.diff(of.first)) * n + of.vehicle for of in (self, others)
+        )
+        row = np.append(np.arange(own.size), -1)[np.searchsorted(own, wanted)]
+        return np.where(np.append(own, -1)[row] == wanted, row, -1)

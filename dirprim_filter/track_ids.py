@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache
-from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -28,18 +26,14 @@ class Numbers(dict[str, int]):
 
 
 def numbered(track_id: AnyArray) -> tuple[list[str], IntArray]:
-    """The ids as text, each once, and (n,) the place of each row's among them.
+    """The ids as text, each once, as they first come, and (n,) the place of each row's among them.
 
     Text is hashed block by block: sorting it would hold it twice, and take ten times as long.
     """
-    if track_id.dtype.kind != "U":
-        ids, place = np.unique(track_id, return_inverse=True)
-        return as_texts(ids).tolist(), place
-    numbers = Numbers()
-    place = np.empty(track_id.size, np.int64)
+    numbers, place = Numbers(), np.empty(track_id.size, np.int64)
     for start in range(0, track_id.size, BLOCK_ROWS):
-        block = track_id[start : start + BLOCK_ROWS]
-        place[start : start + BLOCK_ROWS] = numbers.of(block.tolist())
+        rows = slice(start, start + BLOCK_ROWS)
+        place[rows] = numbers.of(as_texts(track_id[rows]).tolist())
     return list(numbers), place
 
 
@@ -52,17 +46,11 @@ def as_track_ids(value: npt.ArrayLike) -> AnyArray:
     if array.dtype.kind == "i" or (array.dtype.kind == "u" and array.dtype.itemsize < 8):
         return array.astype(np.int64, copy=False)
     text = as_texts(array)
-    blocks = (set(text[start : start + BLOCK_ROWS].tolist()) for start in range(0, text.size, BLOCK_ROWS))
-    return text.astype(np.int64) if all(_is_decimal_int64(name) for block in blocks for name in block) else text
-
-
-@lru_cache(maxsize=1 << 16)
-def _is_decimal_int64(name: str) -> bool:
-    digits = name.removeprefix("-")
-    if not (digits.isascii() and digits.isdigit() and len(digits) <= 19):
-        return False
-    number = int(name)
-    return str(number) == name and -(1 << 63) <= number < 1 << 63
+    try:
+        number = text.astype(np.int64)
+    except (ValueError, OverflowError):
+        return text
+    return number if (number.astype(text.dtype) == text).all() else text
 
 
 def as_texts(track_id: AnyArray) -> AnyArray:
@@ -109,8 +97,7 @@ def check_not_repeated(track_id: AnyArray, time_ns: IntArray, group: IntArray) -
     Raises:
         ValueError: names the first that has.
     """
-    has_groups = group.size > 0 and (group != group[0]).any()
-    repeated = repeated_rows(vehicle_numbers(track_id, group) if has_groups else track_id, time_ns)
+    repeated = repeated_rows(vehicle_numbers(track_id, group), time_ns)
     if repeated.any():
         row = int(np.argmax(repeated))
         raise ValueError(f"track_id, time_ns: vehicle {track_id[row]} has two rows at {time_ns[row]} ns; keep one")
@@ -119,14 +106,8 @@ def check_not_repeated(track_id: AnyArray, time_ns: IntArray, group: IntArray) -
 def repeated_rows(track_id: AnyArray, time_ns: IntArray) -> BoolArray:
     """(n,) where a row repeats the vehicle and the time of an earlier row."""
     vehicle = _numbers_of(track_id)
-    n = len(time_ns)
-    cuts = np.array([0, n])
-    if not (time_ns[1:] < time_ns[:-1]).any():  # then in pieces, so that no more is needed than a piece
-        cuts = np.unique(np.append(np.searchsorted(time_ns, time_ns[::BLOCK_ROWS]), n))
-    repeated = np.zeros(n, np.bool_)
-    for start, end in pairwise(cuts.tolist()):
-        who, when = vehicle[start:end], time_ns[start:end]
-        order = np.lexsort((when, who))  # stable, so the first of equals stays first
-        same = (np.diff(who[order]) == 0) & (np.diff(when[order]) == 0)
-        repeated[start + order[1:][same]] = True
+    order = np.lexsort((time_ns, vehicle))  # stable, so the first of equals stays first
+    same = (np.diff(vehicle[order]) == 0) & (np.diff(time_ns[order]) == 0)
+    repeated = np.zeros(len(time_ns), np.bool_)
+    repeated[order[1:][same]] = True
     return repeated

@@ -5,8 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dirprim_filter.config import FilterConfig
 from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.distributions import _random as random
+from dirprim_filter.forecasting import leader_table, projected, sampled
 from dirprim_filter.primitives import _motion
 from dirprim_filter.primitives.motion import COURSE_RATE, FLOATS, Motion, background_manoeuvres, joined
 from dirprim_filter.primitives.motion_table import motion_table
@@ -128,3 +130,11 @@ def moved(primitive_map, dt_s, *, n=20_000, key=5, n_calls=1, step_s=0.1, course
     for _ in range(n_calls):
         _motion.move(table, *particles, ALONE, dt_s / n_calls, state)
     return particles
+
+
+def rollouts(primitive_map, position, direction, speed, *, time_s, n_samples, interaction="none", seed):
+    """Samples of where vehicles (n,) are at times (n_times,) ahead, all in one scene: (n, n_samples, n_times, 2)."""
+    table, config = motion_table(primitive_map), FilterConfig(interaction=interaction)
+    states = (np.asarray(of, np.float64)[:, None] for of in (position, direction, speed))
+    cloud = sampled(table, *states, n_samples, rng=np.random.default_rng(seed))
+    return projected(table, [cloud], np.diff(time_s, prepend=0.0), leader_table(primitive_map, config))

@@ -8,14 +8,12 @@ import pytest
 from dirprim_filter import Detections, FilterConfig, Tracker, Tracks, forecast, learn_primitives, save_map
 from dirprim_filter.distributions import Gamma
 from dirprim_filter.evaluation.metrics.comparison import Comparison
-from dirprim_filter.forecasting import forecast_states
 from dirprim_filter.recording.tables.datasets import read_sdd
 from dirprim_filter.recording.writer import EstimateWriter
 from situations import one_cell_map
 
 RNG = np.random.default_rng(0)
 STATE = {"position": (0.0, 0.0), "direction": 0.0, "speed": 5.0, "rng": RNG}
-MANY = {"position": np.zeros((2, 2)), "direction": [0.0, 90.0], "speed": [5.0, 5.0], "time_s": [1.0], "rng": RNG}
 GENERATOR = "rng: expected a Generator, such as np.random.default_rng(0), got 0"
 DEGREES = "direction: expected radians, at most a turn (np.deg2rad converts degrees), got 90.0 in row 1"
 
@@ -57,7 +55,6 @@ CALLS = {
     "forecast, rng": (lambda m: forecast(m, **STATE | {"rng": 0}), GENERATOR),
     "forecast, config": (lambda m: forecast(m, config={}, **STATE), "config: expected a FilterConfig, got {}"),
     "forecast, degrees": (lambda m: forecast(m, **STATE | {"direction": 90.0}), DEGREES.replace("row 1", "row 0")),
-    "forecast_states, degrees": (lambda m: forecast_states(m, **MANY), DEGREES),
     "sample, rng": (lambda m: m.sample(np.zeros((1, 2)), rng=0), GENERATOR),
     "gamma": (lambda _: Gamma(shape=np.zeros(1), rate=np.ones(1)), "shape, rate: expected positive numbers"),
     "draw, fewer than none": (lambda m: m.direction.sample(n_samples=-1, rng=RNG), "n_samples: expected no negative"),

@@ -98,7 +98,7 @@ def test_a_belief_goes_on_by_the_manoeuvres_that_the_filter_found(ring_map):
             position=np.tile(state[0], (n, 1)), direction=np.full(n, state[1]), speed=np.full(n, state[2]),
             weight=np.full(n, 1 / n), vehicle=np.zeros(n, np.int64), **found,
         )  # fmt: skip
-        paths = projected(table, sampled_belief(table, belief, n, rng=np.random.default_rng(0)), dt_s)[0]
+        paths = projected(table, [sampled_belief(table, belief, n, rng=np.random.default_rng(0))], dt_s)[0]
         return float(np.linalg.norm(paths[:, -1] - state[0], axis=1).mean())
 
     hard = {"manoeuvre": np.full(n, slowest), "push": np.full(n, -20.0)}

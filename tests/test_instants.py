@@ -35,20 +35,13 @@ def test_who_was_last_seen_a_moment_ago_is_there_and_nothing_later_tells():
         np.testing.assert_allclose(
             np.column_stack([found.vehicle[rows], found.state[rows]]), np.array(expected).reshape(-1, 5)
         )
-        np.testing.assert_array_equal(
-            found.rows_of(np.full(found.vehicle[rows].size, i), found.vehicle[rows]), np.arange(rows.start, rows.stop)
-        )
         n_there += len(expected)
     assert n_there > 50
-    assert found.rows_of(np.array([0, 3]), np.array([99, 98])).tolist() == [-1, -1]
-
-
-def test_some_instants_are_those_that_were_asked_for_alone():
-    rng = np.random.default_rng(1)
-    tracks, group, time_ns = seen_at_random(rng), rng.integers(0, 4, 50), rng.integers(0, 5 * 10**9, 50)
-    every = Instants.of(tracks, group, time_ns)
-    for chosen in (np.array([7, 3, 3, 49]), np.empty(0, np.int64), np.arange(50)):
-        some, alone = every.some(chosen), Instants.of(tracks, group[chosen], time_ns[chosen])
-        for ours, theirs in zip(some, alone, strict=True):
-            np.testing.assert_array_equal(ours, theirs)
-    assert every.some(np.array([0])).first[-1] < every.first[-1]
+    later = Instants.of(tracks, group, time_ns + 100_000_000)
+    instant, then = (np.repeat(np.arange(50), np.diff(of.first)) for of in (found, later))
+    pairs = list(zip(then.tolist(), later.vehicle.tolist(), strict=True))
+    expected = [pairs.index(of) if of in pairs else -1 for of in zip(instant, found.vehicle, strict=True)]
+    assert later.rows_of(found).tolist() == expected
+    assert -1 in expected
+    nothing = Instants.of(tracks, group[:0], time_ns[:0])
+    assert nothing.rows_of(found).tolist() == [-1] * len(expected)

@@ -13,7 +13,7 @@ from zlib import crc32
 import numpy as np
 
 from dirprim_filter.arrays import FloatArray, IntArray
-from dirprim_filter.instants import Instants, rows_of_groups
+from dirprim_filter.instants import Instants
 from dirprim_filter.primitives import _leader
 from dirprim_filter.primitives._leader import FAR_M, SLOW, STARTS_BEHIND_M
 from dirprim_filter.primitives._manoeuvres import STANDING_BELOW
@@ -55,12 +55,12 @@ class LeaderSums(NamedTuple):
     @classmethod
     def of(cls, tracks: Tracks) -> Self:
         """The sums of a log: of every vehicle and the nearest one ahead, `EVERY_S`."""
-        instants, at, then = _now_and_later(tracks)
-        now = instants.some(at)
-        speed, row = now.state[:, 3], instants.rows_of(then[now.instant], now.vehicle)
+        group, time_ns = _looks(tracks)
+        now, later = (Instants.of(tracks, group, at_ns) for at_ns in (time_ns, time_ns + int(AHEAD_S * 1e9)))
+        speed, row = now.state[:, 3], later.rows_of(now)
         seen = np.empty((len(now.state), 3))
         _leader.ahead_of_each(now.state, now.first, seen)
-        gained = np.where(row >= 0, np.append(instants.state[:, 3], 0.0)[row] - speed, np.nan)
+        gained = np.where(row >= 0, np.append(later.state[:, 3], 0.0)[row] - speed, np.nan)
         stands = speed < STANDING_BELOW
         follows = (seen[:, 0] < FAR_M) & ~stands & np.isfinite(gained)
         feature = np.empty((int(follows.sum()), N_FEATURES))
@@ -134,18 +134,16 @@ def _solved(acceleration: Regression) -> FloatArray:
     return acceleration.solved(RIDGE * (square + 1e-9) * np.append(1e-6, np.ones(square.size - 1)))
 
 
-def _now_and_later(tracks: Tracks) -> tuple[Instants, IntArray, IntArray]:
-    """Instants; which of them drivers are looked at, (i,), and which is `AHEAD_S` later, (i,): most are both.
+def _looks(tracks: Tracks) -> tuple[IntArray, IntArray]:
+    """(i,) groups and (i,) times at which drivers are looked at, ascending.
 
     They are looked at `EVERY_S` from each group's first row on, where it has rows; in a long log less often.
     """
     every_ns, looks = int(EVERY_S * 1e9), [np.empty((0, 2), np.int64)]  # group and time
-    for group, rows in rows_of_groups(tracks.group):
-        own = tracks.time_ns[rows]
+    for group in np.unique(tracks.group).tolist():
+        own = tracks.time_ns[tracks.group == group]
         number = np.unique((own - own[0]) // every_ns)  # a log may pause for days
         looks.append(np.column_stack([np.full(number.size, group), own[0] + number * every_ns]))
     look = np.concatenate(looks)
-    look = look[:: max(-(-len(look) // MOST_INSTANTS), 1)]
-    later = look + np.array([0, int(AHEAD_S * 1e9)])
-    both, which = np.unique(np.concatenate([look, later]), axis=0, return_inverse=True)
-    return Instants.of(tracks, both[:, 0], both[:, 1]), which[: len(look)], which[len(look) :]
+    group, time_ns = look[:: max(-(-len(look) // MOST_INSTANTS), 1)].T
+    return group, time_ns

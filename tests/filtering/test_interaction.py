@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
+import moving
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.filtering import GroupTracker, Tracker
-from dirprim_filter.forecasting import Forecaster, forecast_states, leader_table, projected, sampled, side_by_side
+from dirprim_filter.forecasting import Forecaster, leader_table, projected, sampled
 from dirprim_filter.primitives.leader import N_FEATURES, LeaderResponse
 from dirprim_filter.primitives.motion_table import motion_table
 from moving import motion_by_hand, squares
@@ -29,11 +30,9 @@ def road(*, trust=1.0, push=0.0, start_rate=(0.0, 0.0, 5.0), by=ROOM, gained=0.5
 
 
 def rollouts(primitive_map, place, speed, *, interaction="leader", time_s=(1.0, 5.0), seed=0):
-    n = len(place)
-    return forecast_states(
-        primitive_map, position=np.column_stack([place, np.full(n, 10.0)]), direction=np.zeros(n), speed=speed,
-        time_s=time_s, n_samples=200, config=FilterConfig(interaction=interaction), rng=np.random.default_rng(seed),
-    )[..., 0]  # fmt: skip
+    states = np.column_stack([place, np.full(len(place), 10.0)]), np.zeros(len(place)), speed
+    given = {"time_s": time_s, "n_samples": 200, "interaction": interaction, "seed": seed}
+    return moving.rollouts(primitive_map, *states, **given)[..., 0]
 
 
 def test_no_vehicle_drives_through_a_queue_but_one_without_a_leader():
@@ -61,11 +60,13 @@ def test_order_does_not_matter():
     place, speed = np.array([100.0, 60.0, 20.0, 140.0]), np.array([4.0, 10.0, 12.0, 9.0])
     dt_s, order = np.full(6, 0.5), np.array([2, 0, 3, 1])
     alone = [
-        sampled(table, np.array([[x, 10.0]]), np.zeros(1), np.array([v]), 50, rng=np.random.default_rng(int(x)))
+        sampled(
+            table, np.array([[[x, 10.0]]]), np.zeros((1, 1)), np.array([[v]]), 50, rng=np.random.default_rng(int(x))
+        )
         for x, v in zip(place, speed, strict=True)
     ]
-    found = projected(table, side_by_side(alone), dt_s, response)
-    again = projected(table, side_by_side([alone[i] for i in order]), dt_s, response)
+    found = projected(table, alone, dt_s, response)
+    again = projected(table, [alone[i] for i in order], dt_s, response)
     np.testing.assert_array_equal(again, found[order])
 
 

@@ -7,11 +7,11 @@ import pytest
 
 from dirprim_filter import learn_primitives
 from dirprim_filter.config import LearningConfig
-from dirprim_filter.forecasting import forecast_states
 from dirprim_filter.primitives.background import learn_background
 from dirprim_filter.primitives.motion_learning import label_visits, learn_motion
 from dirprim_filter.primitives.rows import TrackRows
 from dirprim_filter.primitives.visits import Visits
+from moving import rollouts
 from situations import junction_traffic, tracks_of
 
 
@@ -80,10 +80,7 @@ def test_who_creeps_goes_on_and_who_stands_stays():
     way = east[:, None] + 0.1 * pace[:, None] * np.arange(40)
     queue = tracks_of(np.stack(np.broadcast_arrays(way, pace[:, None]), axis=-1), speed=pace[:, None])
     learned = learn_primitives(queue, tessellation="grid", cell_size=10.0, rng=np.random.default_rng(0))
-    paths = forecast_states(
-        learned, position=[[10.0, 0.2], [10.0, 0.0]], direction=[0.0, 0.0], speed=[0.2, 0.0], time_s=[3.0],
-        n_samples=200, rng=np.random.default_rng(1),
-    )  # fmt: skip
+    paths = rollouts(learned, [[10.0, 0.2], [10.0, 0.0]], [0.0, 0.0], [0.2, 0.0], time_s=[3.0], n_samples=200, seed=1)
     creeps, stands = paths[:, :, 0, 0].mean(axis=1) - 10.0
     assert 0.4 < creeps < 0.8  # 0.6 m by the speed it has
     assert abs(stands) < 0.1
@@ -108,9 +105,8 @@ def test_who_is_faster_brakes_harder_for_the_same_place():
     assert (now.track_id == later.track_id).all()
 
     motion = learn_motion(learned, rows, background_of(rows), rng=np.random.default_rng(0))
-    paths = forecast_states(
-        replace(learned, motion=motion), position=now.position, direction=now.direction, speed=now.speed,
-        time_s=[4.0], n_samples=64, rng=np.random.default_rng(2),
-    )  # fmt: skip
+    paths = rollouts(
+        replace(learned, motion=motion), now.position, now.direction, now.speed, time_s=[4.0], n_samples=64, seed=2
+    )
     too_far = paths[:, :, 0, 0].mean(axis=1) - later.position[:, 0]
     assert abs(np.polyfit(now.speed, too_far, 1)[0]) < 0.05  # m by m/s that it is faster; at constant speed 2 s
