@@ -36,7 +36,7 @@ class Estimates(ArrayTable):
             of a measured course and speed is a ratio to a false detection's. 0 at birth and where there is none.
         existence: (n,) probability of existence: that there is such a vehicle. Left out: 1.
         unseen_s: (n,) seconds since it was last measured: 0 where it is now. Left out: 0.
-        follows_map: (n,) weight of its particles on manoeuvres of the map's cells. Left out: 0.
+        follows_map: (n,) probability that it follows a manoeuvre of the map and does not go its own way. Left out: 0.
 
     Raises:
         ValueError: shapes that do not fit.

@@ -122,9 +122,11 @@ def settled(table, n, *, place=(0.0, 0.0), direction=0.0, speed=10.0, state):
     return made
 
 
-def moved(primitive_map, dt_s, *, n=20_000, key=5, n_calls=1, step_s=0.1, course_rate=COURSE_RATE, **start):
+def moved(
+    primitive_map, dt_s, *, n=20_000, key=5, n_calls=1, step_s=0.1, own_way_rate=0.0, course_rate=COURSE_RATE, **start
+):
     """Particles after so many seconds, cut into calls."""
-    table = motion_table(primitive_map, step_s=step_s)._replace(course_rate=course_rate)
+    table = motion_table(primitive_map, step_s=step_s, own_way_rate=own_way_rate)._replace(course_rate=course_rate)
     state = seeded(key)
     particles = settled(table, n, state=state, **start)
     for _ in range(n_calls):

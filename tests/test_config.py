@@ -17,7 +17,7 @@ from situations import ring_traffic
 LASTING = AxisError(spread_m=0.5, correlated_share=0.5)
 SERIES = ("cell_sizes", "rows_per_cell")
 MAY_BE_OFF = (
-    "outlier_probability", "motion_outlier_probability", "resample_below", "innovation_outlier_rate",
+    "outlier_probability", "motion_outlier_probability", "resample_below", "innovation_outlier_rate", "own_way_rate",
 )  # fmt: skip
 SETTINGS = [
     (kind, f.name)

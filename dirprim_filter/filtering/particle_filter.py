@@ -57,7 +57,7 @@ class ParticleFilter(ParticleBelief):
     ) -> None:
         self.config = config = config or FilterConfig()
         super().__init__(n_particles=config.n_particles, mode_of=primitive_map.motion.mode)
-        self._table = motion_table(primitive_map, step_s=config.step_s)
+        self._table = motion_table(primitive_map, step_s=config.step_s, own_way_rate=config.own_way_rate)
         self._primitives = primitive_map.compiled()
         self._has_cells = primitive_map.tessellation.n_cells > 0
         self.traffic = Traffic.of(primitive_map.tessellation, primitive_map.motion)

@@ -35,7 +35,7 @@ class Places(NamedTuple):
 
     Attributes:
         outside: (v,) probability that a vehicle is outside of the map's cells; 0 without cells.
-        follows_map: (v,) weight of its particles on manoeuvres of the map's cells.
+        follows_map: (v,) probability that it follows a manoeuvre of the map and does not go its own way.
         ends: (v,) 1/s, rate at which trajectories end there; 0 without cells.
     """
 

@@ -27,6 +27,8 @@ N_FIELDS, LANES = 16, 8
 # Where the fields of eight begin in a row of `Candidates.field`.
 (HEADS, TURNS_E, TURNS_N, PACE, GAIN_E, GAIN_N, PATH_0, PATH_1, PATH_2, COSINE, SINE, BY_COURSE, BY_PACE, BY_PATH,
  BY_VISITS, BY_TIME) = range(0, N_FIELDS * LANES, LANES)  # fmt: skip
+OWN_WAY = -2
+"""The row of who goes straight on, or its own way."""
 STANDING_BELOW = 0.1
 """m/s: who is faster creeps, which is to start or to stop; queues of real vehicles do so for seconds."""
 DEGREES = 5.0
@@ -66,6 +68,7 @@ class MotionTable(NamedTuple):
     most: int  # eights of a cell, or of background ones
     course_rate: float
     background_visits: float
+    own_way_rate: float  # 1/s, at which vehicles leave what they follow and go their own way
     step_s: float
 
 

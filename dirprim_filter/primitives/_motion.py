@@ -25,6 +25,7 @@ from dirprim_filter.primitives._manoeuvres import (
     KEEPS,
     LANES,
     LONGER,
+    OWN_WAY,
     STANDING_BELOW,
     STARTS,
     TURNING,
@@ -81,6 +82,7 @@ class Due(NamedTuple):
     """
 
     every: float  # one of so many particles
+    leaves: float  # of those due by chance, the share that goes its own way
     next: FloatArray  # (2,) the particle drawn, and the first of those from which the one after it is drawn
     cell: IntArray  # (BLOCK,) where they are now
     which: IntArray  # (2 BLOCK,) those that pass, then those due by chance
@@ -130,7 +132,8 @@ def _due(table: MotionTable, h: float) -> Due:
     """None yet."""
     which, end = np.empty(2 * BLOCK, np.int64), np.empty(2, np.int64)
     every = 1.0 / (1.0 - math.exp(-h / JUMP_S))
-    return Due(every, np.empty(2), np.empty(BLOCK, np.int64), which, end)
+    leaves = every * (1.0 - math.exp(-table.own_way_rate * h))
+    return Due(every, leaves, np.empty(2), np.empty(BLOCK, np.int64), which, end)
 
 
 @njit(**EXACT | UNCOUNTED)
@@ -223,6 +226,8 @@ def _change(table: MotionTable, block: Block, due: Due, weight: SingleArray, sta
         passes, theta, v, after = k < end[0], direction[p], block.speed[p], -1
         if passes:
             after = go_over(table, before, now, v, state)
+        elif due.leaves > 0.0 and v >= STANDING_BELOW and random.uniform(state) < due.leaves:
+            after = len(table.row) + OWN_WAY
         elif begin[-1] <= before:
             after = leave_places(table, before, v, weight, state)
         elif now >= 0 and begin[now] <= before < begin[now + 1]:

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dirprim_filter.arrays import FloatArray
-from dirprim_filter.primitives._manoeuvres import LANES, N_FIELDS, Candidates, MotionTable
-from dirprim_filter.primitives.motion import COURSE_RATE
+from dirprim_filter.primitives._manoeuvres import LANES, N_FIELDS, OWN_WAY, PUSH, TURNING, Candidates, MotionTable
+from dirprim_filter.primitives.motion import ANYWHERE_PUSH, ANYWHERE_TURNING, COURSE_RATE
 
 if TYPE_CHECKING:
     from dirprim_filter.primitives.primitive_map import PrimitiveMap
@@ -21,13 +21,22 @@ BACKGROUND_DENSITY = np.exp(-2.0)
 """Density of course, log pace and path outside of cells, in those units: any direction or pace, on three lanes."""
 
 
-def motion_table(primitives: PrimitiveMap, *, step_s: float = 0.1) -> MotionTable:
-    """The motion of a map, in steps of at most `step_s` seconds."""
+def motion_table(primitives: PrimitiveMap, *, step_s: float = 0.1, own_way_rate: float = 0.0) -> MotionTable:
+    """The motion of a map.
+
+    Args:
+        primitives: the map.
+        step_s: seconds, the longest step.
+        own_way_rate: 1/s, at which vehicles in motion leave what they follow and go their own way: straight on, with
+            the noise of vehicles of which no log says how they move.
+    """
     motion, cells, may = primitives.motion, primitives.tessellation, _candidates(primitives)
     row = np.column_stack([
         _centers(primitives)[motion.cell], motion.course, motion.bend, motion.acceleration,
         motion.push, motion.course_spread, motion.cell < 0, motion.stretch, motion.start_rate, motion.curvature,
     ])  # fmt: skip
+    if own_way_rate > 0.0:
+        row[OWN_WAY, [PUSH, TURNING]] = ANYWHERE_PUSH, ANYWHERE_TURNING
     of_cell = motion.cell[: motion.n_placed]
     return MotionTable(
         locator=primitives.compiled().locator,
@@ -41,6 +50,7 @@ def motion_table(primitives: PrimitiveMap, *, step_s: float = 0.1) -> MotionTabl
         most=max(int(np.diff(may.begin).max(initial=0)), may.free.shape[1]),
         course_rate=COURSE_RATE,
         background_visits=motion.background_visits,
+        own_way_rate=own_way_rate,
         step_s=step_s,
     )
 

@@ -93,6 +93,7 @@ ONE_MODE = LearningConfig(max_modes=1)
 MECHANISMS: dict[str, Mechanism] = {
     "innovation outliers": Mechanism(filter={"innovation_outlier_rate": 0.0}),
     "draws given measurements": Mechanism(strip=without_draws),
+    "vehicles go their own way": Mechanism(filter={"own_way_rate": 0.0}),
     "measurement outliers": Mechanism(filter={"outlier_probability": 0.0}),
     "beliefs reinitialised when lost": Mechanism(tracking={"lost_after": PATIENT}),
     "occlusion": Mechanism(scenes=UNNAMED, tracking={"occlusion_rate": 0.0}),

@@ -73,6 +73,19 @@ def test_a_cell_without_manoeuvres_of_its_own_is_no_place():
         assert not np.array_equal(getattr(of_nowhere, name), getattr(placed, name)) or name == "push"
 
 
+def test_vehicles_in_motion_leave_the_map_at_their_rate_and_go_on_by_the_noise_of_no_log():
+    """On one cell, into which none enters again, an exponential waiting time."""
+    n, t, rate = 20_000, 2.0, 0.3
+    road = only_places(one_cell_map(side=2000.0, concentration=1e4, shape=1e4))
+    runs = [moved(road, t, n=n, own_way_rate=rate, key=key) for key in range(8)]
+    left = sum(int((run.manoeuvre != 0).sum()) for run in runs)
+    assert stats.binomtest(left, 8 * n, 1 - np.exp(-rate * t)).pvalue > FALSE_ALARM
+    assert stats.binomtest(left, 8 * n, 1 - np.exp(-1.03 * rate * t)).pvalue < FALSE_ALARM  # 3 % more often
+    found, left = runs[0], runs[0].manoeuvre != 0
+    assert found.direction[left].std() > 5 * found.direction[~left].std()
+    assert (moved(road, t, n=n).manoeuvre == 0).all()
+
+
 def test_a_vehicle_that_stands_starts_at_its_rate():
     n, rate = 20_000, 0.5
     waits = motion_by_hand([0, 0], start_rate=[rate, 0.0], acceleration=[[0.0] * 4, [2.0, 0, 0, -0.2]])

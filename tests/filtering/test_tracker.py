@@ -188,7 +188,7 @@ def test_where_motion_is_linear_and_gaussian_the_belief_is_the_kalman_filters_to
     frames = [one("a", i * dt_s, *place) for i, place in enumerate(measured)]
     found, _ = track(
         one_cell_map(), frames, n_particles=n, noise_m=noise_m, resample_below=0.0,
-        outlier_probability=1e-12, innovation_outlier_rate=0.0,
+        outlier_probability=1e-12, innovation_outlier_rate=0.0, own_way_rate=0.0,
     )  # fmt: skip
 
     def off(**change):
