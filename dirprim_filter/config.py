@@ -101,8 +101,8 @@ class FilterConfig:
             it: a belief that is sure of what its vehicle did not do, such as to stop, is not lost. Without it errors in
             sight are 3 to 11 % larger, and .95 ± .18 % more rows of vehicles that misbehave are lost.
         own_way_rate: 1/s, how often a vehicle in motion leaves the map's manoeuvres and goes its own way, until it
-            enters a cell of which a manoeuvre fits it. Without it no error is larger beyond its interval, and those in
-            gaps at the intersection are 3.6 ± 3.0 % smaller.
+            enters a cell of which a manoeuvre fits it: what a map of few vehicles does not know. Without it errors at
+            Mcity are 2.8 % larger (four drives, not distinguishable), in gaps at the intersection 3.6 ± 3.0 % smaller.
         step_s: seconds, the longest step of the motion model: a vehicle at 15 m/s passes 1.5 m in it.
         max_gap_s: seconds without a measurement after which a belief ends.
         interaction: "leader": in forecasts vehicles respond to the vehicle ahead, as far as the map's vehicles did;
