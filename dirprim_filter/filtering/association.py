@@ -6,7 +6,6 @@ the one of greatest likelihood. Source: Blackman and Popoli, Design and Analysis
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -32,43 +31,30 @@ class Pairs(NamedTuple):
     other: IntArray
 
 
-class Hits(NamedTuple):
-    """Slots (v,) of tracks, and the rows (v,) of the frame assigned to them."""
-
-    slot: IntArray
-    row: IntArray
-
-    @classmethod
-    def concatenate(cls, parts: Sequence[Hits]) -> Hits:
-        """All hits of all parts, in their order."""
-        return cls(*(np.concatenate(column).astype(np.int64) for column in zip(*parts, strict=True)))
-
-
 def associated(
-    bayes_filter: BayesFilter, slot: IntArray, detections: Detections, rows: IntArray, *, existence: FloatArray,
+    bayes_filter: BayesFilter, slot: IntArray, detections: Detections, *, existence: FloatArray,
     is_confirmed: BoolArray, by_chance: FloatArray, noise: FilterConfig, config: TrackingConfig,
-) -> Hits:  # fmt: skip
-    """Unlabelled detections, assigned to the tracks that predicted them.
+) -> IntArray:  # fmt: skip
+    """(d,) slots of the tracks that predicted unlabelled detections best, -1 for none.
 
     Confirmed tracks choose first, tentative ones among what they leave.
 
     Args:
         bayes_filter: holds the tracks' beliefs.
         slot: (v,) tracks, moved to the frame's time.
-        detections: the frame.
-        rows: (d,) its unlabelled rows.
+        detections: (d,) of the frame.
         existence: (v, 3) of the tracks.
         is_confirmed: (v,) of the tracks.
-        by_chance: (d,) density of clutter and first detections that was expected at each of these rows.
+        by_chance: (d,) density of clutter and first detections that was expected at each.
         noise: for measurements that report no covariance.
         config: gate and detection probability.
     """
-    found, left, by_chance = [], np.ones(rows.size, np.bool_), np.log(by_chance)
+    track_of = np.full(len(detections), -1, np.int64)
     for chosen in (is_confirmed, ~is_confirmed):
-        some, tracks = np.flatnonzero(left), slot[chosen]
-        if tracks.size == 0 or some.size == 0:
+        left, tracks = np.flatnonzero(track_of < 0), slot[chosen]
+        if tracks.size == 0 or left.size == 0:
             continue
-        m, seen = bayes_filter.moments(tracks), detections[rows[some]]
+        m, seen = bayes_filter.moments(tracks), detections[left]
         pairs = gated(
             m[:, :2], m[:, [2, 3, 3, 4]].reshape(-1, 2, 2), seen.position, measured_covariance(seen, noise),
             gate=config.gate,
@@ -76,12 +62,10 @@ def associated(
         fit = bayes_filter.log_likelihood(tracks[pairs.one], seen[pairs.other])
         visible, occluded = existence[chosen][pairs.one][:, [VISIBLE, OCCLUDED]].T
         expected = config.detection_probability * (visible / (visible + occluded))  # if it exists: that is judged later
-        gain = np.log(expected) - np.log1p(-expected) + fit - by_chance[some[pairs.other]]
+        gain = np.log(expected) - np.log1p(-expected) + fit - np.log(by_chance)[left[pairs.other]]
         best = best_pairs(*pairs, gain)
-        assigned = some[pairs.other[best]]
-        found.append(Hits(tracks[pairs.one[best]], rows[assigned]))
-        left[assigned] = False
-    return Hits.concatenate([Hits(slot[:0], rows[:0]), *found])
+        track_of[left[pairs.other[best]]] = tracks[pairs.one[best]]
+    return track_of
 
 
 def gated(mean: FloatArray, covariance: FloatArray, position: FloatArray, noise: FloatArray, *, gate: float) -> Pairs:

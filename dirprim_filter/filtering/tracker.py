@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from itertools import compress
+from dataclasses import replace
 from os import PathLike
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,41 +14,34 @@ from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import NO_ID, NO_TIME, Detections, check_after
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.filtering import existence
-from dirprim_filter.filtering.association import Hits, associated
+from dirprim_filter.filtering.association import associated
 from dirprim_filter.filtering.belief import birth_key
-from dirprim_filter.filtering.cued_motion import CuedMotion
 from dirprim_filter.filtering.existence import Undetected
 from dirprim_filter.filtering.measurements import innovation, with_unseen_errors
 from dirprim_filter.filtering.particle_filter import bayes_filter_of
 from dirprim_filter.filtering.protocols import BayesFilter, OnMap
 from dirprim_filter.filtering.roster import Roster
 from dirprim_filter.filtering.smoothing.recorder import Recorder
+from dirprim_filter.primitives.cues import Cue
+from dirprim_filter.primitives.motion_sums import AHEAD_S
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.sensor import Sensor
 
 logger = logging.getLogger(__name__)
 
-NO_ROWS: IntArray = np.empty(0, np.int64)
-
 AWAY_S = 1.0
 """Where a belief does not reach a labelled vehicle that is back after longer than this, the belief is wrong: after
 seconds unseen that is likelier than that the first measurement is an outlier."""
+CUE_LASTS_S = AHEAD_S
+"""A cue is about the turn until then: of a vehicle out of sight for longer nothing is known of its next."""
 
 
-@dataclass(slots=True, kw_only=True)
-class _Frame:
-    """The current frame, and the tracks that its detections are assigned to."""
+class _Outcome(NamedTuple):
+    """Of a frame's measurements."""
 
-    detections: Detections = field(default_factory=Detections.none)  # with the times when they were true
-    hits: Hits = field(default_factory=lambda: Hits(NO_ROWS, NO_ROWS))  # tracks of earlier frames, and their rows
-    by_chance: FloatArray = field(default_factory=lambda: np.empty(0))  # (d,) density of clutter and first detections
-    home: IntArray = field(default_factory=NO_ROWS.copy)  # slots of tracks to report: seen, absent, unlabelled
-    n_aside: int = 0  # how many beliefs were moved aside
-    held: IntArray = field(default_factory=NO_ROWS.copy)  # the slots that hold their beliefs at the frame's time
-    is_scan: bool = True  # the sensor looked
-    moments: FloatArray | None = None  # of those, once they are weighed
-    innovation: FloatArray | None = None  # (slots,) as in `TrackedFrame`, where they were asked for
-    lost: IntArray = field(default_factory=NO_ROWS.copy)  # the slots of reinitialised beliefs
+    innovation: FloatArray  # (slots,) as in `TrackedFrame`, NaN where it is not known
+    log_evidence: FloatArray  # (slots,) 0 where there is none
+    lost: list[int]  # the slots of reinitialised beliefs
 
 
 class Tracker:
@@ -99,14 +91,14 @@ class Tracker:
         if recorder is not None:
             recorder.follow(self._filter)
         self._latency_ns = 0 if sensor is None else round(sensor.latency_s * 1e9)
+        self._step_ns = max(round(self.config.step_s * 1e9), 1)
         self._roster = Roster(self._filter, self.tracking, max_gap_s=self.config.max_gap_s)
-        self._motion = CuedMotion(self._filter, self._roster, recorder, step_s=self.config.step_s)
         self._on_map = self._filter if isinstance(self._filter, OnMap) else None
         traffic = None if self._on_map is None else self._on_map.traffic
         self._undetected = Undetected(traffic, self.tracking, self.config)
         self._seed = int(rng.integers(2**63))
         self._time_ns = self._scanned_ns = NO_TIME
-        self._frame = _Frame()
+        self._weighed: IntArray = np.empty(0, np.int64)  # slots of the last frame's hits
 
     @property
     def longest_gap_ns(self) -> int:
@@ -121,95 +113,206 @@ class Tracker:
         """A whole frame: resample, predict to its time, weigh by its detections, estimate.
 
         Args:
-            detections: one instant, each id once; none is no frame, unless `time_ns` says when nothing was seen.
+            detections: one instant, each id once.
             time_ns: the frame's time; left out, that of its detections.
-            is_scan: the sensor looked; else no vehicle was missed at `time_ns`, which is between its frames.
+            is_scan: the sensor looked; else there are no detections, and no vehicle was missed at `time_ns`.
 
         Returns:
             All of the frame; confirmed tracks are reported. Labelled ones of the frame come first, in its order, then
             absent and unlabelled ones. Of the samples copies can be taken until the next frame.
 
         Raises:
-            ValueError: several instants or groups, a repeated id, time going backwards, or another time than that of
-                the detections; the beliefs are as before.
+            ValueError: several instants or groups, a repeated id, time going backwards, another time than that of the
+                detections, or neither detections nor a time; the beliefs are as before.
         """
+        seen, self._time_ns = self._checked(detections, time_ns)
+        self._filter.resample(self._weighed)
+        slot, by_chance = self._assigned(seen, is_scan=is_scan)
+        row = np.flatnonzero(slot >= 0)
+        self._weighed = slot[row]
+        if is_scan:
+            self._begin_tracks(seen, slot)
+        home, held = self._beliefs(slot[seen.track_id != NO_ID])
+        outcome = self._weigh(self._weighed, seen[row], by_chance[row], is_scan=is_scan)
+        return self._tracked(detections, home, held, outcome)
+
+    def _checked(self, detections: Detections, time_ns: int | None) -> tuple[Detections, int]:
+        """Detections with the times when they were true, and that of the frame."""
         require("detections", detections, Detections)
         if self._latency_ns:
             detections = replace(detections, time_ns=detections.time_ns - self._latency_ns)
             time_ns = None if time_ns is None else time_ns - self._latency_ns
-        if time_ns is None or len(detections):
-            asked_ns, time_ns = time_ns, detections.instant(after_ns=self._time_ns)
-            if asked_ns not in (None, time_ns):
-                raise ValueError(f"time_ns: expected {time_ns}, that of the detections, got {asked_ns}")
-        else:
+        if not len(detections):
+            if time_ns is None:
+                raise ValueError("time_ns: expected the time of a frame without detections")
             check_after(time_ns, self._time_ns)
-        is_frame = time_ns > self._time_ns
-        self._filter.resample(self._frame.hits.slot)  # who was weighed by the frame before
-        self._time_ns = time_ns
-        self._frame = _Frame(detections=detections, is_scan=is_scan)
-        if is_frame:
-            self._predict()
-            self._weigh()
-        return self._tracked()
+            return detections, time_ns
+        own_ns = detections.instant(after_ns=self._time_ns)
+        if time_ns not in (None, own_ns):
+            raise ValueError(f"time_ns: expected {own_ns}, that of the detections, got {time_ns}")
+        return detections, own_ns
 
-    def _predict(self) -> None:
-        """Predict beliefs to the frame's time, assign its detections, and initialise tracks at those not assigned."""
-        frame, time_ns = self._frame, self._time_ns
-        detections = frame.detections
+    def _assigned(self, detections: Detections, *, is_scan: bool) -> tuple[IntArray, FloatArray]:
+        """Move tracks to the frame's time. (d,) the track of each detection, -1 for none, and see `_by_chance`.
+
+        An id is a gate: its track is assigned whatever it predicted.
+        """
+        roster, now_ns = self._roster, self._time_ns
         is_labelled = detections.track_id != NO_ID
-        labels, row = detections.track_id[is_labelled].tolist(), np.flatnonzero(is_labelled)
-        if frame.is_scan:
-            self._roster.see(labels, time_ns)
-            passed_ns, self._scanned_ns = time_ns - self._scanned_ns, time_ns
-            frame.by_chance = self._by_chance(is_labelled, passed_ns)
-        self._roster.forget(now_ns=time_ns)
-        frame.hits = Hits.concatenate([self._match(labels, row), self._associate(np.flatnonzero(~is_labelled))])
-        if frame.is_scan:
-            is_new = np.ones(len(detections), np.bool_)
-            is_new[frame.hits.row] = False
-            self._begin_tracks(np.flatnonzero(is_new), is_labelled)
-        self._hold(labels)
+        passed_ns = now_ns - self._scanned_ns if is_scan else None
+        slot = np.full(len(detections), -1, np.int64)
+        slot[is_labelled] = roster.see(detections.track_id[is_labelled].tolist(), now_ns, passed_ns=passed_ns)
+        by_chance = np.empty(0)
+        if passed_ns is not None:
+            self._scanned_ns = now_ns
+            by_chance = self._by_chance(detections.position, is_labelled, passed_ns)
+        labelled, unlabelled = roster.labelled, roster.unlabelled
+        n_steps = (now_ns - roster.time_ns[labelled]) // self._step_ns
+        for i in range(int(n_steps.max(initial=0))):
+            on = labelled[n_steps > i]
+            self._advance(on, roster.time_ns[on] + self._step_ns)
+        self._advance(np.concatenate([slot[slot >= 0], unlabelled]), now_ns)
+        if unlabelled.size:
+            roster.age(unlabelled, unlabelled, now_ns)
+            row = np.flatnonzero(~is_labelled)
+            slot[row] = associated(
+                self._filter, unlabelled, detections[row], existence=roster.existence[unlabelled],
+                is_confirmed=roster.is_confirmed[unlabelled], by_chance=by_chance[row], noise=self.config,
+                config=self.tracking,
+            )  # fmt: skip
+        return slot, by_chance
 
-    def _weigh(self) -> None:
+    def _by_chance(self, position: FloatArray, is_labelled: BoolArray, passed_ns: int) -> FloatArray:
+        """(d,) density of clutter and first detections at each of the frame's, so long after the frame before."""
+        undetected = self._undetected
+        undetected.advance(passed_ns * 1e-9, self._roster.longest_gap_ns * 1e-9)
+        expected = undetected.first_detections(position) + self.tracking.clutter_density
+        return np.asarray(expected * np.where(is_labelled, undetected.of_labels, 1.0))
+
+    def _begin_tracks(self, detections: Detections, slot: IntArray) -> None:
+        """Initialise a track for each detection that has none, and enter it in (d,) `slot`."""
+        row = np.flatnonzero(slot < 0)
+        first, names = detections[row], detections.track_id[row].tolist()
+        expected = self._undetected.see(first.position, first.track_id != NO_ID)
+        if row.size:
+            exists = existence.at_birth(expected, self.tracking)
+            slot[row] = self._roster.enter(names, time_ns=self._time_ns, exists=exists)
+            self._begin(slot[row], first)
+
+    def _begin(self, slot: IntArray, measured: Detections) -> None:
+        key = [birth_key(self._seed, name, self._time_ns) for name in self._roster.name[slot].tolist()]
+        self._filter.begin(slot, np.array(key, dtype=np.uint64), measured)
+        if self._recorder is not None:
+            self._recorder.begun(slot, self._time_ns)
+
+    def _beliefs(self, seen: IntArray) -> tuple[IntArray, IntArray]:
+        """(v,), (v,) slots of all tracks, and those that hold their beliefs at the frame's time.
+
+        A labelled track that is not in the frame is predicted there in a copy: its own belief moves in its own steps.
+        """
+        roster, now_ns = self._roster, self._time_ns
+        labelled, unlabelled = roster.labelled, roster.unlabelled
+        absent = labelled[roster.seen_ns[labelled] < now_ns]
+        elsewhere = roster.time_ns[absent] < now_ns
+        held = absent.copy()
+        held[elsewhere] = self._at(absent[elsewhere], now_ns)
+        home, held = np.concatenate([seen, absent]), np.concatenate([seen, held])
+        roster.age(home, held, now_ns)
+        return np.concatenate([home, unlabelled]), np.concatenate([held, unlabelled])
+
+    def _at(self, slot: IntArray, time_ns: int) -> IntArray:
+        """Slots of copies of beliefs (v,), predicted to a time."""
+        copy = self._roster.aside(slot)
+        self._advance(copy, time_ns)
+        return copy
+
+    def _advance(self, slot: IntArray, time_ns: IntArray | int) -> None:
+        """Predict beliefs (v,) to a time, with the cues that their vehicles give (Eq. 4).
+
+        A cue bears on what a vehicle does at each instant: its weights are taken away before a step, and given again
+        after it. So a signal that lasts counts once, also where it was given long before the turn.
+        """
+        roster = self._roster
+        dt_ns = time_ns - roster.time_ns[slot]
+        slot, dt_ns = slot[dt_ns > 0], dt_ns[dt_ns > 0]
+        if slot.size:
+            self._weigh_by_cues(slot, away=True)
+            if self._recorder is not None:
+                self._recorder.moves(slot, dt_ns)
+            self._filter.predict(slot, _seconds(dt_ns))
+            roster.time_ns[slot] += dt_ns
+            roster.cue[slot[self._time_ns - roster.measured_ns[slot] > CUE_LASTS_S * 1e9]] = np.nan
+            self._weigh_by_cues(slot)
+
+    def _weigh_by_cues(self, slot: IntArray, *, away: bool = False) -> None:
+        """Weigh beliefs (v,) by the cues that their vehicles give; or take these weights `away`.
+
+        The inverse of a von Mises is, but for a factor, the one of the opposite direction.
+        """
+        cue = self._roster.cue[slot]
+        given = ~np.isnan(cue[:, 0])
+        if self._on_map is None or not given.any():
+            return
+        kinds, kind = np.unique(cue[given], axis=0, return_inverse=True)
+        for i, (turn, concentration) in enumerate(kinds):
+            one = Cue(turn=turn + np.pi * away, concentration=concentration)
+            self._on_map.weigh_by_cue(slot[given][kind == i], one)
+
+    def _change_cues(self, slot: IntArray, cue: FloatArray) -> None:
+        """Weigh beliefs (v,) by what vehicles have begun to signal, (v, 2), and no more by what they have ceased to."""
+        former = self._roster.cue[slot]
+        changed = slot[(cue != former).any(axis=1) & ~(np.isnan(cue) & np.isnan(former)).all(axis=1)]
+        if changed.size:
+            self._weigh_by_cues(changed, away=True)
+            self._roster.cue[slot] = cue
+            self._weigh_by_cues(changed)
+
+    def _weigh(self, slot: IntArray, measured: Detections, by_chance: FloatArray, *, is_scan: bool) -> _Outcome:
         """Weigh the moved beliefs by the frame's measurements; reinitialise those that have lost their vehicle.
 
         Then learn from hits and misses which tracks are of vehicles. A measurement that a belief does not explain is a
         miss: it came from somewhere else.
         """
-        frame, roster, time_ns = self._frame, self._roster, self._time_ns
-        slot, row = frame.hits
-        measured = frame.detections[row]
-        self._motion.change_cues(slot, measured.cue)
+        roster, now_ns = self._roster, self._time_ns
+        outcome = _Outcome(np.full(roster.time_ns.size, np.nan), np.zeros(roster.time_ns.size), [])
+        self._change_cues(slot, measured.cue)
         if self._with_innovations:
-            frame.innovation = np.full(roster.time_ns.size, np.nan)
-            frame.innovation[slot] = innovation(self._filter.moments(slot), measured, self.config, self.sensor)
+            outcome.innovation[slot] = innovation(self._filter.moments(slot), measured, self.config, self.sensor)
         evidence = (self._recorder or self._filter).weigh(slot, measured)
-        missed = roster.missed(slot, time_ns) if frame.is_scan else slot
-        is_back = roster.is_labelled[slot] & (_seconds(time_ns - roster.measured_ns[slot]) > AWAY_S)
-        roster.hit(slot, time_ns)
+        is_back = roster.is_labelled[slot] & (_seconds(now_ns - roster.measured_ns[slot]) > AWAY_S)
+        missed = roster.measured(slot, now_ns)
         is_weightless = ~np.isfinite(evidence.log_density)  # no particle has a weight
-        roster.log_evidence[slot] = np.where(is_weightless, 0.0, evidence.log_density)
+        outcome.log_evidence[slot] = np.where(is_weightless, 0.0, evidence.log_density)
         unexplained = evidence.is_unexplained | is_weightless
         roster.n_unexplained[slot] = np.where(unexplained, roster.n_unexplained[slot] + 1, 0)
-        not_hit = np.concatenate([missed, slot[unexplained]])
-        roster.learn(slot[~unexplained], frame.by_chance[row[~unexplained]], not_hit)
-        roster.counted_ns[slot] = roster.counted_ns[not_hit] = time_ns
+        roster.learn(
+            slot[~unexplained], evidence.log_density[~unexplained], by_chance[~unexplained],
+            np.concatenate([missed[: missed.size * is_scan], slot[unexplained]]), time_ns=now_ns,
+        )  # fmt: skip
         is_lost = is_weightless | (roster.n_unexplained[slot] >= np.where(is_back, 1, self.tracking.lost_after))
         if is_lost.any():
-            self._recover(slot[is_lost], row[is_lost])
-        frame.moments = self._filter.moments(frame.held)
+            outcome.lost.extend(slot[is_lost].tolist())
+            self._reinitialise(slot[is_lost], measured[is_lost])
+        return outcome
 
-    def _tracked(self) -> TrackedFrame:
-        """All of the frame at hand."""
-        frame, roster, time_ns = self._frame, self._roster, self._time_ns + self._latency_ns
-        exists = roster.probability[frame.home]
-        reported = roster.is_confirmed[frame.home] & (exists >= self.tracking.report_above)
-        slot, home = self._now(frame.held[reported]), frame.home[reported]
-        names, weighed = roster.names_of(home), frame.moments  # of the time when detections were true
-        m = self._filter.moments(slot) if weighed is None or self._latency_ns else weighed[reported]
-        is_measured = roster.measured_ns[home] == self._time_ns
+    def _reinitialise(self, slot: IntArray, measured: Detections) -> None:
+        self.recoveries += int(slot.size)
+        self._roster.n_unexplained[slot] = 0
+        self._roster.cue[slot] = np.nan
+        logger.info("at %d ns %d beliefs did not explain what was measured: reinitialised", self._time_ns, slot.size)
+        self._begin(slot, measured)
+
+    def _tracked(self, detections: Detections, home: IntArray, held: IntArray, outcome: _Outcome) -> TrackedFrame:
+        """The frame as it is reported, at its own time: later by the latency than that of the beliefs."""
+        roster, time_ns = self._roster, self._time_ns + self._latency_ns
+        exists = roster.probability[home]
+        reported = roster.is_confirmed[home] & (exists >= self.tracking.report_above)
+        home, slot, names = home[reported], held[reported], roster.name[home[reported]]
+        if self._latency_ns:
+            slot = self._at(slot, time_ns)
+        m = self._filter.moments(slot)
         estimates = with_unseen_errors(Estimates(
-            track_id=np.array(names, dtype=np.str_),
+            track_id=names.astype(np.str_),
             time_ns=np.full(home.size, time_ns, np.int64),
             position=m[:, :2],
             covariance=m[:, [2, 3, 3, 4]].reshape(-1, 2, 2),
@@ -218,106 +321,19 @@ class Tracker:
             speed=m[:, 7],
             speed_std=m[:, 8],
             effective_sample_size=m[:, 9],
-            log_evidence=np.where(is_measured, roster.log_evidence[home], 0.0),
+            log_evidence=outcome.log_evidence[home],
             existence=exists[reported],
             unseen_s=_seconds(self._time_ns - roster.measured_ns[home]),
             follows_map=np.zeros(home.size) if self._on_map is None else self._on_map.places(slot).follows_map,
         ), self.sensor)  # fmt: skip
-        seen = frame.detections
-        if self._latency_ns:
-            seen = replace(seen, time_ns=seen.time_ns + self._latency_ns)
         if self._recorder is not None:
             self._recorder.reported(time_ns, home, estimates, roster.is_labelled[home])
         return TrackedFrame(
-            time_ns=time_ns, detections=seen, estimates=estimates,
+            time_ns=time_ns, detections=detections, estimates=estimates,
             particles=Particles.none() if self._on_map is None else self._on_map.particles(slot),
-            innovations=None if frame.innovation is None else frame.innovation[home],
-            reinitialised=tuple(compress(names, np.isin(home, frame.lost).tolist())) if frame.lost.size else (),
+            innovations=outcome.innovation[home] if self._with_innovations else None,
+            reinitialised=tuple(names[np.isin(home, outcome.lost)].tolist()) if outcome.lost else (),
         )  # fmt: skip
-
-    def _by_chance(self, is_labelled: BoolArray, passed_ns: int) -> FloatArray:
-        """(d,) density of clutter and first detections at each of the frame's, so long after the frame before."""
-        undetected = self._undetected
-        undetected.advance(passed_ns * 1e-9, self._roster.longest_gap_ns * 1e-9)
-        expected = undetected.first_detections(self._frame.detections.position) + self.tracking.clutter_density
-        return np.asarray(expected * np.where(is_labelled, undetected.of_labels, 1.0))
-
-    def _match(self, labels: list[str], row: IntArray) -> Hits:
-        """Move the tracks of labelled rows (d,) to the frame's time: an id is a gate."""
-        roster = self._roster
-        self._motion.advance_in_whole_steps(roster.labelled, now_ns=self._time_ns)
-        roster.give_way(labels)
-        slot = roster.slots_of(labels)
-        slot, row = slot[slot >= 0], row[slot >= 0]
-        self._motion.advance_to(slot, now_ns=self._time_ns)
-        return Hits(slot, row)
-
-    def _associate(self, row: IntArray) -> Hits:
-        """Move the unlabelled tracks to the frame's time; which of its unlabelled rows (d,) are theirs."""
-        roster, slot = self._roster, self._roster.unlabelled
-        if slot.size == 0:
-            return Hits(slot, row[:0])
-        self._motion.advance_to(slot, now_ns=self._time_ns)
-        roster.age(slot, slot, self._time_ns)
-        return associated(
-            self._filter, slot, self._frame.detections, row, existence=roster.existence[slot],
-            is_confirmed=roster.is_confirmed[slot], by_chance=self._frame.by_chance[row], noise=self.config,
-            config=self.tracking,
-        )  # fmt: skip
-
-    def _begin_tracks(self, row: IntArray, is_labelled: BoolArray) -> None:
-        """Initialise a track for each unassigned detection (d,); an unlabelled track is named when it is confirmed."""
-        labelled, detections = is_labelled[row], self._frame.detections
-        exists = existence.at_birth(self._undetected.see(detections.position[row], labelled), self.tracking)
-        if row.size == 0:
-            return
-        names = np.array(detections.track_id[row], dtype=object)
-        names[~labelled] = self._roster.tentative_names(int((~labelled).sum()))
-        slot = self._roster.enter(names.tolist(), is_labelled=labelled, time_ns=self._time_ns, exists=exists)
-        self._begin(slot, row)
-
-    def _hold(self, labels: Sequence[str]) -> None:
-        """Have all beliefs at the frame's time: those of labelled tracks that it does not hold are moved aside."""
-        roster, frame = self._roster, self._frame
-        seen = roster.slots_of(labels)
-        seen = seen[seen >= 0]
-        absent = roster.without(roster.labelled, seen)
-        dt_ns = self._time_ns - roster.time_ns[absent]
-        aside = absent.copy()
-        between = dt_ns > 0
-        if between.any():
-            frame.n_aside = int(between.sum())
-            aside[between] = roster.spare(frame.n_aside)
-            self._motion.copy(absent[between], aside[between])
-            self._motion.advance(aside, dt_ns, now_ns=self._time_ns)
-        home, held = np.concatenate([seen, absent]), np.concatenate([seen, aside])
-        roster.age(home, held, self._time_ns)
-        frame.home, frame.held = (np.concatenate([slot, roster.unlabelled]) for slot in (home, held))
-
-    def _now(self, slot: IntArray) -> IntArray:
-        """Slots (v,) of the beliefs of others, moved on by the latency: from when detections were true to now."""
-        if not self._latency_ns:
-            return slot
-        now = self._roster.spare(self._frame.n_aside + slot.size)[: slot.size]
-        self._motion.copy(slot, now)
-        self._motion.advance(now, np.full(slot.size, self._latency_ns), now_ns=self._time_ns)
-        return now
-
-    def _begin(self, slot: IntArray, row: IntArray) -> None:
-        if slot.size == 0:
-            return
-        key = [birth_key(self._seed, name, self._time_ns) for name in self._roster.names_of(slot)]
-        self._filter.begin(slot, np.array(key, dtype=np.uint64), self._frame.detections[row])
-        if self._recorder is not None:
-            self._recorder.begun(slot, self._time_ns)
-
-    def _recover(self, slot: IntArray, row: IntArray) -> None:
-        self.recoveries += int(slot.size)
-        self._frame.lost = slot
-        self._roster.n_unexplained[slot] = 0
-        self._roster.cue[slot] = np.nan
-        logger.info("at %d ns %d beliefs did not explain what was measured: reinitialised", self._time_ns, slot.size)
-        self._begin(slot, row)
 
 
 def _seconds(time_ns: IntArray) -> FloatArray:

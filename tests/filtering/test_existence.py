@@ -10,7 +10,7 @@ from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.filtering import ConstantVelocityKalman, Tracker, existence
-from dirprim_filter.filtering.roster import Intervals
+from dirprim_filter.filtering.roster import NO_GAPS, remembered, usual
 from situations import on_the_ring
 
 
@@ -205,16 +205,15 @@ def test_nine_tenths_of_the_rows_have_an_estimate_however_slow_the_sensor_is(int
     assert n_estimated > 0.9 * n_rows
 
 
-def test_the_interval_of_a_vehicle_is_the_median_of_its_own_whatever_the_others_do():
-    rng, intervals, time_ns = np.random.default_rng(0), Intervals(), 0
-    for _ in range(300):
-        time_ns += round(rng.uniform(8.0, 13.0) * 1e9)
-        intervals.see(["slow"], time_ns)
-    usual, jitter = intervals.of(["slow"])[0] * 1e-9
-    assert usual == pytest.approx(10.5, abs=2.5)
+def test_an_interval_is_the_median_of_the_last_and_a_pause_of_an_hour_is_none():
+    rng, gaps = np.random.default_rng(0), NO_GAPS[None]
+    np.testing.assert_array_equal(usual(gaps), [[0.0, 0.0]])
+    for gap_s in rng.uniform(8.0, 13.0, 300):
+        gaps = remembered(gaps, np.array([gap_s * 1e9]))
+    middle, jitter = usual(gaps)[0] * 1e-9
+    assert middle == pytest.approx(10.5, abs=2.5)
     assert 0.0 < jitter < 4.0
-    intervals.see(["slow"], time_ns + 3_600_000_000_000)  # a pause of an hour is no interval
-    assert intervals.of(["slow"])[0, 0] * 1e-9 == usual
+    np.testing.assert_array_equal(remembered(gaps, np.array([3.6e12])), gaps)
 
 
 def test_frames_of_others_are_no_misses_where_each_vehicle_reports_at_its_own_times(ring_map):

@@ -88,12 +88,6 @@ class Recorder:
             self._chain[s] = Chain(belief)
             self.chains.append(self._chain[s])
 
-    def copied(self, target: IntArray) -> None:
-        """Slots hold copies, which have no chain."""
-        for s in target.tolist():
-            self._chain.pop(s, None)
-            self._past.pop(s, None)
-
     def moves(self, slot: IntArray, dt_ns: IntArray) -> None:
         """Beliefs are about to be predicted by so many nanoseconds."""
         known = np.array([s in self._past for s in slot.tolist()], np.bool_)
