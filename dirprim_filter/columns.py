@@ -1,8 +1,8 @@
-"""Tables of columns: struct of arrays, validated once; of a column of which no row is known one row stands for all."""
+"""Tables of columns: struct of arrays, validated once."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import field, fields
 from typing import Any, Self
 
@@ -22,79 +22,66 @@ NAMES = {
 """What a table calls the columns of a field."""
 
 
-def unknown(*shape: int) -> FloatArray:
-    """(n, ...) of NaN, that takes no memory."""
-    return np.broadcast_to(np.nan, shape)
-
-
-def is_held(column: AnyArray) -> bool:
-    """Whether some row may be known; False where one row stands for all, as in what `unknown` made."""
-    return any(column.strides)
-
-
-def chosen(column: AnyArray, rows: BoolArray | IntArray | slice) -> AnyArray:
-    """The chosen rows, by mask, indices or slice."""
-    if is_held(column):
-        return column[rows]
-    n = np.arange(len(column))[rows].size
-    return column[:n] if n <= len(column) else np.broadcast_to(column[:1], (n, *column.shape[1:]))
-
-
-def joined(parts: Sequence[AnyArray]) -> AnyArray:
-    """All rows of all parts, of which there is at least one."""
-    if any(map(is_held, parts)):
-        return np.concatenate(parts)
-    n = sum(map(len, parts))
-    return np.broadcast_to(np.concatenate([part[:1] for part in parts])[:1], (n, *parts[0].shape[1:]))
-
-
 def required(*shape: int, checked: bool = False) -> Any:
     """A field of finite numbers, (n, *shape); may be `checked` by its name, see `CHECKS`."""
-    return field(metadata={"shape": shape, "checked": checked})
+    symbols = " ".join(map(str, ("n", *shape)))
+    return _column(lambda name, value, _: as_floats(name, value, symbols), shape, checked=checked)
 
 
 def optional(*shape: int, missing: float = np.nan, checked: bool = False) -> Any:
     """A field of finite numbers, (n, *shape), NaN where unknown; left out, `missing` in all rows."""
-    return field(default_factory=lambda: np.empty(0), metadata={"shape": shape, "missing": missing, "checked": checked})
+
+    def convert(name: str, value: npt.ArrayLike, n: int) -> FloatArray:
+        column, left_out = np.asarray(value, dtype=np.float64), np.broadcast_to(missing, (n, *shape))
+        if column.shape[:1] == (0,):
+            return left_out
+        if column.shape != left_out.shape:
+            raise ValueError(f"{name}: expected shape {left_out.shape}, got {column.shape}")
+        if (wrong := ~np.isfinite(column) if np.isfinite(missing) else np.isinf(column)).any():
+            raise ValueError(f"{name}: expected finite numbers, or NaN where unknown, got {column[wrong][0]}")
+        return left_out if np.isnan(column).all() else column  # which takes no memory
+
+    return _column(convert, shape, checked=checked, left_out=missing)
+
+
+def whole(*, missing: int | None = None) -> Any:
+    """A field of int64 numbers (n,); may be left out where it is known what is `missing` then."""
+
+    def convert(name: str, value: npt.ArrayLike, n: int) -> IntArray:
+        column = as_whole(name, value)
+        return column if column.size or missing is None else np.full(n, missing)
+
+    return _column(convert, dtype=np.int64, left_out=missing)
 
 
 def ids(convert: Callable[[AnyArray], AnyArray]) -> Any:
     """A field of ids (n,), by what makes them of any."""
-    return field(metadata={"ids": convert})
+    return _column(lambda _, value, __: convert(np.asarray(value)), dtype=np.int64)
 
 
-def groups() -> Any:
-    """A field of int64 groups (n,); left out, all 0."""
-    return field(default_factory=lambda: np.empty(0, np.int64))
+def _column(
+    convert: Callable[[str, Any, int], AnyArray], shape: tuple[int, ...] = (), *, dtype: Any = np.float64,
+    checked: bool = False, left_out: float | None = None,
+) -> Any:  # fmt: skip
+    """A field by what makes a column of what is given, its name, and the number of rows."""
+    about = {"convert": convert, "none": np.empty((0, *shape), dtype), "checked": checked, "left_out": left_out}
+    return field(metadata=about) if left_out is None else field(default_factory=lambda: about["none"], metadata=about)
 
 
 class ArrayTable(ArrayValue):
-    """A frozen dataclass of columns with a row for each vehicle and instant, which other tools take as a table."""
+    """A frozen dataclass of columns, which other tools take as a table."""
 
     __slots__ = ()
-    track_id: AnyArray
-    time_ns: IntArray
 
     def __post_init__(self) -> None:
-        n = len(np.atleast_1d(self.time_ns))
-        columns: dict[str, AnyArray] = {}
         of_fields = fields(self)  # type: ignore[arg-type]
+        n = len(np.atleast_1d(getattr(self, of_fields[0].name)))
+        columns = {f.name: f.metadata["convert"](f.name, getattr(self, f.name), n) for f in of_fields}
+        if {column.shape[:1] for column in columns.values()} != {(n,)}:
+            shapes = ", ".join(f"{name} {column.shape}" for name, column in columns.items())
+            raise ValueError(f"columns: expected one length n, got {shapes}")
         for f in of_fields:
-            value, shape = getattr(self, f.name), f.metadata.get("shape", ())
-            if "ids" in f.metadata:
-                columns[f.name] = f.metadata["ids"](np.asarray(value))
-            elif f.name == "time_ns":
-                columns[f.name] = as_times(f.name, value)
-            elif f.name == "group":
-                columns[f.name] = as_groups(value, n)
-            elif "missing" not in f.metadata:
-                columns[f.name] = as_floats(f.name, value, " ".join(map(str, ("n", *shape))))
-        check_lengths(columns)
-        for f in of_fields:
-            if "missing" in f.metadata:
-                value, shape, missing = getattr(self, f.name), f.metadata["shape"], f.metadata["missing"]
-                columns[f.name] = as_optional(f.name, value, n, *shape, missing=missing)
-            if f.metadata.get("checked"):
+            if f.metadata["checked"]:
                 check(f.name, columns[f.name])
         self._set(columns)
 
@@ -103,29 +90,29 @@ class ArrayTable(ArrayValue):
             object.__setattr__(self, name, column)
 
     def __len__(self) -> int:
-        return int(self.time_ns.size)
+        return len(getattr(self, fields(self)[0].name))  # type: ignore[arg-type]
 
     def __getitem__(self, rows: BoolArray | IntArray | slice) -> Self:
-        """The chosen rows, by mask, indices or slice."""
-        return type(self)(**{f.name: chosen(getattr(self, f.name), rows) for f in fields(self)})  # type: ignore[arg-type]
+        """The chosen rows, by mask, indices or slice; not validated again: a tracker takes rows ten times a frame."""
+        some = object.__new__(type(self))
+        some._set({f.name: getattr(self, f.name)[rows] for f in fields(self)})  # type: ignore[arg-type]
+        return some
 
     @classmethod
     def none(cls) -> Self:
         """No row."""
-        shapes = {f.name: f.metadata.get("shape", ()) for f in fields(cls)}  # type: ignore[arg-type]
-        columns: dict[str, AnyArray] = {name: np.empty((0, *shape)) for name, shape in shapes.items()}
-        return cls(**columns | dict.fromkeys({"track_id", "time_ns", "group"} & set(shapes), np.empty(0, np.int64)))
+        return cls(**{f.name: f.metadata["none"] for f in fields(cls)})  # type: ignore[arg-type]
 
     @classmethod
     def concatenate(cls, parts: Iterable[Self]) -> Self:
         """All rows of all parts, in their order; no part gives no row."""
-        parts = list(parts)
+        parts, columns = list(parts), {}
         if len(parts) < 2:
             return parts[0] if parts else cls.none()
-        columns = {f.name: joined([getattr(part, f.name) for part in parts]) for f in fields(cls)[1:]}  # type: ignore[arg-type]
-        ids = [part.track_id for part in parts]
-        mixed = len({of.dtype.kind for of in ids}) > 1
-        columns["track_id"] = np.concatenate([of.astype(np.str_) for of in ids] if mixed else ids)
+        for f in fields(cls):  # type: ignore[arg-type]
+            own = [getattr(part, f.name) for part in parts]
+            is_mixed = len({column.dtype.kind for column in own}) > 1  # numbers among names
+            columns[f.name] = np.concatenate([column.astype(np.str_) for column in own] if is_mixed else own)
         return cls(**columns)
 
     def to_arrow(self) -> Any:
@@ -135,10 +122,10 @@ class ArrayTable(ArrayValue):
         """
         import pyarrow as pa  # noqa: PLC0415  (values need no tables)
 
-        table: dict[str, AnyArray] = {"time_ns": self.time_ns, "track_id": self.track_id}
+        table = {name: getattr(self, name) for name in ("time_ns", "track_id")}
         for f in fields(self):  # type: ignore[arg-type]
-            column, names = getattr(self, f.name), NAMES.get(f.name, (f.name,))
-            if is_held(column) and f.name not in table:  # else one row stands for all: nowhere known
+            column, names, left_out = getattr(self, f.name), NAMES.get(f.name, (f.name,)), f.metadata["left_out"]
+            if f.name not in table and (left_out is None or np.isfinite(left_out) or is_held(column)):
                 flat = column.reshape(len(column), -1)
                 table |= {name: flat[:, -1 if name.endswith("yy_m2") else i] for i, name in enumerate(names)}
         return pa.table(table)
@@ -152,24 +139,9 @@ class ArrayTable(ArrayValue):
         return self.to_arrow().to_pandas()
 
 
-def as_optional(name: str, value: npt.ArrayLike, n: int, *shape: int, missing: float = np.nan) -> FloatArray:
-    """(n, *shape), NaN where unknown; an empty column stands for one that is left out.
-
-    Raises:
-        ValueError: another shape, or an infinite number.
-    """
-    column = np.asarray(value, dtype=np.float64)
-    if column.shape[:1] == (0,):
-        return unknown(n, *shape) if np.isnan(missing) else np.full((n, *shape), missing)
-    if not np.isnan(missing):  # then every row is known
-        as_floats(name, column, " ".join(map(str, ("n", *shape))))
-    if column.shape != (n, *shape):
-        raise ValueError(f"{name}: expected shape {(n, *shape)}, got {column.shape}")
-    if not is_held(column):
-        return column
-    if np.isinf(column).any():
-        raise ValueError(f"{name}: expected finite numbers, or NaN where unknown, got {column[np.isinf(column)][0]}")
-    return unknown(n, *shape) if np.isnan(column).all() else column
+def is_held(column: FloatArray) -> bool:
+    """Whether some row is known."""
+    return not np.isnan(column).all()
 
 
 def is_covariance(matrix: FloatArray) -> BoolArray:
@@ -195,8 +167,7 @@ def check(name: str, column: FloatArray) -> None:
     Raises:
         ValueError: says what was expected, and the first row that is wrong.
     """
-    good, expected = CHECKS[name]
-    is_good = good(column if is_held(column) else column[:1])
+    is_good, expected = CHECKS[name][0](column), CHECKS[name][1]
     if not is_good.all():
         row = int(np.argmin(is_good))
         raise ValueError(f"{name}: expected {expected}, got {column[row].tolist()} in row {row}")
@@ -204,46 +175,18 @@ def check(name: str, column: FloatArray) -> None:
 
 def known_sizes(reported: FloatArray) -> FloatArray:
     """(n, 3) as a file reports it; what is not positive and finite is unknown, as are unset fields."""
-    return np.where((reported > 0) & (reported < np.inf), reported, np.nan) if is_held(reported) else reported
+    return np.where((reported > 0) & (reported < np.inf), reported, np.nan)
 
 
-def as_times(name: str, value: npt.ArrayLike) -> IntArray:
-    """Times as int64 nanoseconds.
+def as_whole(name: str, value: npt.ArrayLike) -> IntArray:
+    """Numbers as int64.
 
     Raises:
         ValueError: not whole numbers, as a float loses nanoseconds in silence; or beyond int64.
     """
-    return _as_whole(name, value, "nanoseconds")
-
-
-def as_groups(value: npt.ArrayLike, n: int) -> IntArray:
-    """(n,) int64 groups; of none given all 0.
-
-    Raises:
-        ValueError: not whole numbers, or beyond int64.
-    """
-    group = _as_whole("group", value, "numbers")
-    return group if group.size else np.zeros(n, np.int64)
-
-
-def _as_whole(name: str, value: npt.ArrayLike, what: str) -> IntArray:
-    array = np.asarray(value)
+    array, limits = np.asarray(value), np.iinfo(np.int64)
     is_whole = array.dtype.kind in "iu" or all(type(number) is int for number in array.flat)
-    if not is_whole:
-        raise ValueError(f"{name}: expected whole {what} (int64), got {array.dtype}")
-    limits = np.iinfo(np.int64)
-    if array.size and array.dtype.kind != "i" and not (array.min() >= limits.min and array.max() <= limits.max):
-        raise ValueError(f"{name}: expected {what} within int64, got {array.min()} to {array.max()}")
+    if not is_whole or (array.size and not limits.min <= array.min() <= array.max() <= limits.max):
+        got = f"{array.min()} to {array.max()}" if is_whole else array.dtype
+        raise ValueError(f"{name}: expected whole numbers (int64), got {got}")
     return array.astype(np.int64, copy=False)
-
-
-def check_lengths(columns: dict[str, AnyArray]) -> None:
-    """All columns are of one length.
-
-    Raises:
-        ValueError: they are not.
-    """
-    lengths = {name: column.shape[:1] for name, column in columns.items()}
-    if len(set(lengths.values())) > 1 or any(c.ndim == 0 for c in columns.values()):
-        shapes = ", ".join(f"{name} {columns[name].shape}" for name in lengths)
-        raise ValueError(f"columns: expected one length n, got {shapes}")

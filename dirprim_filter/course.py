@@ -15,7 +15,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
-from dirprim_filter.columns import unknown
 from dirprim_filter.distributions.angles import wrap
 
 logger = logging.getLogger(__name__)
@@ -65,7 +64,7 @@ def motion_of(vehicle: IntArray, time_ns: IntArray, position: FloatArray, headin
         heading: (n,) yaw of the body, radians; NaN where unknown. Left out: nowhere known.
     """
     ways = _Ways.of(vehicle, time_ns, position)
-    yaw = (unknown(len(time_ns)) if heading is None else heading)[ways.order]
+    yaw = (np.full(len(time_ns), np.nan) if heading is None else heading)[ways.order]
     widest = ways.differences(HALF_WINDOWS_S[-1])
     metres = np.hypot(*widest[0].T)
     noise = ways.noise(metres > STANDING_M)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
-from dirprim_filter.columns import ArrayTable, chosen, groups, ids, optional, required
+from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
+from dirprim_filter.columns import ArrayTable, ids, optional, required, whole
 from dirprim_filter.track_ids import as_texts, qualified_names
 from dirprim_filter.tracks import Tracks
 
@@ -41,20 +41,14 @@ class Detections(ArrayTable):
     """
 
     track_id: AnyArray = ids(as_texts)
-    time_ns: IntArray
+    time_ns: IntArray = whole()
     position: FloatArray = required(2)
     direction: FloatArray = optional(checked=True)
     speed: FloatArray = optional(checked=True)
     covariance: FloatArray = optional(2, 2, checked=True)
     size: FloatArray = optional(3, checked=True)
     cue: FloatArray = optional(2, checked=True)
-    group: IntArray = groups()
-
-    def __getitem__(self, rows: BoolArray | IntArray | slice) -> Detections:
-        """The chosen rows, by mask, indices or slice; not validated again: a tracker takes rows ten times a frame."""
-        some = object.__new__(Detections)
-        some._set({f.name: chosen(getattr(self, f.name), rows) for f in fields(self)})
-        return some
+    group: IntArray = whole(missing=0)
 
     @classmethod
     def of(cls, tracks: Tracks) -> Detections:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, ArrayValue, BoolArray, FloatArray, IntArray
-from dirprim_filter.columns import ArrayTable, ids, optional, required
+from dirprim_filter.columns import ArrayTable, ids, optional, required, whole
 from dirprim_filter.detections import Detections
 from dirprim_filter.track_ids import as_texts, as_track_ids
 
@@ -43,7 +42,7 @@ class Estimates(ArrayTable):
     """
 
     track_id: AnyArray = ids(as_track_ids)
-    time_ns: IntArray
+    time_ns: IntArray = whole()
     position: FloatArray = required(2)
     covariance: FloatArray = required(2, 2)
     direction: FloatArray = required()
@@ -63,7 +62,7 @@ class Estimates(ArrayTable):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Particles(ArrayValue):
+class Particles(ArrayTable):
     """The weighted samples behind the estimates of one instant, all vehicles one after the other.
 
     Attributes:
@@ -77,35 +76,14 @@ class Particles(ArrayValue):
         push: (n,) the vehicle's own acceleration, in standard deviations of its manoeuvre's. Left out: 0.
     """
 
-    position: FloatArray
-    direction: FloatArray
-    speed: FloatArray
-    weight: FloatArray
-    vehicle: IntArray
-    mode: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
-    manoeuvre: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
-    push: FloatArray = field(default_factory=lambda: np.empty(0))
-
-    def __post_init__(self) -> None:
-        n = len(self.weight)
-        for name, absent in (("mode", np.full(n, -1)), ("manoeuvre", np.full(n, -1)), ("push", np.zeros(n))):
-            if getattr(self, name).size == 0:
-                object.__setattr__(self, name, absent)
-
-    def __len__(self) -> int:
-        return len(self.weight)
-
-    @classmethod
-    def none(cls) -> Particles:
-        """No sample: of a filter that has none."""
-        empty = np.empty(0)
-        return cls(position=np.empty((0, 2)), direction=empty, speed=empty, weight=empty, vehicle=np.empty(0, np.int64))
-
-    @classmethod
-    def concatenate(cls, parts: Iterable[Particles]) -> Particles:
-        """All samples of all parts, in their order."""
-        parts = list(parts)
-        return cls(**{f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(cls)})
+    position: FloatArray = required(2)
+    direction: FloatArray = required()
+    speed: FloatArray = required()
+    weight: FloatArray = required()
+    vehicle: IntArray = whole()
+    mode: IntArray = whole(missing=-1)
+    manoeuvre: IntArray = whole(missing=-1)
+    push: FloatArray = optional(missing=0.0)
 
     def of(self, row: int) -> Particles:
         """The samples of one vehicle, by its row in the frame's estimates."""
@@ -116,10 +94,6 @@ class Particles(ArrayValue):
         """A copy of every `stride`-th sample; of some vehicles, where `rows` of the frame's estimates are given."""
         kept = np.arange(0, len(self), stride)
         return self[kept if rows is None else kept[rows[self.vehicle[kept]]]]
-
-    def __getitem__(self, rows: BoolArray | IntArray | slice) -> Particles:
-        """The chosen samples, by mask, indices or slice."""
-        return Particles(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
 
 
 class Samples(Protocol):

@@ -3,26 +3,15 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, fields
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from dirprim_filter.arrays import AnyArray, FloatArray, IntArray, as_floats
-from dirprim_filter.columns import (
-    ArrayTable,
-    as_groups,
-    as_optional,
-    as_times,
-    check_lengths,
-    chosen,
-    groups,
-    ids,
-    is_held,
-    optional,
-    required,
-)
+from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
+from dirprim_filter.columns import ArrayTable, ids, is_held, optional, required, whole
 from dirprim_filter.course import log_motion, motion_of
 from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.track_ids import as_track_ids, check_not_repeated, vehicle_numbers
@@ -53,11 +42,11 @@ class Tracks(ArrayTable):
     """
 
     track_id: AnyArray = ids(as_track_ids)
-    time_ns: IntArray
+    time_ns: IntArray = whole()
     position: FloatArray = required(2)
     direction: FloatArray = required(checked=True)
     speed: FloatArray = required(checked=True)
-    group: IntArray = groups()
+    group: IntArray = whole(missing=0)
     size: FloatArray = optional(3, checked=True)
     heading: FloatArray = optional(checked=True)
 
@@ -67,8 +56,12 @@ class Tracks(ArrayTable):
         self._set({"direction": wrap(self.direction), "heading": heading})
         if (self.time_ns[1:] < self.time_ns[:-1]).any():  # else long columns are not copied
             order = np.argsort(self.time_ns, kind="stable")
-            self._set({f.name: chosen(getattr(self, f.name), order) for f in fields(self)})
+            self._set({f.name: getattr(self, f.name)[order] for f in fields(self)})
         check_not_repeated(self.track_id, self.time_ns, self.group)
+
+    def __getitem__(self, rows: BoolArray | IntArray | slice) -> Tracks:
+        """The chosen rows, by mask, indices or slice."""
+        return replace(super(Tracks, self).__getitem__(rows))
 
     @property
     def body_direction(self) -> FloatArray:
@@ -88,10 +81,7 @@ class Tracks(ArrayTable):
     @property
     def first_rows(self) -> IntArray:
         """(n_tracks,) the first row of each vehicle."""
-        vehicle = self.vehicle
-        row = np.empty(int(vehicle.max(initial=-1)) + 1, np.int64)
-        row[vehicle[::-1]] = np.arange(vehicle.size)[::-1]
-        return row
+        return np.unique(self.vehicle, return_index=True)[1]
 
     def by_group(self) -> Iterator[Tracks]:
         """The rows of each group, in order of the groups."""
@@ -128,38 +118,21 @@ class Tracks(ArrayTable):
         Raises:
             ValueError: as the constructor.
         """
-        names, times = as_track_ids(np.asarray(track_id)), as_times("time_ns", time_ns)
-        position = as_floats("position", position, "n 2")
-        groups = as_groups(group, names.size)
-        check_lengths({"track_id": names, "time_ns": times, "position": position, "group": groups})
-        sizes, headings = as_optional("size", size, names.size, 3), as_optional("heading", heading, names.size)
-        check_not_repeated(names, times, groups)
-        vehicle = vehicle_numbers(names, groups)
-        motion = motion_of(vehicle, times, position, headings)
+        given: dict[str, Any] = {"track_id": track_id, "time_ns": time_ns, "position": position, "group": group}
+        standing = np.zeros(np.shape(time_ns))
+        seen = cls(**given, size=np.asarray(size), heading=np.asarray(heading), direction=standing, speed=standing)
+        vehicle = seen.vehicle
+        motion = motion_of(vehicle, seen.time_ns, seen.position, seen.heading)
         speeds, measured = motion.speed, np.asarray(speed, dtype=np.float64)
         if measured.size:
-            is_complete = np.ones(int(vehicle.max(initial=-1)) + 1, np.bool_)
+            measured = measured[np.argsort(time_ns, kind="stable")]
+            is_complete = np.ones(seen.n_tracks, np.bool_)
             is_complete[vehicle[~np.isfinite(measured)]] = False
             speeds = np.where(is_complete[vehicle], measured, speeds)
-        known = np.isfinite(speeds) & (np.isfinite(motion.speed) | np.isfinite(headings))
-        if names.size:
+        known = np.isfinite(speeds) & (np.isfinite(motion.speed) | np.isfinite(seen.heading))
+        if known.size:
             log_motion(motion, int(known.sum()))
         if not known.all():
             alone = "%d of %d rows stand alone in time, so no velocity can be derived for them; dropped"
             logger.warning(alone, int((~known).sum()), known.size)
-        return cls(
-            track_id=names[known], time_ns=times[known], position=position[known], direction=motion.direction[known],
-            speed=speeds[known], group=groups[known], size=chosen(sizes, known), heading=chosen(headings, known),
-        )  # fmt: skip
-
-    @classmethod
-    def concatenate(cls, parts: Iterable[Tracks]) -> Tracks:
-        """All rows of all parts.
-
-        Raises:
-            ValueError: there is no part, or two parts hold one vehicle at one time.
-        """
-        parts = list(parts)
-        if not parts:
-            raise ValueError("parts: expected at least one Tracks, got none")
-        return super(Tracks, cls).concatenate(parts)
+        return replace(seen[known], direction=motion.direction[known], speed=speeds[known])

@@ -30,7 +30,7 @@ def test_frames_ascend_in_time_and_hold_every_row_once_in_its_order():
         ({"speed": [-1.0]}, "speed: expected at least 0 m/s, got -1.0"),
         ({"covariance": np.zeros((1, 2, 2))}, "covariance: expected symmetric positive definite"),
         ({"cue": [[1.0, -2.0]]}, r"cue: expected a concentration of at least 0, got \[1.0, -2.0\] in row 0"),
-        ({"time_ns": [0.5]}, "time_ns: expected whole nanoseconds"),
+        ({"time_ns": [0.5]}, "time_ns: expected whole numbers"),
         ({"track_id": ["a", "b"]}, "columns: expected one length n"),
     ],
 )

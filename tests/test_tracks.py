@@ -119,13 +119,12 @@ def test_directions_are_wrapped_times_kept_to_the_ends_of_int64_and_groups_zero(
         ({"direction": np.zeros((3, 1))}, r"direction: expected shape \(n\), got \(3, 1\)"),
         ({"direction": np.zeros(2)}, r"columns: expected one length n, got .*direction \(2,\)"),
         ({"track_id": [1, 2]}, r"columns: expected one length n, got track_id \(2,\)"),
-        ({"time_ns": [0.0, 10.0, 0.0]}, r"time_ns: expected whole nanoseconds \(int64\), got float64"),
-        ({"time_ns": [1, 2, 2**64 - 1]}, r"time_ns: expected (nanoseconds within|whole nanoseconds \(int64\))"),
-        ({"time_ns": [0, 1, -(2**63) - 1]}, r"time_ns: expected nanoseconds within int64, got -9223372036854775809"),
-        ({"time_ns": [0, 1, 10**30]}, r"time_ns: expected nanoseconds within int64"),
-        ({"time_ns": np.array([0, 1, 2**63 + 5], np.uint64)}, r"time_ns: expected nanoseconds within int64"),
-        ({"time_ns": np.array([0, 1, 2.5], object)}, r"time_ns: expected whole nanoseconds \(int64\), got object"),
-        ({"group": [0, 1, 10**30]}, r"group: expected numbers within int64"),
+        ({"time_ns": [0.0, 10.0, 0.0]}, r"time_ns: expected whole numbers \(int64\), got float64"),
+        ({"time_ns": [1, 2, 2**64 - 1]}, r"time_ns: expected whole numbers \(int64\), got"),
+        ({"time_ns": [0, 1, -(2**63) - 1]}, r"time_ns: expected whole numbers \(int64\), got -9223372036854775809"),
+        ({"time_ns": np.array([0, 1, 2**63 + 5], np.uint64)}, r"time_ns: expected whole numbers \(int64\), got 0 to"),
+        ({"time_ns": np.array([0, 1, 2.5], object)}, r"time_ns: expected whole numbers \(int64\), got object"),
+        ({"group": [0, 1, 10**30]}, r"group: expected whole numbers \(int64\), got 0 to 10{30}"),
         ({"group": [0.5, 1, 2]}, r"group: expected whole numbers \(int64\), got float64"),
         ({"time_ns": [0, 0, 0]}, r"vehicle 4 has two rows at 0 ns; keep one"),
         ({"track_id": ["4", 4, "9"], "time_ns": [7, 7, 7]}, r"vehicle 4 has two rows at 7 ns"),
@@ -201,8 +200,7 @@ def test_concatenation_holds_all_rows_once_and_numbers_among_names_become_text(r
     named = Tracks(**GOOD | {"track_id": ["x", "x", "y"]})
     mixed = Tracks.concatenate([Tracks(**GOOD), named])
     assert sorted(set(mixed.track_id.tolist())) == ["4", "9", "x", "y"]
-    with pytest.raises(ValueError, match="at least one Tracks"):
-        Tracks.concatenate([])
+    assert Tracks.concatenate([]) == Tracks.none()
     with pytest.raises(ValueError, match="vehicle 0 has two rows at 0 ns"):
         Tracks.concatenate([ring, ring[:1]])
 

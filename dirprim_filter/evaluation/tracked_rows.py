@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
-from dirprim_filter.columns import ArrayTable, groups, ids, optional, required
+from dirprim_filter.columns import ArrayTable, ids, optional, required, whole
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.track_ids import as_texts, as_track_ids, check_not_repeated, vehicle_numbers
 from dirprim_filter.tracks import Tracks
@@ -32,9 +32,9 @@ class TrackedRows(ArrayTable):
     """
 
     track_id: AnyArray = ids(as_track_ids)
-    time_ns: IntArray
+    time_ns: IntArray = whole()
     position: FloatArray = required(2)
-    group: IntArray = groups()
+    group: IntArray = whole(missing=0)
     covariance: FloatArray = optional(2, 2)
     direction: FloatArray = optional()
     speed: FloatArray = optional()

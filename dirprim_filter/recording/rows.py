@@ -10,7 +10,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, ArrayValue, BoolArray, FloatArray, IntArray
-from dirprim_filter.columns import chosen, is_held, joined
 from dirprim_filter.detections import NO_ID
 from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.recording.decoding.field_columns import NO_TIME
@@ -83,13 +82,13 @@ class Rows(ArrayValue):
         """The rows of a mask or of indices; the same rows where a mask leaves out none."""
         if rows.dtype == np.bool_ and rows.all():
             return self
-        return replace(self, **{name: chosen(getattr(self, name), rows) for name in ("position", *self.NOTHING)})
+        return replace(self, **{name: getattr(self, name)[rows] for name in ("position", *self.NOTHING)})
 
     @classmethod
     def concatenate(cls, parts: Iterable[Rows], names: AnyArray = LEFT_OUT) -> Rows:
         """All rows of all parts; `names` are those of all their vehicles."""
         whole = [*parts] or [cls(position=np.empty((0, 2)))]
-        columns = {name: joined([getattr(part, name) for part in whole]) for name in ("position", *cls.NOTHING)}
+        columns = {name: np.concatenate([getattr(part, name) for part in whole]) for name in ("position", *cls.NOTHING)}
         return cls(names=names, **columns)
 
     @classmethod
@@ -130,7 +129,7 @@ class Rows(ArrayValue):
         taken, derived = (
             make(
                 track_id=ids[rows.track_id], time_ns=rows.time_ns, position=rows.position, group=rows.group,
-                size=rows.size, heading=wrap(rows.heading) if is_held(rows.heading) else rows.heading, **motion,
+                size=rows.size, heading=wrap(rows.heading), **motion,
             )
             for make, rows, motion in (
                 (Tracks, known, {"direction": wrap(known.direction), "speed": known.speed}),

@@ -17,7 +17,7 @@ from typing import Any, Literal
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
-from dirprim_filter.columns import is_held, known_sizes, unknown
+from dirprim_filter.columns import is_held, known_sizes
 from dirprim_filter.recording.decoding.field_columns import NANOSECONDS, NO_TIME, Field, FieldColumns, Kind, steps_of
 from dirprim_filter.recording.name_patterns import named_values
 from dirprim_filter.recording.rows import LEFT_OUT, Rows
@@ -249,7 +249,7 @@ class _Objects:
     def vectors(self, names: Sequence[str]) -> FloatArray:
         """(n, k) beside each other."""
         if not any(name in self for name in names):
-            return unknown(self.message.size, len(names))
+            return np.full((self.message.size, len(names)), np.nan)
         return np.stack([self.read(name) for name in names], axis=-1)
 
     def times(self) -> IntArray:
@@ -313,7 +313,7 @@ def _forget_no_fixes(place: FloatArray, status: IntArray) -> None:
 
 def finite(column: FloatArray, none: float) -> FloatArray:
     """The column, (n,), with `none` where it is not finite."""
-    return np.where(np.isfinite(column), column, none) if is_held(column) else column
+    return np.where(np.isfinite(column), column, none)
 
 
 def matrices(upper: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray
-from dirprim_filter.columns import is_covariance, is_held, known_sizes
+from dirprim_filter.columns import is_covariance, known_sizes
 from dirprim_filter.detections import Detections
 from dirprim_filter.recording.decoding.field_columns import NO_TIME
 from dirprim_filter.recording.errors import TableError
@@ -105,7 +105,7 @@ def _detections(rows: Rows, sensor: AnyArray) -> dict[str, Detections]:
 def _labels(rows: Rows, losses: Losses) -> dict[int | str, str]:
     """Of each vehicle that has labels the most frequent one, of equally frequent the first by name."""
     labels: dict[int | str, str] = {}
-    if not is_held(rows.label):
+    if not (rows.label != "").any():
         return labels
     names = as_track_ids(rows.names)[rows.track_id].tolist()
     pairs = Counter(pair for pair in zip(names, rows.label.tolist(), strict=True) if pair[1])
