@@ -80,9 +80,11 @@ def motion_of(vehicle: IntArray, time_ns: IntArray, position: FloatArray, headin
         direction = np.where(np.isnan(yaw), direction, yaw)
     along = np.full(span_s.shape, np.nan)
     np.divide(np.hypot(*moved.T), span_s, out=along, where=span_s > 0)
+    given = np.empty((2, len(time_ns)))  # in the order of the rows given
+    given[:, ways.order] = direction, along
     return Motion(
-        direction=wrap(ways.unordered(direction)), speed=ways.unordered(along), half_window_s=half_window_s,
-        noise=noise, median_speed=speed, keeps_heading=bool(too_noisy and np.isfinite(yaw).any()),
+        direction=wrap(given[0]), speed=given[1], half_window_s=half_window_s, noise=noise, median_speed=speed,
+        keeps_heading=bool(too_noisy and np.isfinite(yaw).any()),
     )  # fmt: skip
 
 
@@ -99,27 +101,15 @@ class _Ways:
 
     @classmethod
     def of(cls, vehicle: IntArray, time_ns: IntArray, position: FloatArray) -> _Ways:
-        n = time_ns.size
         order = np.lexsort((time_ns, vehicle))
-        time = time_ns[order]
+        time, n = time_ns[order], time_ns.size
         other, apart = np.diff(vehicle[order]) != 0, np.diff(time)
         usual_s = float(np.median(apart[~other])) * 1e-9 if not other.all() else 0.0
         breaks = other | (apart > _ns(min(max(INTERVALS_IN_GAP * usual_s, MAX_GAP_S), LONGEST_GAP_S)))
-        starts = np.flatnonzero(np.concatenate([[True], breaks])) if n else np.empty(0, np.int64)
-        counts = np.diff(np.append(starts, n))
-        ends = starts + counts - 1
-        length = time[ends] - time[starts] + 2 * _ns(HALF_WINDOWS_S[-1]) + 1
-        offset = np.cumsum(length) - length - time[starts]
-        return cls(
-            order, time, position[order], np.repeat(starts, counts), np.repeat(ends, counts),
-            time + np.repeat(offset, counts),
-        )  # fmt: skip
-
-    def unordered(self, column: FloatArray) -> FloatArray:
-        """A column in the order in which the rows were given."""
-        given = np.empty_like(column)
-        given[self.order] = column
-        return given
+        piece = np.append(0, np.cumsum(breaks))[:n]
+        axis = np.append(0, np.cumsum(np.where(breaks, 2 * _ns(HALF_WINDOWS_S[-1]) + 1, apart)))[:n]
+        first, end = np.searchsorted(piece, piece), np.searchsorted(piece, piece, side="right")
+        return cls(order, time, position[order], first, end - 1, axis)
 
     def differences(self, half_window_s: float) -> tuple[FloatArray, FloatArray]:
         """(n, 2) metres from the row so much before to the row so much after, and (n,) the seconds between them.
@@ -163,12 +153,10 @@ class _Ways:
         past = np.maximum.accumulate(np.where(moves, row, -1))
         next_one = np.minimum.accumulate(np.where(moves, row, n)[::-1])[::-1]
         has_past, has_next = past >= self.first, next_one <= self.last
-        far = np.iinfo(np.int64).max
-        since = np.where(has_past, self.time_ns - self.time_ns[np.where(has_past, past, row)], far)
-        until = np.where(has_next, self.time_ns[np.where(has_next, next_one, row)] - self.time_ns, far)
-        nearest = np.where(since <= until, past, next_one)
+        next_one = np.minimum(next_one, n - 1)
+        is_past = has_past & (~has_next | (self.time_ns - self.time_ns[past] <= self.time_ns[next_one] - self.time_ns))
         own = np.where(np.isnan(yaw), course, yaw)
-        return np.where(has_past | has_next, course[np.clip(nearest, 0, max(n - 1, 0))], own)
+        return np.where(has_past | has_next, course[np.where(is_past, past, next_one)], own)
 
 
 def _ns(seconds: float) -> int:

@@ -65,18 +65,16 @@ class PartialFile:
             raise OutputExistsError(self.path)
         if self.path.is_dir() or not self.path.absolute().parent.is_dir():
             raise NotADirectoryError(f"{self.path}: expected a file in an existing folder; create the folder first")
-        self.partial = self._beside("")
-
-    def _beside(self, number: str) -> Path:
-        return self.path.with_name(f"{self.path.name}.{os.getpid()}{number}{SUFFIX}")
 
     def __enter__(self) -> FileIO:
-        for number in count(2):
+        for number in count(1):
+            own = f"{os.getpid()}" if number == 1 else f"{os.getpid()}.{number}"
+            self.partial = self.path.with_name(f"{self.path.name}.{own}{SUFFIX}")
             try:
                 self._file = WholeFile(self.partial, "xb")
                 break
             except FileExistsError:
-                self.partial = self._beside(f".{number}")
+                continue
             except OSError as error:  # of the name that the caller knows
                 raise OSError(error.errno, error.strerror, str(self.path)) from error
         return self._file
@@ -121,11 +119,9 @@ class PartialFile:
         if not self._force:
             try:
                 os.link(self.partial, self.path)
-            except FileExistsError as error:
-                raise OutputExistsError(self.path) from error
-            except OSError:  # a file system without links
+            except OSError as error:  # the name was taken, or it is a file system without links
                 if self.path.exists():
-                    raise OutputExistsError(self.path) from None
+                    raise OutputExistsError(self.path) from error
             else:
                 self.partial.unlink()
                 return
