@@ -16,9 +16,9 @@ import numpy as np
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
+from dirprim_filter.distributions import gaussian
 from dirprim_filter.filtering.measurements import OUTLIER_EXTENT_M, measured_covariance
-from dirprim_filter.filtering.protocols import Evidence
-from dirprim_filter.filtering.smoothing._kernels import log_gaussian
+from dirprim_filter.filtering.protocols import Evidence, States
 from dirprim_filter.tracks import Tracks
 
 PLACE = np.eye(2, 4)
@@ -81,7 +81,7 @@ class ConstantVelocityKalman:
     def log_likelihood(self, slot: IntArray, measured: Detections) -> FloatArray:
         """Log density of measurements under the beliefs, outliers aside. (v,), v rows -> (v,)."""
         spread = self.covariance[slot, :2, :2] + measured_covariance(measured, self.config)
-        return log_gaussian(measured.position - self.mean[slot, :2], spread)
+        return gaussian.log_density(measured.position - self.mean[slot, :2], spread)
 
     def weigh(self, slot: IntArray, measured: Detections) -> Evidence:
         """Correct beliefs by measurements; an outlier corrects nothing."""
@@ -114,40 +114,28 @@ class ConstantVelocityKalman:
         left = kept @ covariance @ kept.swapaxes(-1, -2) + gain @ noise @ gain.swapaxes(-1, -2)
         self.covariance[slot] = _symmetric(left)
 
-    def sibling(self) -> Self:
-        """One of the same model, without beliefs."""
+    def sibling(self, key: AnyArray, mean: FloatArray, covariance: FloatArray) -> Self:
+        """One of the same model, of these Gaussians. (v,) not looked at, (v, 4), (v, 4, 4)."""
         other = copy(self)
-        other.mean, other.covariance = self.mean[:0], self.covariance[:0]
+        other.mean, other.covariance = mean.copy(), covariance.copy()
         return other
 
-    def place(self, slot: IntArray, key: AnyArray, mean: FloatArray, covariance: FloatArray) -> None:
-        """Start beliefs from Gaussians of x, y and their rates. (v,), (v,) not looked at, (v, 4), (v, 4, 4)."""
-        self.mean[slot], self.covariance[slot] = mean, covariance
-
-    def states(self, slot: IntArray) -> FloatArray:
-        """(v, 5, 6) mean and covariance; nothing else lasts."""
-        of = np.concatenate([self.mean[slot, :, None], self.covariance[slot]], axis=2)
-        return np.pad(of, ((0, 0), (0, 1), (0, 1)))
-
-    def weights(self, slot: IntArray) -> FloatArray:
-        """(v, 1) ones: there are no samples."""
-        return np.ones((slot.size, 1))
+    def states(self, slot: IntArray) -> States:
+        """Means and covariances; nothing else lasts."""
+        mean = self.mean[slot]
+        direction = np.arctan2(mean[:, 3], mean[:, 2])
+        sample = np.column_stack([mean, np.zeros(slot.size), np.cos(direction), np.sin(direction)])
+        return States(sample[..., None], np.ones((slot.size, 1)), self.covariance[slot])
 
     def joint(
-        self, weight: FloatArray, then: FloatArray, now: FloatArray, *, row: IntArray, vehicle: IntArray,
-        dt_s: FloatArray,
-    ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+        self, then: States, now: States, *, row: IntArray, vehicle: IntArray, dt_s: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
         """As `Smoothable.joint`: the covariance with what is dt_s later is P F(dt_s)^T."""
-        pair = then[row], now[vehicle]
-        direction = [np.arctan2(state[:, 3, 0], state[:, 2, 0])[:, None] for state in pair]
-        means = [[of[..., 0], np.cos(angle), np.sin(angle)] for of, angle in zip(pair, direction, strict=True)]
-        p, later = (state[..., 1:] for state in pair)
-        c = np.pad(p[:, :4, :4] @ self.transition(dt_s).swapaxes(1, 2), ((0, 0), (0, 1), (0, 1)))
-        return np.hstack([*means[0], *means[1]]), np.block([[p, c], [c.swapaxes(1, 2), later]])
-
-    def arrivals(self, now: FloatArray, mean: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """As `Smoothable.arrivals`."""
-        return log_gaussian(mean - now[:, :4, 0], now[:, :4, 1:5] + covariance), np.ones((len(now), 1))
+        mean = np.hstack([then.sample[row, :, 0], now.sample[vehicle, :, 0]])
+        p, later = then.covariance[row], now.covariance[vehicle]
+        shared = p @ self.transition(dt_s).swapaxes(1, 2)
+        p, shared, later = (np.pad(block, ((0, 0), (0, 1), (0, 1))) for block in (p, shared, later))
+        return mean, np.block([[p, shared], [shared.swapaxes(1, 2), later]])
 
 
 def _white_acceleration(density: float, dt_s: FloatArray) -> FloatArray:

@@ -21,9 +21,8 @@ from dirprim_filter.distributions import von_mises
 from dirprim_filter.filtering import _conditioning, _kernels, _measuring, _resampling
 from dirprim_filter.filtering.belief import BeliefSamples, ParticleBelief, weigh_by_cue
 from dirprim_filter.filtering.measurements import FASTEST, MOVING_FROM, OUTLIER_EXTENT_M
-from dirprim_filter.filtering.protocols import BayesFilter, Evidence, Places
+from dirprim_filter.filtering.protocols import BayesFilter, Evidence, Places, States
 from dirprim_filter.filtering.smoothing import _kernels as smoothing
-from dirprim_filter.filtering.smoothing._kernels import log_gaussian
 from dirprim_filter.primitives._leader import ALONE
 from dirprim_filter.primitives.cues import Cue
 from dirprim_filter.primitives.motion_table import motion_table
@@ -35,8 +34,6 @@ PARALLEL_FROM_NS = 400_000.0
 """Work below which handing a part of it to a second thread, some 0.1 ms, costs more than it saves."""
 PARTS_PER_THREAD = 4
 """Vehicles differ in work: a thread that is done early takes another part."""
-BANDWIDTH = 0.1
-"""Share of the particles' covariance, times n^(-1/4), by which their density is smoothed: it may have several modes."""
 
 
 class ParticleFilter(ParticleBelief):
@@ -79,55 +76,36 @@ class ParticleFilter(ParticleBelief):
         )  # fmt: skip
         self._split(_kernels.initialise_motion, (self._table, self.cloud), (slot,), (), each_ns=100.0)
 
-    def sibling(self) -> Self:
-        """One that moves by the same map, without beliefs."""
-        other = copy(self)
+    def sibling(self, key: AnyArray, mean: FloatArray, covariance: FloatArray) -> Self:
+        """One that moves by the same map, of Gaussians of x, y and their rates. (v,) uint64, (v, 4), (v, 4, 4)."""
+        other, slot = copy(self), np.arange(len(mean))
         ParticleBelief.__init__(other, n_particles=self.n_particles, mode_of=self.mode_of)
-        return other
-
-    def place(self, slot: IntArray, key: AnyArray, mean: FloatArray, covariance: FloatArray) -> None:
-        """Start beliefs from Gaussians of x, y and their rates. (v,), (v,) uint64, (v, 4), (v, 4, 4)."""
-        self.step += 1
-        cloud = self.cloud
-        for s, seed, m, p in zip(slot.tolist(), key, mean, covariance, strict=True):
+        other.reserve(slot.size)
+        cloud = other.cloud
+        for s, (seed, m, p) in enumerate(zip(key, mean, covariance, strict=True)):
             rng = np.random.default_rng(seed)
-            drawn = rng.multivariate_normal(m, p, self.config.n_particles, method="eigh")
+            drawn = rng.multivariate_normal(m, p, self.n_particles, method="eigh")
             cloud.position[s], velocity = drawn[:, :2], drawn[:, 2:]
             cloud.direction[s], cloud.speed[s] = np.arctan2(velocity[:, 1], velocity[:, 0]), np.hypot(*velocity.T)
-            cloud.weight[s] = 1.0 / self.config.n_particles
             cloud.state[s] = rng.integers(2**64, size=4, dtype=np.uint64)
         self._split(_kernels.initialise_motion, (self._table, cloud), (slot,), (), each_ns=100.0)
+        return other
 
-    def states(self, slot: IntArray) -> FloatArray:
-        """(v, 7, P): x, y, their rates, acceleration, cosine and sine of the direction."""
-        out = np.empty((slot.size, smoothing.N_COLUMNS, self.config.n_particles))
-        self._split(smoothing.columns_of, (self.cloud, self._table.row), (slot, out), (), each_ns=12.0)
-        return out
-
-    def weights(self, slot: IntArray) -> FloatArray:
-        """(v, P) of the particles."""
-        return self.cloud.weight[slot]
+    def states(self, slot: IntArray) -> States:
+        """The particles; the number that lasts is their acceleration."""
+        sample = np.empty((slot.size, smoothing.N_COLUMNS, self.n_particles))
+        self._split(smoothing.columns_of, (self.cloud, self._table.row), (slot, sample), (), each_ns=12.0)
+        return States(sample, self.cloud.weight[slot], np.zeros((slot.size, 4, 4)))
 
     def joint(
-        self, weight: FloatArray, then: FloatArray, now: FloatArray, *, row: IntArray, vehicle: IntArray,
-        dt_s: FloatArray,
-    ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+        self, then: States, now: States, *, row: IntArray, vehicle: IntArray, dt_s: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
         """As `Smoothable.joint`: those of one belief at two times are the same ones, moved on, whatever the time."""
         mean = np.empty((row.size, 2 * smoothing.N_COLUMNS))
         covariance = np.empty((row.size, 2 * smoothing.N_STATES, 2 * smoothing.N_STATES))
-        self._split(smoothing.joint_moments, (weight, then, now), (row, vehicle, mean, covariance), (), each_ns=40.0)
+        samples = now.weight, then.sample, now.sample
+        self._split(smoothing.joint_moments, samples, (row, vehicle, mean, covariance), (), each_ns=40.0)
         return mean, covariance
-
-    def arrivals(self, now: FloatArray, mean: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """As `Smoothable.arrivals`, by a kernel density of the particles."""
-        d, n = mean.shape[1], now.shape[2]
-        before, weight, density = np.full(n, 1.0 / n), np.empty((len(now), n)), np.empty(len(now))
-        for i, state in enumerate(now[:, :d]):
-            fit = log_gaussian(state.T - mean[i], covariance[i] + BANDWIDTH * n**-0.25 * np.cov(state))
-            near = np.exp(fit - fit.max())
-            density[i] = fit.max() + np.log(near.mean())
-            smoothing.tempered(before, near / near.sum(), smoothing.LEAST_EFFECTIVE * n, weight[i])
-        return density, weight
 
     def predict(self, slot: IntArray, dt_s: FloatArray) -> None:
         """Move the particles by the map's motion model. (v,), (v,) seconds."""

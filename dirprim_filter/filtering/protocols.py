@@ -108,49 +108,42 @@ class OnMap(Protocol):
         ...
 
 
-@runtime_checkable
-class Smoothable(BayesFilter, Protocol):
-    """A filter that knows how beliefs at one time follow from those at another, as a smoother asks.
+class States(NamedTuple):
+    """Beliefs as mixtures of Gaussians about samples, a copy; of a filter without samples of one each.
 
-    A state is x, y, their rates and one number more that lasts; its moments are followed by the mean cosine and sine of
-    the direction. A filter without samples has one for each belief, of weight 1.
+    Attributes:
+        sample: (v, 7, P) x, y, their rates and one number more that lasts; then cosine and sine of the direction.
+        weight: (v, P) of the samples, sums to 1.
+        covariance: (v, 4, 4) of place and rates about each sample.
     """
 
-    def sibling(self) -> Self:
-        """One of the same models, without beliefs."""
+    sample: FloatArray
+    weight: FloatArray
+    covariance: FloatArray
+
+
+@runtime_checkable
+class Smoothable(BayesFilter, Protocol):
+    """A filter that knows how beliefs at one time follow from those at another, as a smoother asks."""
+
+    def sibling(self, key: AnyArray, mean: FloatArray, covariance: FloatArray) -> Self:
+        """One of the same models, of Gaussians of x, y and their rates: (v,) uint64, (v, 4), (v, 4, 4)."""
         ...
 
-    def place(self, slot: IntArray, key: AnyArray, mean: FloatArray, covariance: FloatArray) -> None:
-        """Initialise beliefs by Gaussians of x, y and their rates. (v,), (v,) uint64, (v, 4), (v, 4, 4)."""
-        ...
-
-    def states(self, slot: IntArray) -> FloatArray:
-        """(v, ...) beliefs as they are, to be given back when they have moved on."""
-        ...
-
-    def weights(self, slot: IntArray) -> FloatArray:
-        """(v, P) of their samples."""
+    def states(self, slot: IntArray) -> States:
+        """Beliefs as they are, to be given back when they have moved on."""
         ...
 
     def joint(
-        self, weight: FloatArray, then: FloatArray, now: FloatArray, *, row: IntArray, vehicle: IntArray,
-        dt_s: FloatArray,
-    ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
-        """(k, 14), (k, 10, 10) mean and covariance of earlier states beside later ones.
+        self, then: States, now: States, *, row: IntArray, vehicle: IntArray, dt_s: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """(k, 14), (k, 10, 10) means of all that samples have, and covariance of states: of earlier beside later ones.
 
         Args:
-            weight: (v, P) of the samples.
-            then: (r, ...) earlier states.
-            now: (v, ...) later ones.
+            then: earlier beliefs.
+            now: later ones, whose weights count.
             row: (k,) of the earlier.
-            vehicle: (k,) of the later, and of its weights.
+            vehicle: (k,) of the later.
             dt_s: (k,) seconds between them.
-        """
-        ...
-
-    def arrivals(self, now: FloatArray, mean: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(v,), (v, P) natural log density of Gaussians (v, 4), (v, 4, 4) of x, y and their rates, and weights.
-
-        The weights of samples are by how near they come.
         """
         ...

@@ -238,7 +238,7 @@ class Tracker:
         if slot.size:
             self._weigh_by_cues(slot, away=True)
             if self._recorder is not None:
-                self._recorder.moves(slot, dt_ns)
+                self._recorder.moves(slot, roster.time_ns[slot])
             self._filter.predict(slot, _seconds(dt_ns))
             roster.time_ns[slot] += dt_ns
             roster.cue[slot[self._time_ns - roster.measured_ns[slot] > CUE_LASTS_S * 1e9]] = np.nan
@@ -278,7 +278,10 @@ class Tracker:
         self._change_cues(slot, measured.cue)
         if self._with_innovations:
             outcome.innovation[slot] = innovation(self._filter.moments(slot), measured, self.config, self.sensor)
-        evidence = (self._recorder or self._filter).weigh(slot, measured)
+        if self._recorder is None:
+            evidence = self._filter.weigh(slot, measured)
+        else:
+            evidence = self._recorder.weigh(slot, measured, now_ns)
         is_back = roster.is_labelled[slot] & (_seconds(now_ns - roster.measured_ns[slot]) > AWAY_S)
         missed = roster.measured(slot, now_ns)
         is_weightless = ~np.isfinite(evidence.log_density)  # no particle has a weight

@@ -13,7 +13,8 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import EstimateList
 from dirprim_filter.filtering import ConstantVelocityKalman, GroupTracker, ParticleFilter
 from dirprim_filter.filtering.kalman import FIRST_SPEED_STD
-from dirprim_filter.filtering.smoothing import _kernels
+from dirprim_filter.filtering.protocols import States
+from dirprim_filter.filtering.smoothing.links import Step, links_of, tempered
 from dirprim_filter.filtering.smoothing.recorder import Recorder
 from dirprim_filter.filtering.smoothing.smoother import Smoother
 from dirprim_filter.primitives.motion import PUSH_RATE
@@ -23,7 +24,6 @@ from oracles import ring_forward_backward
 from situations import beside, one_cell_map, ring_traffic
 
 NOISE_M, DENSITY = 0.7, 2.0
-ONE = np.zeros(1, np.int64)
 CONFIG = FilterConfig(noise_m=NOISE_M, outlier_probability=1e-13, n_particles=200)
 
 
@@ -167,6 +167,12 @@ def test_a_long_lag_is_the_whole_log_a_short_one_is_not_and_none_is_the_filter()
     np.testing.assert_allclose(none.covariance, found.covariance, atol=1e-9)
 
 
+def test_in_a_gap_longer_than_the_lag_it_knows_since_when_a_vehicle_is_unseen():
+    tracks = ring_traffic(np.random.default_rng(2), n_vehicles=1, n_rows=60)
+    found, later = smoothed(measured(tracks, hidden=np.arange(20, 50)), lag_s=0.5, times=tracks.time_ns.tolist())
+    np.testing.assert_allclose(later.unseen_s, [0.0, *found.unseen_s], atol=1e-6)  # confirmed by its second
+
+
 def test_without_a_lag_it_is_the_filter_also_where_particles_are_moved():
     """A driver who stops dead: innovation outliers move particles to him, and to his last belief in the chain."""
     times = 0.1 * np.arange(60)
@@ -268,35 +274,18 @@ def linear_pair(rng, n):
     return then, now, gain, p - gain @ later @ gain.T
 
 
-class Still(ParticleFilter):
-    """Particles that are somewhere, with weights."""
-
-    def __init__(self, weight, now):
-        self.weight, self.now, self._threads = weight, now, None
-
-    def states(self, slot):
-        return columns(self.now)[None]
-
-    def weights(self, slot):
-        return self.weight[None]
-
-
-def columns(state):
-    return np.ascontiguousarray(np.vstack([state.T, np.ones(len(state)), np.zeros(len(state))]))
-
-
-def recorded(paths, then, *, time_ns=0):
-    """A recorder of one vehicle that was in some states at time 0."""
-    recorder = Recorder()
-    recorder._filter = paths
-    recorder.begun(ONE, 0)
-    recorder._past[0], recorder._time_ns[0] = [(0, columns(then)[None], 0)], time_ns
-    return recorder
-
-
-def linked(weight, then, now, added=None):
-    recorder = recorded(Still(weight, now), then)
-    link = recorder._linked(ONE, weight[None], columns(now)[None], added=None if added is None else added[None])[0][0]
+def linked(weight, then, now):
+    """The link of particles with weights to what they were: mean, later mean, gain, spread."""
+    particles = ParticleFilter(one_cell_map(), FilterConfig(n_particles=len(now)))
+    then, now = (
+        States(
+            np.concatenate([of.T, [np.ones(len(of)), np.zeros(len(of))]])[None].copy("C"),
+            weight[None],
+            np.zeros((1, 4, 4)),
+        )
+        for of in (then, now)
+    )
+    link = links_of(particles, [[Step(0, then, 0)]], now, np.array([10**8]))[0][0]
     return link["mean"], link["mean"] + link["step"], link["gain"], link["spread"]
 
 
@@ -320,15 +309,15 @@ def test_at_a_fork_the_way_back_is_on_the_arm_that_was_taken():
     then = np.column_stack([0.5 * along, arm * (0.5 * along) ** 3 / 25.0, np.full(n, 10.0), np.zeros(n), np.zeros(n)])
     place = np.array([10.0, 10.0, 10.0, 10.0, 0.0])
     truth = np.array([5.0, 5.0])
-    near, weight = np.exp(-0.5 * ((now[:, :2] - place[:2]) ** 2).sum(axis=1) / 0.3**2), np.empty(n)
-    _kernels.tempered(np.full(n, 1.0 / n), near / near.sum(), 100.0, weight)
+    near = np.exp(-0.5 * ((now[:, :2] - place[:2]) ** 2).sum(axis=1) / 0.3**2)
+    weight = tempered(np.full(n, 1.0 / n), near / near.sum())
     of_all, of_near = (
         mean + gain @ (place - later)
         for mean, later, gain, _ in (linked(w, then, now) for w in (np.full(n, 1.0 / n), weight))
     )
     assert np.linalg.norm(of_near[:2] - truth) < 0.1
     assert np.linalg.norm(of_all[:2] - truth) > 0.1  # one Gaussian for both arms
-    assert 1.0 / (weight**2).sum() >= 100.0
+    assert 1.0 / (weight**2).sum() >= 0.4 * n > 1.0 / ((near / near.sum()) ** 2).sum()
 
 
 def test_a_filter_that_has_no_smoother_is_refused_and_so_is_a_negative_lag():

@@ -6,8 +6,8 @@ import pytest
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.filtering import ConstantVelocityKalman, ParticleFilter
-from dirprim_filter.filtering.smoothing.chain import Belief
-from dirprim_filter.filtering.smoothing.recorder import Recorder
+from dirprim_filter.filtering.smoothing.links import Belief
+from dirprim_filter.filtering.smoothing.stitching import bridges_of
 from filtering.test_smoothing import smoothed
 from situations import one_cell_map
 
@@ -62,9 +62,8 @@ def test_of_constant_velocity_the_way_across_a_gap_is_exact_and_particles_agree(
     at = Belief(0, np.array([5.0, 1.0, 8.0, 0.5, 0.0]), np.diag([0.2, 0.1, 0.3, 0.3, 0.01]), np.ones(2))
     where = [Belief(10**9, np.array([13.0 + off, 1.5, 8.0, 0.5]), 0.1 * np.eye(4), np.ones(2)) for off in (0.0, 2.0)]
     keys = np.array([3, 4], np.uint64)
-    kalman, particles = Recorder(), Recorder()
-    kalman.follow(ConstantVelocityKalman(acceleration_density=0.5, config=CONFIG))
-    exact = [bridge.log_density for bridge in kalman.bridges(keys, [at, at], where)]
+    kalman = ConstantVelocityKalman(acceleration_density=0.5, config=CONFIG)
+    exact = [bridge.log_density for bridge in bridges_of(kalman, keys, [at, at], where)]
     f = np.eye(4)
     f[0, 2] = f[1, 3] = 1.0
     q = np.kron([[1 / 3, 1 / 2], [1 / 2, 1.0]], 0.5 * np.eye(2))
@@ -74,7 +73,7 @@ def test_of_constant_velocity_the_way_across_a_gap_is_exact_and_particles_agree(
         assert found == pytest.approx(
             -0.5 * (d @ np.linalg.solve(p, d) + np.linalg.slogdet(2 * np.pi * p)[1]), abs=0.05
         )
-    particles.follow(ParticleFilter(one_cell_map(mean=0.06, concentration=300.0, speed=8.0, shape=60.0), CONFIG))
-    near, far = particles.sibling().bridges(keys, [at, at], where)
+    particles = ParticleFilter(one_cell_map(mean=0.06, concentration=300.0, speed=8.0, shape=60.0), CONFIG)
+    near, far = bridges_of(particles, keys, [at, at], where)
     assert near.log_density > far.log_density + 1.0
     assert near.links["time_ns"].tolist() == [i * 100_000_000 for i in range(10)]

@@ -1,7 +1,4 @@
-"""Compiled steps of the smoother: particles as columns, their joint moments, and the sweep back.
-
-A link says what the state at one time was, given that at a later one: x | x' ~ N(mean + gain (x' - later), spread).
-"""
+"""Compiled steps of the smoother: particles as columns, their joint moments, and the sweep back."""
 
 import math
 
@@ -10,7 +7,7 @@ from numba import njit
 
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions._elementary import squared_sine
-from dirprim_filter.filtering._kernels import Cloud, effective_sample_size
+from dirprim_filter.filtering._kernels import Cloud
 from dirprim_filter.primitives._manoeuvres import STARTS, acceleration_of, offset_from
 
 N_STATES = 5
@@ -18,16 +15,6 @@ N_STATES = 5
 step's error for one of its own, and is too sure."""
 N_COLUMNS = 7
 """Of a particle: its state, then cosine and sine of its direction."""
-HALVINGS = 12
-"""Of the interval in which the exponent of weights is looked for."""
-LEAST_EFFECTIVE = 0.4
-"""Share of the particles that links across a gap are learned from at least."""
-
-
-def log_gaussian(off: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Natural log density of deviations (..., d) from the mean of a Gaussian of covariance (d, d)."""
-    squared = np.einsum("...i,...i->...", off, np.linalg.solve(covariance, off[..., None])[..., 0])
-    return np.asarray(-0.5 * (squared + np.linalg.slogdet(2.0 * np.pi * covariance)[1]))
 
 
 @njit(cache=True, nogil=True)
@@ -50,34 +37,6 @@ def columns_of(cloud: Cloud, rows: FloatArray, vehicle: IntArray, out: FloatArra
             east, north = offset_from(rows, z, place[p, 0], place[p, 1])
             moves = 0.0 if rows[z, STARTS] > 0.0 else 1.0
             column[4, p] = moves * acceleration_of(rows, z, east, north, speed[p], push[p])
-
-
-@njit(cache=True, nogil=True)
-def tempered(before: FloatArray, after: FloatArray, least: float, weight: FloatArray) -> None:
-    """Fills (P,) weights before^(1-t) after^t with the largest t up to 1 that leaves an effective size of `least`.
-
-    All of them are right to learn from how a state follows from a later one: they differ by a function of the later.
-    """
-    weight[:] = after
-    if effective_sample_size(weight) >= least:
-        return
-    low, high = 0.0, 1.0
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        total = 0.0
-        for p in range(weight.size):
-            weight[p] = before[p] * (after[p] / before[p]) ** middle if before[p] > 0.0 else 0.0
-            total += weight[p]
-        weight /= total
-        if effective_sample_size(weight) >= least:
-            low = middle
-        else:
-            high = middle
-    total = 0.0
-    for p in range(weight.size):
-        weight[p] = before[p] * (after[p] / before[p]) ** low if before[p] > 0.0 else 0.0
-        total += weight[p]
-    weight /= total
 
 
 @njit(cache=True, nogil=True)

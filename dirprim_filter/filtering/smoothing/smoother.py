@@ -102,8 +102,8 @@ class Smoother:
         for tracker, recorder in zip(self._trackers, self._recorders, strict=True):
             if self._every_ns:
                 self.joined += stitch(
-                    recorder, before_ns=final_ns + gap_ns, gap_ns=gap_ns, now_ns=now_ns, noise_m=tracker.config.noise_m,
-                    config=tracker.tracking, joins_labelled=self._joins_labelled,
+                    recorder, tracker, before_ns=final_ns + gap_ns, gap_ns=gap_ns, now_ns=now_ns,
+                    joins_labelled=self._joins_labelled,
                 )  # fmt: skip
             frames_ns = np.array(recorder.frames_ns, np.int64)
             recorder.frames_ns = [t for t in recorder.frames_ns if t > final_ns]

@@ -11,28 +11,43 @@ Source: Zhang, Li and Nevatia, Global Data Association for Multi-Object Tracking
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from dirprim_filter.arrays import FloatArray, IntArray
+from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.config import TrackingConfig
+from dirprim_filter.distributions import gaussian
 from dirprim_filter.filtering import existence
 from dirprim_filter.filtering.association import Pairs, best_pairs
 from dirprim_filter.filtering.belief import birth_key
 from dirprim_filter.filtering.measurements import FASTEST
-from dirprim_filter.filtering.smoothing.chain import Belief, Chain, may_be_off
+from dirprim_filter.filtering.protocols import Smoothable, States
+from dirprim_filter.filtering.smoothing.chain import MOVES, Chain, may_be_off
+from dirprim_filter.filtering.smoothing.links import Belief, Step, links_of, tempered
 from dirprim_filter.filtering.smoothing.recorder import Recorder
+from dirprim_filter.filtering.tracker import Tracker
 
 SURE = 0.99
 """Probability of existence that an unlabelled track has had, of a vehicle: of all candidates of a whole log a few look
 confirmed for a moment."""
 AT_ONCE = 64
 """Pairs, whose particles are held at the same time."""
+STEP_S = 0.1
+"""Of a path across a gap that no filter went."""
+BANDWIDTH = 0.1
+"""Share of the samples' covariance, times P^(-1/4), by which their density is smoothed: it may have several modes."""
+
+
+class Bridge(NamedTuple):
+    """A path from the end of one chain to the beginning of another."""
+
+    log_density: float  # of the place and velocity at its end, given the beginning, per m^2 (m/s)^2
+    links: AnyArray  # (m,) of the path
 
 
 def stitch(
-    recorder: Recorder, *, before_ns: int, gap_ns: int, now_ns: int, noise_m: float, config: TrackingConfig,
-    joins_labelled: bool = False,
+    recorder: Recorder, tracker: Tracker, *, before_ns: int, gap_ns: int, now_ns: int, joins_labelled: bool = False
 ) -> list[tuple[str, str]]:  # fmt: skip
     """Drop, trim and join the chains of vehicles that no sensor named, now that the log is known for long after them.
 
@@ -40,11 +55,10 @@ def stitch(
 
     Args:
         recorder: of the chains, and of the filter, which says how vehicles go on.
+        tracker: says how detections err, and how likely vehicles appear, are occluded, come back and leave.
         before_ns: time up to which a chain may begin that continues another.
         gap_ns: the longest gap; whoever was not measured for longer will not be again.
         now_ns: the last time that is known.
-        noise_m: standard deviation of detections.
-        config: how likely vehicles appear, are occluded, come back and leave.
         joins_labelled: chains whose ids were given are joined too, and neither dropped nor trimmed.
 
     Returns:
@@ -53,21 +67,23 @@ def stitch(
     frame_ns = np.diff(recorder.frames_ns)
     if frame_ns.size == 0:
         return []
-    frame_s = float(np.median(frame_ns)) * 1e-9
+    frame_s, config = float(np.median(frame_ns)) * 1e-9, tracker.tracking
+    usual = -np.log(4.0 * np.pi * tracker.config.noise_m**2) - 1.0
     chains = []
     for chain in recorder.chains:
         if not chain.is_labelled and chain.is_over(now_ns, gap_ns):
             chain.name = chain.name if chain.existence >= SURE else ""
-            trim(chain, frame_s=frame_s, log_density=-np.log(4.0 * np.pi * noise_m**2) - 1.0, config=config)
+            trim(chain, frame_s=frame_s, log_density=usual, config=config)
         if chain.name and (joins_labelled or not chain.is_labelled):
             chains.append(chain)
     starts = [chain.smoothed().first() for chain in chains]
     pairs = _candidates(chains, starts, before_ns=before_ns, gap_ns=gap_ns)
-    bridges, expected = [], recorder.sibling()
+    bridges = []
     for first in range(0, pairs.one.size, AT_ONCE):
         some = _each(pairs)[first : first + AT_ONCE]
         keys = [birth_key(0, f"{chains[i].name}/{chains[j].name}", starts[j].time_ns) for i, j in some]
-        bridges += expected.bridges(np.array(keys), [chains[i].last for i, _ in some], [starts[j] for _, j in some])
+        ends = [chains[i].last for i, _ in some]
+        bridges += bridges_of(recorder.filter, np.array(keys), ends, [starts[j] for _, j in some])
     out_s = np.array([starts[j].time_ns - chains[i].last.time_ns for i, j in _each(pairs)]) * 1e-9
     gain = np.array([bridge.log_density for bridge in bridges]) + _log_odds(out_s, frame_s, config)
     path = {pair: bridge.links for pair, bridge in zip(_each(pairs), bridges, strict=True)}
@@ -79,6 +95,48 @@ def stitch(
     gone = {id(chains[i]) for i, _ in best}
     recorder.chains = [chain for chain in recorder.chains if id(chain) not in gone]
     return names
+
+
+def bridges_of(bayes_filter: Smoothable, key: AnyArray, end: Sequence[Belief], start: Sequence[Belief]) -> list[Bridge]:
+    """Paths (n,) of one belief each to a later one, as the filter goes.
+
+    Args:
+        bayes_filter: which stays as it is.
+        key: (n,) uint64, what random numbers follow from.
+        end: of a chain, where each begins.
+        start: of another, where it shall end, at a later time.
+    """
+    moments = [
+        (np.array([b.mean[:MOVES] for b in of]), np.array([b.covariance[:MOVES, :MOVES] for b in of]))
+        for of in (end, start)
+    ]
+    expected, paths = bayes_filter.sibling(key, *moments[0]), [list[Step]() for _ in end]
+    end_ns, start_ns = (np.array([belief.time_ns for belief in of], np.int64) for of in (end, start))
+    n_steps = np.ceil((start_ns - end_ns) * 1e-9 / STEP_S - 1e-6).astype(np.int64)
+    for i in range(int(n_steps.max(initial=0))):
+        on = np.flatnonzero(n_steps > i)
+        time_ns, next_ns = (end_ns[on] + (start_ns - end_ns)[on] * k // n_steps[on] for k in (i, i + 1))
+        states = expected.states(on)
+        for row, slot in enumerate(on.tolist()):
+            paths[slot].append(Step(int(time_ns[row]), states, row))
+        expected.predict(on, np.asarray((next_ns - time_ns) * 1e-9, np.float64))
+    now = expected.states(np.arange(len(end)))
+    density, weight = _arrivals(now, *moments[1])
+    return [Bridge(*both) for both in zip(density, links_of(bayes_filter, paths, now._replace(weight=weight), start_ns),
+                                          strict=True)]  # fmt: skip
+
+
+def _arrivals(now: States, mean: FloatArray, covariance: FloatArray) -> tuple[list[float], FloatArray]:
+    """(v,), (v, P) log density of Gaussians (v, 4), (v, 4, 4) under beliefs, and weights of samples that come near."""
+    density, weight = [], np.empty_like(now.weight)
+    for i, sample in enumerate(now.sample[:, :MOVES]):
+        n = sample.shape[1]
+        smooth = BANDWIDTH * n**-0.25 * np.cov(sample) if n > 1 else 0.0
+        fit = gaussian.log_density(sample.T - mean[i], covariance[i] + now.covariance[i] + smooth)
+        near = np.exp(fit - fit.max())
+        density.append(float(fit.max() + np.log(near.mean())))
+        weight[i] = tempered(now.weight[i], near / near.sum())
+    return density, weight
 
 
 def _each(pairs: Pairs) -> list[tuple[int, int]]:

@@ -1,0 +1,116 @@
+"""How each state of a belief follows from the one at its next measurement.
+
+Between two measurements particles are not resampled, so each is a path of its own, and the particles' joint moments at
+two times give the regression of the earlier on the later. Across a gap they are taken with the weights that the later
+measurement gave, as far as enough particles are left: of a belief with several arms that counts which the vehicle took.
+
+Source: Raanes, On the ensemble Rauch-Tung-Striebel smoother, 2016; Beaumont, Zhang and Balding, Approximate Bayesian
+Computation in Population Genetics, 2002, for the regression among the samples that come near.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
+from dirprim_filter.filtering.protocols import Smoothable, States
+from dirprim_filter.filtering.smoothing._kernels import N_COLUMNS, N_STATES
+
+LEAST_VARIANCE = np.diag([1e-8, 1e-8, 1e-6, 1e-6, 1e-6])
+"""Added to what a later state varies by: standing vehicles' velocities do not vary at all."""
+LEAST_EFFECTIVE = 0.4
+"""Share of the samples that links across a gap are learned from at least."""
+HALVINGS = 12
+"""Of the interval in which the exponent of weights is looked for."""
+LINK = np.dtype([
+    ("time_ns", "<i8"), ("mean", "<f8", (N_STATES,)), ("step", "<f4", (N_STATES,)),
+    ("gain", "<f4", (N_STATES, N_STATES)), ("spread", "<f4", (N_STATES, N_STATES)),
+    ("course", "<f4", (2,)), ("ahead", "<i8"),
+])  # fmt: skip
+"""How a state of a vehicle followed from a later one: x | x' ~ N(mean + gain (x' - mean - step), spread).
+
+`course` is the mean of cosine and sine of the direction; `ahead` counts the links to the later state's.
+"""
+
+
+class Belief(NamedTuple):
+    """A belief about one vehicle at one time."""
+
+    time_ns: int
+    mean: FloatArray  # (5,) x, y, their rates, and what else lasts
+    covariance: FloatArray  # (5, 5)
+    course: FloatArray  # (2,) mean of cosine and sine of the direction
+
+
+class Step(NamedTuple):
+    """Where a vehicle was before a step: a row of the states of all who took it."""
+
+    time_ns: int
+    states: States
+    row: int
+
+
+def beliefs_of(bayes_filter: Smoothable, states: States, time_ns: Sequence[int]) -> list[Belief]:
+    """Means and covariances of beliefs (v,) at (v,) times."""
+    each = np.arange(len(time_ns))
+    mean, covariance = bayes_filter.joint(states, states, row=each, vehicle=each, dt_s=np.zeros(each.size))
+    return [
+        Belief(t, m[:N_STATES], p[:N_STATES, :N_STATES], m[N_STATES:N_COLUMNS])
+        for t, m, p in zip(time_ns, mean, covariance, strict=True)
+    ]
+
+
+def links_of(
+    bayes_filter: Smoothable, paths: Sequence[Sequence[Step]], now: States, now_ns: IntArray,
+    added: FloatArray | None = None,
+) -> list[AnyArray]:  # fmt: skip
+    """(m,) `LINK` for each step of paths (v,) to states that hold at (v,) times.
+
+    P' is the covariance of `now` with what is `added` (v, 5, 5) to it, C = cov(then, now): gain = C (P' + least)^-1
+    and spread = P - gain C^T - C gain^T + gain P' gain^T, a covariance whatever the gain.
+    """
+    n_steps, steps = np.array([len(path) for path in paths], np.int64), [step for path in paths for step in path]
+    vehicle, end, links = np.repeat(np.arange(len(paths)), n_steps), np.cumsum(n_steps), np.empty(len(steps), LINK)
+    links["time_ns"] = [step.time_ns for step in steps]
+    links["ahead"] = end[vehicle] - np.arange(len(steps))
+    dt_s = (now_ns[vehicle] - links["time_ns"]) * 1e-9
+    row, kept = np.array([step.row for step in steps], np.int64), np.array([id(step.states) for step in steps])
+    for i in np.unique(kept, return_index=True)[1].tolist():
+        at = np.flatnonzero(kept == kept[i])
+        mean, both = bayes_filter.joint(steps[i].states, now, row=row[at], vehicle=vehicle[at], dt_s=dt_s[at])
+        p, c, later = both[:, :N_STATES, :N_STATES], both[:, :N_STATES, N_STATES:], both[:, N_STATES:, N_STATES:]
+        later = later if added is None else later + added[vehicle[at]]
+        gain = np.linalg.solve(later + LEAST_VARIANCE, c.swapaxes(1, 2)).swapaxes(1, 2)
+        shared = gain @ c.swapaxes(1, 2)
+        links["mean"][at] = mean[:, :N_STATES]
+        links["step"][at] = mean[:, N_COLUMNS : N_COLUMNS + N_STATES] - mean[:, :N_STATES]
+        links["course"][at], links["gain"][at] = mean[:, N_STATES:N_COLUMNS], gain
+        links["spread"][at] = p - shared - shared.swapaxes(1, 2) + gain @ later @ gain.swapaxes(1, 2)
+    return np.split(links, end)[:-1]
+
+
+def tempered(before: FloatArray, after: FloatArray) -> FloatArray:
+    """(P,) weights before^(1-t) after^t, with the largest t up to 1 that leaves enough samples.
+
+    All of them are right to learn from how a state follows from a later one: they differ by a function of the later.
+    """
+    ratio = np.divide(after, before, out=np.zeros_like(after), where=before > 0.0)
+
+    def at(exponent: float) -> FloatArray:
+        weight = before * ratio**exponent
+        return np.asarray(weight / weight.sum())
+
+    if _is_enough(after):
+        return after
+    low, high = 0.0, 1.0
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if _is_enough(at(middle)) else (low, middle)
+    return at(low)
+
+
+def _is_enough(weight: FloatArray) -> bool:
+    return bool(1.0 / (weight @ weight) >= LEAST_EFFECTIVE * weight.size)
