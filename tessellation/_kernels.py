@@ -7,7 +7,7 @@ import numpy.typing as npt
 from numba import njit
 
 from tessellation._arrays import FloatArray, IntArray
-from tessellation._compiling import COMPILED
+from tessellation._compiling import COMPILED, INLINED, UNCOUNTED
 
 PixelArray = npt.NDArray[np.int32]
 
@@ -32,7 +32,7 @@ class Locator(NamedTuple):
     entry: FloatArray  # (n, 3)
 
 
-@njit(inline="always", **COMPILED)
+@njit(**COMPILED | INLINED)
 def locate(locator: Locator, x: float, y: float) -> int:
     """The cell that covers (x, y); -1 where none does. Written so that NaN falls outside."""
     column = (x - locator.origin_x) * locator.pixels_per_metre
@@ -56,7 +56,7 @@ def locate(locator: Locator, x: float, y: float) -> int:
     return value
 
 
-@njit(nogil=True, **COMPILED)
+@njit(nogil=True, **COMPILED | UNCOUNTED)
 def locate_all(locator: Locator, position: FloatArray, cell: IntArray) -> None:
     """(n, 2) positions -> (n,) cells."""
     for i in range(cell.size):

@@ -21,9 +21,9 @@ from tessellation._compiling import INLINED
 from tessellation._kernels import Locator
 
 # Columns of `MotionTable.row`.
-(EAST, NORTH, EXTENT, COURSE, BEND_E, BEND_N, A_0, A_E, A_N, A_V, PUSH, TURNING, KEEPS, LONGER, STARTS,
+(EAST, NORTH, EXTENT, COURSE, BEND_E, BEND_N, A_0, A_E, A_N, A_V, PUSH, TURNING, RETURNS, DISTANCE, STARTS,
  CURVATURE) = range(16)  # fmt: skip
-N_FIELDS, LANES = 16, 8
+N_COLUMNS, N_FIELDS, LANES = 16, 16, 8
 # Where the fields of eight begin in a row of `Candidates.field`.
 (HEADS, TURNS_E, TURNS_N, PACE, GAIN_E, GAIN_N, PATH_0, PATH_1, PATH_2, COSINE, SINE, BY_COURSE, BY_PACE, BY_PATH,
  BY_VISITS, BY_TIME) = range(0, N_FIELDS * LANES, LANES)  # fmt: skip
@@ -34,7 +34,7 @@ STANDING_BELOW = 0.1
 DEGREES = 5.0
 """Of freedom: (DEGREES + 3) / 2 is the power in `weigh_candidates`."""
 DISCOUNT = 0.2
-"""Subtracted from each count of transitions (Ney, Essen and Kneser 1994), for transitions that were not seen."""
+"""Subtracted from each count of transitions (Ney, Essen and Kneser 1994), for those that were not seen."""
 _TWO_PI, _PER_TWO_PI, _PER_DEGREES = single(2.0 * np.pi), single(0.5 / np.pi), single(1.0 / DEGREES)
 _NOTHING, _ONE, _HALF, _LEAST = single(0.0), single(1.0), single(0.5), single(-50.0)
 
@@ -59,7 +59,7 @@ class MotionTable(NamedTuple):
 
     locator: Locator
     candidates: Candidates
-    row: FloatArray  # (z, 16)
+    row: FloatArray  # (z, 16), accelerations, turns and distances of those that stand are 0
     ahead: FloatArray  # (z,) radians by which vehicles have turned some seconds later
     begin: IntArray  # (n_cells + 1,) the first manoeuvre of each cell
     first: IntArray  # (z + 1,)
@@ -173,51 +173,42 @@ def weigh_free_eight(
 
 
 @njit(**EXACT | INLINED)
+def follow(table: MotionTable, before: int, low: int, high: int, stands: bool, less: float, state: UIntArray) -> int:
+    """The manoeuvre, of those of a kind from `low` to `high`, that follows another, by counts.
+
+    Each count is `less` by that, for what was not seen: -1 then, and where nothing was.
+    """
+    row, following, count, total = table.row, table.following, table.count, 0.0
+    first, last = table.first[before], table.first[before + 1]
+    for t in range(first, last):
+        z = following[t]
+        if low <= z < high and (row[z, STARTS] > 0.0) == stands:
+            total += count[t]
+    left = random.uniform(state) * total
+    for t in range(first, last):
+        z = following[t]
+        if low <= z < high and (row[z, STARTS] > 0.0) == stands:
+            left -= count[t] - less
+            if left < 0.0:
+                return int(z)
+    return -1
+
+
+@njit(**EXACT | INLINED)
 def leave_places(table: MotionTable, before: int, speed: float, weight: SingleArray, state: UIntArray) -> int:
     """A background manoeuvre: that which follows another such, or else any of about that speed."""
-    row, first, following, count = table.row, table.first, table.following, table.count
-    n_placed, stands, total = table.begin[-1], speed < STANDING_BELOW, 0.0
+    n_placed, stands, total = table.begin[-1], speed < STANDING_BELOW, _NOTHING
     if before >= n_placed:
-        for t in range(first[before], first[before + 1]):
-            if (row[following[t], STARTS] > 0.0) == stands:
-                total += count[t]
-        left = random.uniform(state) * total
-        for t in range(first[before], first[before + 1]):
-            if (row[following[t], STARTS] > 0.0) == stands:
-                left -= count[t]
-                if left < 0.0:
-                    return int(following[t])
+        z = follow(table, before, n_placed, len(table.row), stands, 0.0, state)
+        if z >= 0:
+            return z
     free, pace = table.candidates.free, single(log(speed + CREEP))
     n, rate = free.shape[1], 3 if stands else 2
-    total = _NOTHING
     for b in range(n):
         weigh_free_eight(free[0, b], free[1, b], free[rate, b], pace, weight[b])
         total = add_up(weight[b], total)
     k = chosen(weight[:n], random.uniform(state) * total)
-    return int(min(n_placed + k, len(row) - 1))
-
-
-@njit(**EXACT | INLINED)
-def go_over(table: MotionTable, before: int, cell: int, speed: float, state: UIntArray) -> int:
-    """The manoeuvre that follows another in the cell entered, by counts; -1 to back off to any that fits there."""
-    row, first, following, count = table.row, table.first, table.following, table.count
-    stands, n, kinds = speed < STANDING_BELOW, 0.0, 0.0
-    if cell >= 0 and before < table.begin[-1]:
-        a, b = table.begin[cell], table.begin[cell + 1]
-        for t in range(first[before], first[before + 1]):
-            z = following[t]
-            if a <= z < b and (row[z, STARTS] > 0.0) == stands:
-                n += count[t]
-                kinds += DISCOUNT
-        left = random.uniform(state) * n
-        if n > 0.0 and left < n - kinds:
-            for t in range(first[before], first[before + 1]):
-                z = following[t]
-                if a <= z < b and (row[z, STARTS] > 0.0) == stands:
-                    left -= count[t] - DISCOUNT
-                    if left < 0.0:
-                        return int(z)
-    return -1
+    return int(min(n_placed + k, len(table.row) - 1))
 
 
 @njit(**EXACT | INLINED)
@@ -244,7 +235,7 @@ def course_at(row: FloatArray, z: int, x: float, y: float) -> float:
 def keep_deviation(table: MotionTable, before: int, after: int, x: float, y: float, direction: float) -> float:
     """The direction of a particle that turns with the course of its manoeuvre: what it keeps is how it deviates."""
     row = table.row
-    if row[before, KEEPS] + row[after, KEEPS] + row[before, STARTS] + row[after, STARTS] == 0.0:
+    if row[before, RETURNS] * row[after, RETURNS] > 0.0:
         direction += course_at(row, after, x, y) - course_at(row, before, x, y)
         direction -= 2.0 * math.pi * math.floor(direction / (2.0 * math.pi) + 0.5)
     return direction

@@ -31,9 +31,11 @@ def motion_table(primitives: PrimitiveMap, *, step_s: float = 0.1, own_way_rate:
             the noise of vehicles of which no log says how they move.
     """
     motion, cells, may = primitives.motion, primitives.tessellation, _candidates(primitives)
+    moves = motion.start_rate == 0.0
     row = np.column_stack([
-        _centers(primitives)[motion.cell], motion.course, motion.bend, motion.acceleration,
-        motion.push, motion.course_spread, motion.cell < 0, motion.stretch, motion.start_rate, motion.curvature,
+        _centers(primitives)[motion.cell], motion.course, motion.bend, moves[:, None] * motion.acceleration,
+        moves * motion.push, moves * motion.course_spread, moves & (motion.cell >= 0), moves * (1.0 + motion.stretch),
+        motion.start_rate, motion.curvature,
     ])  # fmt: skip
     if own_way_rate > 0.0:
         row[OWN_WAY, [PUSH, TURNING]] = ANYWHERE_PUSH, ANYWHERE_TURNING
