@@ -113,36 +113,40 @@ class Undetected:
         noise: standard deviation of detections.
 
     Attributes:
-        of_labels: share of the densities that holds for detections with an id: of all false ones on a map these are
-            `MOST_FALSE` in a frame, at most.
+        level: mean number of vehicles on the map; 1 without one.
     """
 
     def __init__(self, traffic: Traffic | None, config: TrackingConfig, noise: FilterConfig) -> None:
         area = 0.0 if traffic is None else float(traffic.tessellation.area.sum())
-        self.of_labels = min(1.0, MOST_FALSE / max(config.clutter_density * area, 1e-300))
+        self._of_labels = min(1.0, MOST_FALSE / max(config.clutter_density * area, 1e-300))
         self._traffic, self.config, self._noise = traffic, config, noise
         self._learns_level = False
         self._first = np.array([1.0, 1.0 / (config.vehicle_density * area) if area > 0 else 1.0])
         self._counts = self._first.copy()  # vehicles found, and those expected at a level of 1
-        self._share: FloatArray
-        self._begin()
+        # of one vehicle on the map, how many are where; without a map so many per square metre
+        self._present = np.array([config.vehicle_density]) if traffic is None else traffic.present
+        self._share = self._present
 
     @property
     def level(self) -> float:
-        """Mean number of vehicles on the map; NaN without one."""
-        return float(self._counts[0] / self._counts[1]) if self._traffic is not None else float("nan")
+        """As above."""
+        return float(self._counts[0] / self._counts[1])
 
     def advance(self, dt_s: float, longest_gap_s: float) -> None:
         """Predict by so many seconds; after a pause in which all tracks ended no vehicle counts as detected."""
         self._counts = self._first + np.exp(-dt_s / LEVEL_S) * (self._counts - self._first)
         if dt_s > longest_gap_s:
-            self._begin()
+            self._share = self._present
         elif self._traffic is not None:
             self._share = self._traffic.later(self._share, dt_s)
 
-    def first_detections(self, position: FloatArray) -> FloatArray:
-        """(n, 2) -> (n,) expected density of first detections there in this frame, per square metre."""
-        return self._density(self._per_level(position))
+    def by_chance(self, position: FloatArray, is_labelled: BoolArray) -> FloatArray:
+        """(n, 2), (n,) -> (n,) expected density of first detections and false ones there in this frame, 1/m^2.
+
+        Of those with an id at most a share: all false ones on a map are `MOST_FALSE`.
+        """
+        expected = self._density(self._per_level(position)) + self.config.clutter_density
+        return np.asarray(expected * np.where(is_labelled, self._of_labels, 1.0))
 
     def see(self, position: FloatArray, is_labelled: BoolArray) -> FloatArray:
         """Take the frame's detections (n, 2) that are of no track; thin by what the frame would show.
@@ -162,24 +166,15 @@ class Undetected:
                 self._counts[0] = found + (self.level * per_unlabelled / any_cause).sum()
         expected = self._density(per_level)
         self._share = (1.0 - self.config.detection_probability) * self._share
-        self._anywhere *= 1.0 - self.config.detection_probability
         return expected
-
-    def _begin(self) -> None:
-        """As before the first frame: all of one vehicle on the map, and as many as anywhere."""
-        self._share = np.empty(0) if self._traffic is None else self._traffic.present
-        self._anywhere = self.config.vehicle_density
 
     def _per_level(self, position: FloatArray) -> FloatArray:
         """(n, 2) -> (n,) first detections per square metre where the level is 1."""
-        if self._traffic is None or not len(position):
-            return np.zeros(len(position))
         seen = self.config.detection_probability * self._share
+        if self._traffic is None:
+            return np.full(len(position), seen[0])
         return self._traffic.density(seen, position, spread_m=self._noise.noise_m)
 
     def _density(self, per_level: FloatArray) -> FloatArray:
         """(n,) -> (n,) with those that come into sight anywhere."""
-        if self._traffic is None:
-            found = self.config.detection_probability * self._anywhere
-            return np.full(per_level.size, self.config.birth_density + found)
         return np.asarray(self.config.birth_density + self.level * per_level)

@@ -38,7 +38,7 @@ _EMPTY: dict[str, Any] = {
     "time_ns": np.int64(0), "existence_ns": np.int64(0), "measured_ns": np.int64(0), "counted_ns": np.int64(0),
     "seen_ns": np.int64(0), "name": None, "is_labelled": np.False_, "is_confirmed": np.False_, "existence": np.zeros(3),
     "outside": 0.0, "ends": 0.0, "n_unexplained": np.int64(0), "cue": np.full(2, np.nan), "gaps": NO_GAPS,
-    "interval": np.zeros(2),
+    "interval": np.full(2, np.nan),
 }  # fmt: skip
 """The columns, and what a track has in each before it begins."""
 
@@ -50,11 +50,10 @@ def remembered(gaps: FloatArray, gap_ns: AnyArray) -> FloatArray:
 
 
 def usual(gaps: FloatArray) -> FloatArray:
-    """(n, 9) -> (n, 2) the lower median of these times, and that of how far off it they are; 0 while there are none."""
-    median = np.maximum(np.count_nonzero(~np.isnan(gaps), axis=1) - 1, 0)[:, None] // 2
-    middle = np.take_along_axis(np.sort(gaps, axis=1), median, axis=1)
-    jitter = np.take_along_axis(np.sort(np.abs(gaps - middle), axis=1), median, axis=1)
-    return np.asarray(np.nan_to_num(np.column_stack([middle, jitter])))
+    """(n, 9) -> (n, 2) their lower median, and that of how far off it they are; NaN where there are none."""
+    row, middle = np.arange(len(gaps)), np.maximum((~np.isnan(gaps)).sum(axis=1) - 1, 0) // 2
+    median = np.sort(gaps, axis=1)[row, middle]
+    return np.column_stack([median, np.sort(np.abs(gaps - median[:, None]), axis=1)[row, middle]])
 
 
 class Roster:
@@ -85,7 +84,7 @@ class Roster:
     n_unexplained: IntArray  # (slots,) consecutive measurements that its belief did not explain
     cue: FloatArray  # (slots, 2) what it is weighed by, as in `Detections`; NaN for nothing
     gaps: FloatArray  # (slots, 9) ns, last times between two frames that had its label; NaN for none
-    interval: FloatArray  # (slots, 2) ns, usual time between two of its detections, and jitter; 0 while unknown
+    interval: FloatArray  # (slots, 2) ns, usual time between two of its detections, and jitter; NaN while unknown
 
     def __init__(self, bayes_filter: BayesFilter, config: TrackingConfig, *, max_gap_s: float) -> None:
         self._filter, self._config = bayes_filter, config
@@ -93,7 +92,7 @@ class Roster:
         self._slot: dict[str, int] = {}
         self._n_tentative = self._n_numbered = 0
         self._former: dict[str, tuple[int, FloatArray]] = {}  # of labelled tracks that ended, `seen_ns` and `gaps`
-        self._of_frames = self._of_others = NO_GAPS[None]  # from frame to frame; from hit to hit of unlabelled tracks
+        self._shared = np.array([NO_GAPS, NO_GAPS])  # gaps of frames, and of hits of unlabelled tracks
         self._max_gap_ns = self._least_gap_ns = max_gap_s * 1e9
         self.longest_gap_ns = int(self._max_gap_ns)
         first = existence.at_birth(np.array([config.birth_density]), config)[0, existence.VISIBLE]
@@ -138,12 +137,13 @@ class Roster:
         found[~self.is_labelled[found]] = -1  # such a name is one of ours
         slot = found[found >= 0]
         if passed_ns is not None:
+            self._shared[:1] = remembered(self._shared[:1], np.array([passed_ns], np.float64))
             self.gaps[slot] = remembered(self.gaps[slot], time_ns - self.seen_ns[slot])
-            self.interval[slot], self.seen_ns[slot] = usual(self.gaps[slot]), time_ns
-            self.interval[self.unlabelled, 0] = usual(self._of_others)[0, 0]
-            self._of_frames = remembered(self._of_frames, np.array([passed_ns], np.float64))
-            self._least_gap_ns = max(self._max_gap_ns, GAP_INTERVALS * usual(self._of_frames)[0, 0])
-            self.longest_gap_ns = int(max(self._least_gap_ns, GAP_INTERVALS * self.interval[:, 0].max(initial=0.0)))
+            self.seen_ns[slot] = time_ns
+            interval = usual(np.vstack([self._shared, self.gaps[slot]]))
+            self.interval[slot], self.interval[self.unlabelled] = interval[2:], [interval[1, 0], 0.0]
+            self._least_gap_ns = float(np.fmax(self._max_gap_ns, GAP_INTERVALS * interval[0, 0]))
+            self.longest_gap_ns = int(np.fmax.reduce(GAP_INTERVALS * self.interval[:, 0], initial=self._least_gap_ns))
         ended = self._end(time_ns)
         found[ended[found]] = -1
         return found
@@ -152,9 +152,7 @@ class Roster:
         """(v,) slots for tracks that have none yet; they begin with a detection at `time_ns`, and `exists` (v, 3)."""
         if len(self._slot) + len(names) > self._n_slots:
             self._grow(max(self._n_slots, len(names)))
-        is_free = np.arange(self.time_ns.size) < self._n_slots
-        is_free[self.slots] = False
-        slot = np.flatnonzero(is_free)[: len(names)]
+        slot = np.setdiff1d(np.arange(self._n_slots), self.slots)[: len(names)]
         for name, empty in _EMPTY.items():
             getattr(self, name)[slot] = empty
         for column in (self.time_ns, self.existence_ns, self.measured_ns, self.counted_ns, self.seen_ns):
@@ -184,7 +182,7 @@ class Roster:
     def age(self, slot: IntArray, held: IntArray, time_ns: int) -> None:
         """Let existence (v,) come to a time, by where the beliefs in the slots `held` (v,) are then."""
         dt_s = np.asarray((time_ns - self.existence_ns[slot]) * 1e-9, np.float64)
-        pace = 1.0 / np.maximum(self.interval[slot, 0] / SLOW_NS, 1.0)
+        pace = 1.0 / np.fmax(self.interval[slot, 0] / SLOW_NS, 1.0)
         passed = self.ends[slot]
         if self._on_map is not None:
             self.outside[slot], _, self.ends[slot] = self._on_map.places(held)
@@ -202,11 +200,10 @@ class Roster:
         self.existence[hit] = existence.after_hit(self.existence[hit], log_density, by_chance, self._config)
         self.existence[missed] = existence.after_miss(self.existence[missed], self._config)
         self.counted_ns[hit] = self.counted_ns[missed] = time_ns
-        self.is_confirmed |= self.probability >= self._config.confirm_above
-        slot = self.unlabelled
-        for one in slot[self.is_confirmed[slot]].tolist():
-            if self.name[one].startswith(TENTATIVE):
-                self._number(one)
+        sure, slot = self.probability >= self._config.confirm_above, self.unlabelled
+        for one in slot[sure[slot] & ~self.is_confirmed[slot]].tolist():
+            self._number(one)
+        self.is_confirmed |= sure
 
     def measured(self, slot: IntArray, time_ns: int) -> IntArray:
         """Tracks (v,) were measured. Slots of those that the frame ought to have shown and did not.
@@ -215,15 +212,15 @@ class Roster:
         """
         since_ns = (time_ns - self.measured_ns[slot])[~self.is_labelled[slot]]
         if since_ns.size:
-            self._of_others = remembered(self._of_others, np.trunc([np.median(since_ns)]))
+            self._shared[1:] = remembered(self._shared[1:], np.trunc([np.median(since_ns)]))
         self.measured_ns[slot] = time_ns
         due_ns = DUE_FROM * self.interval[:, 0] + JITTERS * self.interval[:, 1]
-        is_due = (self.measured_ns < time_ns) & (self.interval[:, 0] > 0) & (time_ns - self.counted_ns >= due_ns)
+        is_due = (self.measured_ns < time_ns) & (time_ns - self.counted_ns >= due_ns)
         return self.slots[is_due[self.slots]]
 
     def _end(self, now_ns: int) -> BoolArray:
         """End tracks not measured for too long, and those that hardly exist. (slots,) which."""
-        last_ns = self.measured_ns + np.maximum(self._least_gap_ns, GAP_INTERVALS * self.interval[:, 0])
+        last_ns = self.measured_ns + np.fmax(self._least_gap_ns, GAP_INTERVALS * self.interval[:, 0])
         ended = (self.probability < self._forget_below) | (last_ns < now_ns)
         slot = self.slots
         for one in slot[ended[slot]].tolist():

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dirprim_filter.arrays import BoolArray, FloatArray, IntArray, require
+from dirprim_filter.arrays import FloatArray, IntArray, require
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import NO_ID, NO_TIME, Detections, check_after
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
@@ -153,7 +153,7 @@ class Tracker:
         return detections, own_ns
 
     def _assigned(self, detections: Detections, *, is_scan: bool) -> tuple[IntArray, FloatArray]:
-        """Move tracks to the frame's time. (d,) the track of each detection, -1 for none, and see `_by_chance`.
+        """Move tracks to the frame's time. (d,) the track of each detection, -1 for none; and `Undetected.by_chance`.
 
         An id is a gate: its track is assigned whatever it predicted.
         """
@@ -165,7 +165,8 @@ class Tracker:
         by_chance = np.empty(0)
         if passed_ns is not None:
             self._scanned_ns = now_ns
-            by_chance = self._by_chance(detections.position, is_labelled, passed_ns)
+            self._undetected.advance(passed_ns * 1e-9, roster.longest_gap_ns * 1e-9)
+            by_chance = self._undetected.by_chance(detections.position, is_labelled)
         labelled, unlabelled = roster.labelled, roster.unlabelled
         n_steps = (now_ns - roster.time_ns[labelled]) // self._step_ns
         for i in range(int(n_steps.max(initial=0))):
@@ -182,22 +183,15 @@ class Tracker:
             )  # fmt: skip
         return slot, by_chance
 
-    def _by_chance(self, position: FloatArray, is_labelled: BoolArray, passed_ns: int) -> FloatArray:
-        """(d,) density of clutter and first detections at each of the frame's, so long after the frame before."""
-        undetected = self._undetected
-        undetected.advance(passed_ns * 1e-9, self._roster.longest_gap_ns * 1e-9)
-        expected = undetected.first_detections(position) + self.tracking.clutter_density
-        return np.asarray(expected * np.where(is_labelled, undetected.of_labels, 1.0))
-
     def _begin_tracks(self, detections: Detections, slot: IntArray) -> None:
         """Initialise a track for each detection that has none, and enter it in (d,) `slot`."""
         row = np.flatnonzero(slot < 0)
-        first, names = detections[row], detections.track_id[row].tolist()
-        expected = self._undetected.see(first.position, first.track_id != NO_ID)
+        expected = self._undetected.see(detections.position[row], detections.track_id[row] != NO_ID)
         if row.size:
             exists = existence.at_birth(expected, self.tracking)
+            names = detections.track_id[row].tolist()
             slot[row] = self._roster.enter(names, time_ns=self._time_ns, exists=exists)
-            self._begin(slot[row], first)
+            self._begin(slot[row], detections[row])
 
     def _begin(self, slot: IntArray, measured: Detections) -> None:
         key = [birth_key(self._seed, name, self._time_ns) for name in self._roster.name[slot].tolist()]
@@ -213,18 +207,18 @@ class Tracker:
         roster, now_ns = self._roster, self._time_ns
         labelled, unlabelled = roster.labelled, roster.unlabelled
         absent = labelled[roster.seen_ns[labelled] < now_ns]
-        elsewhere = roster.time_ns[absent] < now_ns
-        held = absent.copy()
-        held[elsewhere] = self._at(absent[elsewhere], now_ns)
-        home, held = np.concatenate([seen, absent]), np.concatenate([seen, held])
+        home = np.concatenate([seen, absent])
+        held = self._at(home, now_ns)
         roster.age(home, held, now_ns)
         return np.concatenate([home, unlabelled]), np.concatenate([held, unlabelled])
 
     def _at(self, slot: IntArray, time_ns: int) -> IntArray:
-        """Slots of copies of beliefs (v,), predicted to a time."""
-        copy = self._roster.aside(slot)
-        self._advance(copy, time_ns)
-        return copy
+        """Slots that hold beliefs (v,) at a time: of those that are of an earlier one, copies, predicted to it."""
+        held, earlier = slot.copy(), self._roster.time_ns[slot] < time_ns
+        if earlier.any():
+            held[earlier] = self._roster.aside(slot[earlier])
+            self._advance(held, time_ns)
+        return held
 
     def _advance(self, slot: IntArray, time_ns: IntArray | int) -> None:
         """Predict beliefs (v,) to a time, with the cues that their vehicles give (Eq. 4).
@@ -258,15 +252,6 @@ class Tracker:
             one = Cue(turn=turn + np.pi * away, concentration=concentration)
             self._on_map.weigh_by_cue(slot[given][kind == i], one)
 
-    def _change_cues(self, slot: IntArray, cue: FloatArray) -> None:
-        """Weigh beliefs (v,) by what vehicles have begun to signal, (v, 2), and no more by what they have ceased to."""
-        former = self._roster.cue[slot]
-        changed = slot[(cue != former).any(axis=1) & ~(np.isnan(cue) & np.isnan(former)).all(axis=1)]
-        if changed.size:
-            self._weigh_by_cues(changed, away=True)
-            self._roster.cue[slot] = cue
-            self._weigh_by_cues(changed)
-
     def _weigh(self, slot: IntArray, measured: Detections, by_chance: FloatArray, *, is_scan: bool) -> _Outcome:
         """Weigh the moved beliefs by the frame's measurements; reinitialise those that have lost their vehicle.
 
@@ -275,7 +260,11 @@ class Tracker:
         """
         roster, now_ns = self._roster, self._time_ns
         outcome = _Outcome(np.full(roster.time_ns.size, np.nan), np.zeros(roster.time_ns.size), [])
-        self._change_cues(slot, measured.cue)
+        signals = (measured.cue == roster.cue[slot]) | (np.isnan(measured.cue) & np.isnan(roster.cue[slot]))
+        changed = slot[~signals.all(axis=1)]
+        self._weigh_by_cues(changed, away=True)
+        roster.cue[slot] = measured.cue
+        self._weigh_by_cues(changed)
         if self._with_innovations:
             outcome.innovation[slot] = innovation(self._filter.moments(slot), measured, self.config, self.sensor)
         if self._recorder is None:
@@ -311,8 +300,7 @@ class Tracker:
         exists = roster.probability[home]
         reported = roster.is_confirmed[home] & (exists >= self.tracking.report_above)
         home, slot, names = home[reported], held[reported], roster.name[home[reported]]
-        if self._latency_ns:
-            slot = self._at(slot, time_ns)
+        slot = self._at(slot, time_ns)
         m = self._filter.moments(slot)
         estimates = with_unseen_errors(Estimates(
             track_id=names.astype(np.str_),
