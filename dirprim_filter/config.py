@@ -67,12 +67,7 @@ class LearningConfig:
         )  # fmt: skip
 
     def __post_init__(self) -> None:
-        several = ("cell_sizes", "rows_per_cell")
-        require_positive(self, skip=several, or_zero=("broad_share",), below_one=("broad_share",))
-        for name in several:
-            numbers = getattr(self, name)
-            if not numbers or not all(number > 0 for number in numbers):
-                raise ValueError(f"{name}: expected positive numbers, got {numbers}")
+        require_positive(self, or_zero=("broad_share",), below_one=("broad_share",))
 
 
 LEAST_STEP_S = 1e-3
@@ -194,6 +189,8 @@ def require_positive(
 ) -> None:
     """Every number of a configuration is positive and at most `LARGEST`, or None; some may be 0, some are below 1.
 
+    Of several at least one is given, and all are such.
+
     Raises:
         ValueError: names the first that is not.
     """
@@ -201,14 +198,16 @@ def require_positive(
         value = getattr(config, name)
         if name in skip or value is None:
             continue
-        if name in or_zero and not value >= 0:
-            raise ValueError(f"{name}: expected at least 0, got {value}")
-        if name not in or_zero and not value > 0:
-            raise ValueError(f"{name}: expected a positive number, got {value}")
-        if name in below_one and value >= 1:
-            raise ValueError(f"{name}: expected a share below 1, got {value}")
-        if value > LARGEST:
-            raise ValueError(f"{name}: expected at most {LARGEST:g}, got {value}")
+        numbers = value if isinstance(value, tuple) else (value,)
+        expected = ""
+        if not (numbers and all(number > 0 or (name in or_zero and number == 0) for number in numbers)):
+            expected = "at least 0" if name in or_zero else "a positive number"
+        elif name in below_one and max(numbers) >= 1:
+            expected = "a share below 1"
+        elif max(numbers) > LARGEST:
+            expected = f"at most {LARGEST:g}"
+        if expected:
+            raise ValueError(f"{name}: expected {expected}, got {value}")
 
 
 def from_table(kind: type[Made], table: object, *, where: str = "") -> Made:

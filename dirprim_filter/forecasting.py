@@ -75,12 +75,13 @@ def forecast(
     require("rng", rng, np.random.Generator)
     config = require("config", FilterConfig() if config is None else config, FilterConfig)
     dt = steps(horizon_s, dt_s, n_samples)
-    place = as_floats("position", position, "2")[None]
     course, pace = as_floats("direction", [direction], "1"), as_floats("speed", [speed], "1")
     check("direction", course)
     check("speed", pace)
+    place, one = as_floats("position", position, "2")[None], np.ones(1)
+    state = Particles(position=place, direction=course, speed=pace, weight=one, vehicle=one.astype(np.int64))
     table, n = motion_table(primitive_map, step_s=config.step_s), n_samples * (1 if cue is None else PER_SAMPLE)
-    cloud = sampled(table, place[None], course[None], pace[None], n, rng=rng)
+    cloud = sampled(table, state, n, rng=rng)
     if cue is not None:  # Eq. 4: of the particles those are drawn that fit it
         weigh_by_cue(table, cloud, np.zeros(1, np.int64), cue)
         kept = rng.choice(n, n_samples, p=cloud.weight[0])
@@ -113,34 +114,23 @@ def leader_table(primitive_map: PrimitiveMap, config: FilterConfig) -> LeaderTab
     return LeaderTable(response.gain, response.push, response.trust, response.start_rate)
 
 
-def sampled(
-    table: MotionTable, position: FloatArray, direction: FloatArray, speed: FloatArray, n_samples: int, *,
-    rng: np.random.Generator,
-) -> Cloud:  # fmt: skip
-    """Particles, (v, n_samples), that follow manoeuvres which fit their states: (v, n_samples, ...), or one for all."""
-    shape = len(speed), n_samples
-    position, direction, speed = (
-        np.array(np.broadcast_to(state, (*shape, *state.shape[2:]))) for state in (position, direction, speed)
-    )
+def sampled(table: MotionTable, belief: Particles, n_samples: int, *, rng: np.random.Generator) -> Cloud:
+    """Samples (1, n_samples) of one vehicle's belief, that follow manoeuvres which fit them.
+
+    They go on by the manoeuvre and the push that the filter found for them; those of no place look at the map anew.
+    """
+    share, shape = belief.weight / belief.weight.sum(), (1, n_samples)
+    row = rng.choice(len(belief), n_samples, p=share) if len(belief) > 1 else np.zeros(n_samples, np.int64)
+    drawn = belief[row]
     cell, manoeuvre = np.empty((2, *shape), np.int64)
     cloud = Cloud(
-        position, direction, speed, cell=cell, manoeuvre=manoeuvre, push=np.empty(shape),
-        weight=np.full(shape, 1.0 / n_samples), state=rng.integers(2**64, size=(len(speed), 4), dtype=np.uint64),
-        since_s=np.zeros(len(speed)),
+        drawn.position[None], drawn.direction[None], drawn.speed[None], cell=cell, manoeuvre=manoeuvre,
+        push=np.empty(shape), weight=np.full(shape, 1.0 / n_samples),
+        state=rng.integers(2**64, size=(1, 4), dtype=np.uint64), since_s=np.zeros(1),
     )  # fmt: skip
-    _kernels.initialise_motion(table, cloud, np.arange(len(speed)))
-    return cloud
-
-
-def sampled_belief(table: MotionTable, belief: Particles, n_samples: int, *, rng: np.random.Generator) -> Cloud:
-    """Samples of one vehicle's belief.
-
-    Samples go on by the manoeuvre and the push that the filter found for them; those of no place look at the map anew.
-    """
-    chosen = belief[rng.choice(len(belief), n_samples, p=belief.weight / belief.weight.sum())]
-    cloud = sampled(table, chosen.position[None], chosen.direction[None], chosen.speed[None], n_samples, rng=rng)
-    placed = (chosen.manoeuvre >= 0) & (chosen.manoeuvre < table.begin[-1])
-    cloud.manoeuvre[0, placed], cloud.push[0, placed] = chosen.manoeuvre[placed], chosen.push[placed]
+    _kernels.initialise_motion(table, cloud, np.arange(1))
+    placed = (drawn.manoeuvre >= 0) & (drawn.manoeuvre < table.begin[-1])
+    cloud.manoeuvre[0, placed], cloud.push[0, placed] = drawn.manoeuvre[placed], drawn.push[placed]
     return cloud
 
 
@@ -173,9 +163,6 @@ class Forecasts:
         start: (n, 2) metres, where the vehicles were then.
         paths: (n, n_samples, n_steps, 2) metres.
         regions: of each vehicle one for each of `REGION_SHARES`: it contains that share of rollouts at every instant.
-
-    Raises:
-        ValueError: shapes that do not fit, or a number that is not finite.
     """
 
     time_ns: int
@@ -185,8 +172,6 @@ class Forecasts:
     regions: Sequence[Sequence[Region]] = field(init=False)
 
     def __post_init__(self) -> None:
-        as_floats("start", self.start, f"{len(self.track_id)} 2")
-        as_floats("paths", self.paths, f"{len(self.track_id)} samples steps 2")
         regions = [highest_density_regions(few, REGION_SHARES) for few in self.coarse_paths()]
         object.__setattr__(self, "regions", regions)
 
@@ -246,19 +231,15 @@ class Forecaster:
             sink.write_forecast(made)
 
     def paths(self, frame: TrackedFrame) -> FloatArray:
-        """Rollouts of the frame's vehicles, (n, n_samples, n_steps, 2) metres: from their particles if it has them."""
+        """Rollouts of the frame's vehicles from their particles, (n, n_samples, n_steps, 2) metres."""
         particles = frame.particles.thinned(1)
-        clouds = [self._of_vehicle(frame, particles, row) for row in range(len(frame.estimates))]
+        seeds = [int(birth_key(self._seed, name, frame.time_ns)) for name in frame.names]
+        clouds = [
+            sampled(self._table, particles.of(row), self._n_samples, rng=np.random.default_rng(seed))
+            for row, seed in enumerate(seeds)
+        ]
         path = np.empty((len(clouds), self._n_samples, self._dt_s.size, 2))
         for group in np.unique(frame.group):
             own = np.flatnonzero(frame.group == group)
             path[own] = projected(self._table, [clouds[row] for row in own], self._dt_s, self._response)
         return path
-
-    def _of_vehicle(self, frame: TrackedFrame, particles: Particles, row: int) -> Cloud:
-        estimates = frame.estimates
-        rng = np.random.default_rng(int(birth_key(self._seed, frame.names[row], frame.time_ns)))
-        if len(particles):
-            return sampled_belief(self._table, particles.of(row), self._n_samples, rng=rng)
-        mean = estimates.position[[[row]]], estimates.direction[[[row]]], estimates.speed[[[row]]]
-        return sampled(self._table, *mean, self._n_samples, rng=rng)

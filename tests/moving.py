@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dirprim_filter import estimates
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.distributions import _random as random
@@ -134,9 +135,15 @@ def moved(
     return particles
 
 
+def state_of(place, direction, speed):
+    """A belief that is sure."""
+    sure = {"weight": np.ones(1), "vehicle": np.zeros(1, np.int64)}
+    return estimates.Particles(position=np.array([place]), direction=np.array([direction]), speed=[speed], **sure)
+
+
 def rollouts(primitive_map, position, direction, speed, *, time_s, n_samples, interaction="none", seed):
     """Samples of where vehicles (n,) are at times (n_times,) ahead, all in one scene: (n, n_samples, n_times, 2)."""
-    table, config = motion_table(primitive_map), FilterConfig(interaction=interaction)
-    states = (np.asarray(of, np.float64)[:, None] for of in (position, direction, speed))
-    cloud = sampled(table, *states, n_samples, rng=np.random.default_rng(seed))
-    return projected(table, [cloud], np.diff(time_s, prepend=0.0), leader_table(primitive_map, config))
+    table, config, rng = motion_table(primitive_map), FilterConfig(interaction=interaction), np.random.default_rng(seed)
+    states = map(state_of, position, direction, speed)
+    clouds = [sampled(table, state, n_samples, rng=rng) for state in states]
+    return projected(table, clouds, np.diff(time_s, prepend=0.0), leader_table(primitive_map, config))

@@ -64,7 +64,7 @@ def test_every_mechanism_can_be_off_and_vehicles_are_tracked_nonetheless(ring_ma
         (FilterConfig, {"step_s": 1e-300}, "step_s: expected at least 0.001 s, got 1e-300"),
         (FilterConfig, {"interaction": "all"}, "interaction: expected 'none' or 'leader', got 'all'"),
         *(
-            (LearningConfig, {name: numbers}, f"{name}: expected positive numbers")
+            (LearningConfig, {name: numbers}, f"{name}: expected a positive number")
             for name in SERIES
             for numbers in ((), (3.0, 0.0), (-1.0,), (3.0, np.nan))
         ),

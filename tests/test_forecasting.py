@@ -10,7 +10,7 @@ from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Particles, TrackedFrame
 from dirprim_filter.filtering import Tracker
-from dirprim_filter.forecasting import Forecaster, projected, sampled_belief
+from dirprim_filter.forecasting import Forecaster, projected, sampled
 from dirprim_filter.primitives.motion_table import motion_table
 from dirprim_filter.replay import replay
 from situations import TRUSTING, estimates_of, one_cell_map
@@ -98,7 +98,7 @@ def test_a_belief_goes_on_by_the_manoeuvres_that_the_filter_found(ring_map):
             position=np.tile(state[0], (n, 1)), direction=np.full(n, state[1]), speed=np.full(n, state[2]),
             weight=np.full(n, 1 / n), vehicle=np.zeros(n, np.int64), **found,
         )  # fmt: skip
-        paths = projected(table, [sampled_belief(table, belief, n, rng=np.random.default_rng(0))], dt_s)[0]
+        paths = projected(table, [sampled(table, belief, n, rng=np.random.default_rng(0))], dt_s)[0]
         return float(np.linalg.norm(paths[:, -1] - state[0], axis=1).mean())
 
     hard = {"manoeuvre": np.full(n, slowest), "push": np.full(n, -20.0)}
@@ -120,5 +120,3 @@ def test_a_belief_of_two_minds_has_rollouts_of_both_as_often_as_it_believes(ring
     first = forecaster.paths(frame)[0, :, 0]
     assert (np.abs(np.abs(first[:, 0]) - 20.0) < 4.0).all()
     assert (first[:, 0] > 0).mean() == pytest.approx(0.8, abs=4 * np.sqrt(0.16 / 1000))
-    of_mean = forecaster.paths(replace(frame, particles=Particles.none()))[0, :, 0]
-    assert (np.abs(of_mean[:, 0]) < 10.0).all()  # without particles from the mean, where there is no road

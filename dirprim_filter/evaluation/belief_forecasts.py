@@ -18,7 +18,7 @@ from dirprim_filter.evaluation.forecast_cases import Cases, mean_log_energy, usu
 from dirprim_filter.evaluation.settings import Axis, Choice, choose
 from dirprim_filter.filtering.particle_filter import ParticleFilter
 from dirprim_filter.filtering.roster import GAP_INTERVALS
-from dirprim_filter.forecasting import leader_table, projected, sampled_belief
+from dirprim_filter.forecasting import leader_table, projected, sampled
 from dirprim_filter.instants import LONGEST_UNSEEN_S
 from dirprim_filter.primitives._leader import ALONE
 from dirprim_filter.primitives.motion_table import motion_table
@@ -92,7 +92,7 @@ def forecast_beliefs(
             continue
         scene = np.union1d(around, begun) if leaders else own[asked]
         samples = beliefs.particles(scene).thinned(1)
-        clouds = [sampled_belief(table, samples.of(i), n_samples, rng=rng) for i in range(scene.size)]
+        clouds = [sampled(table, samples.of(i), n_samples, rng=rng) for i in range(scene.size)]
         paths = projected(table, clouds, dt_s, response)
         place = np.zeros(n_slots, np.int64)
         place[scene] = np.arange(scene.size)

@@ -60,9 +60,7 @@ def test_order_does_not_matter():
     place, speed = np.array([100.0, 60.0, 20.0, 140.0]), np.array([4.0, 10.0, 12.0, 9.0])
     dt_s, order = np.full(6, 0.5), np.array([2, 0, 3, 1])
     alone = [
-        sampled(
-            table, np.array([[[x, 10.0]]]), np.zeros((1, 1)), np.array([[v]]), 50, rng=np.random.default_rng(int(x))
-        )
+        sampled(table, moving.state_of((x, 10.0), 0.0, v), 50, rng=np.random.default_rng(int(x)))
         for x, v in zip(place, speed, strict=True)
     ]
     found = projected(table, alone, dt_s, response)
