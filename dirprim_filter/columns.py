@@ -24,22 +24,23 @@ NAMES = {
 
 def required(*shape: int, checked: bool = False) -> Any:
     """A field of finite numbers, (n, *shape); may be `checked` by its name, see `CHECKS`."""
-    symbols = " ".join(map(str, ("n", *shape)))
+    symbols = " ".join(("n", *map(str, shape)))
     return _column(lambda name, value, _: as_floats(name, value, symbols), shape, checked=checked)
 
 
 def optional(*shape: int, missing: float = np.nan, checked: bool = False) -> Any:
     """A field of finite numbers, (n, *shape), NaN where unknown; left out, `missing` in all rows."""
+    symbols = ", ".join(("n", *map(str, shape)))
 
     def convert(name: str, value: npt.ArrayLike, n: int) -> FloatArray:
-        column, left_out = np.asarray(value, dtype=np.float64), np.broadcast_to(missing, (n, *shape))
+        column = np.asarray(value, dtype=np.float64)
         if column.shape[:1] == (0,):
-            return left_out
-        if column.shape != left_out.shape:
-            raise ValueError(f"{name}: expected shape {left_out.shape}, got {column.shape}")
+            return np.broadcast_to(missing, (n, *shape))
+        if column.shape[1:] != shape:
+            raise ValueError(f"{name}: expected shape ({symbols}), got {column.shape}")
         if (wrong := ~np.isfinite(column) if np.isfinite(missing) else np.isinf(column)).any():
             raise ValueError(f"{name}: expected finite numbers, or NaN where unknown, got {column[wrong][0]}")
-        return left_out if np.isnan(column).all() else column  # which takes no memory
+        return column if is_held(column) else np.broadcast_to(np.nan, column.shape)  # which takes no memory
 
     return _column(convert, shape, checked=checked, left_out=missing)
 

@@ -20,25 +20,6 @@ def test_frames_ascend_in_time_and_hold_every_row_once_in_its_order():
     assert list(Detections.none().frames()) == []
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"position": [[0.0, np.nan]]}, r"position: expected finite numbers, got nan at \(0, 1\)"),
-        ({"position": [0.0, 1.0]}, r"position: expected shape \(n, 2\)"),
-        ({"direction": [90.0]}, r"direction: expected radians, at most a turn .*, got 90.0 in row 0"),
-        ({"direction": [np.inf]}, "direction: expected finite numbers, or NaN"),
-        ({"speed": [-1.0]}, "speed: expected at least 0 m/s, got -1.0"),
-        ({"covariance": np.zeros((1, 2, 2))}, "covariance: expected symmetric positive definite"),
-        ({"cue": [[1.0, -2.0]]}, r"cue: expected a concentration of at least 0, got \[1.0, -2.0\] in row 0"),
-        ({"time_ns": [0.5]}, "time_ns: expected whole numbers"),
-        ({"track_id": ["a", "b"]}, "columns: expected one length n"),
-    ],
-)
-def test_bad_columns_are_refused_by_name(change, message):
-    with pytest.raises(ValueError, match=message):
-        Detections(**{"track_id": ["a"], "time_ns": [0], "position": [[0.0, 0.0]]} | change)
-
-
 def test_the_instant_of_a_frame_follows_the_log_and_nothing_else_is_one():
     frame = Detections(track_id=["a", "b"], time_ns=[5, 5], position=np.zeros((2, 2)))
     assert frame.instant(after_ns=NO_TIME) == 5
