@@ -77,7 +77,7 @@ def refine(
     frames: list[TrackedFrame] = []
 
     def smooth(seen: Detections, *, joins_labelled: bool) -> list[tuple[str, str]]:
-        smoother = Smoother(max_gap_s=config.max_gap_s, sinks=[frames.append], joins_labelled=joins_labelled)
+        smoother = Smoother(sinks=[frames.append], joins_labelled=joins_labelled)
         tracker = GroupTracker(lambda group: smoother.tracker(
             group, primitive_map, config=config, tracking=tracking, sensor=sensor, rng=rng()
         ))  # fmt: skip

@@ -145,7 +145,7 @@ def track(
     )  # fmt: skip
     sensing, filtering, association = _configured(sensing, settings, filtering, association)
     watched, coverage, lost = bool(save or spawn or connect), Coverage(primitive_map), Losses()
-    smoother = Smoother(max_gap_s=filtering.max_gap_s, lag_s=lag) if smooth or lag is not None else None
+    smoother = Smoother(lag_s=lag) if smooth or lag is not None else None
     said = provenance(
         "track", inputs=[map_file] if is_live else [log, map_file], config=filtering, seed=seed,
         without_map=own.without_map, no_ids=no_ids, motion=own.motion, smooth=smooth, lag_s=lag,

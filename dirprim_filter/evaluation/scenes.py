@@ -121,7 +121,7 @@ def followed(
     result = Followed([], [])
     for scene in scenes:
         found, later = EstimateList(), EstimateList()
-        smoother = Smoother(max_gap_s=experiment.filter.max_gap_s, sinks=[later.write])
+        smoother = Smoother(sinks=[later.write])
         sinks: list[EstimateSink] = [found, smoother] if smooth else [found]
         tracker = (partial(smoother.tracker, 0) if smooth else Tracker)(
             make(), config=experiment.filter, tracking=scene.tracking,

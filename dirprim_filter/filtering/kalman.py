@@ -114,10 +114,10 @@ class ConstantVelocityKalman:
         left = kept @ covariance @ kept.swapaxes(-1, -2) + gain @ noise @ gain.swapaxes(-1, -2)
         self.covariance[slot] = _symmetric(left)
 
-    def sibling(self, key: AnyArray, mean: FloatArray, covariance: FloatArray) -> Self:
-        """One of the same model, of these Gaussians. (v,) not looked at, (v, 4), (v, 4, 4)."""
+    def sibling(self, key: int, mean: FloatArray, covariance: FloatArray) -> Self:
+        """One of the same model, with this belief; the key is not looked at."""
         other = copy(self)
-        other.mean, other.covariance = mean.copy(), covariance.copy()
+        other.mean, other.covariance = mean[None].copy(), covariance[None].copy()
         return other
 
     def states(self, slot: IntArray) -> States:
@@ -127,12 +127,10 @@ class ConstantVelocityKalman:
         sample = np.column_stack([mean, np.zeros(slot.size), np.cos(direction), np.sin(direction)])
         return States(sample[..., None], np.ones((slot.size, 1)), self.covariance[slot])
 
-    def joint(
-        self, then: States, now: States, *, row: IntArray, vehicle: IntArray, dt_s: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
+    def joint(self, then: States, now: States, *, vehicle: IntArray, dt_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """As `Smoothable.joint`: the covariance with what is dt_s later is P F(dt_s)^T."""
-        mean = np.hstack([then.sample[row, :, 0], now.sample[vehicle, :, 0]])
-        p, later = then.covariance[row], now.covariance[vehicle]
+        mean = np.hstack([then.sample[..., 0], now.sample[vehicle, :, 0]])
+        p, later = then.covariance, now.covariance[vehicle]
         shared = p @ self.transition(dt_s).swapaxes(1, 2)
         p, shared, later = (np.pad(block, ((0, 0), (0, 1), (0, 1))) for block in (p, shared, later))
         return mean, np.block([[p, shared], [shared.swapaxes(1, 2), later]])

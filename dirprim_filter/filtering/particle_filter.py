@@ -76,19 +76,15 @@ class ParticleFilter(ParticleBelief):
         )  # fmt: skip
         self._split(_kernels.initialise_motion, (self._table, self.cloud), (slot,), (), each_ns=100.0)
 
-    def sibling(self, key: AnyArray, mean: FloatArray, covariance: FloatArray) -> Self:
-        """One that moves by the same map, of Gaussians of x, y and their rates. (v,) uint64, (v, 4), (v, 4, 4)."""
-        other, slot = copy(self), np.arange(len(mean))
+    def sibling(self, key: int, mean: FloatArray, covariance: FloatArray) -> Self:
+        """One that moves by the same map, with one belief: a Gaussian of x, y and their rates. Key, (4,), (4, 4)."""
+        other, rng = copy(self), np.random.default_rng(key)
         ParticleBelief.__init__(other, n_particles=self.n_particles, mode_of=self.mode_of)
-        other.reserve(slot.size)
-        cloud = other.cloud
-        for s, (seed, m, p) in enumerate(zip(key, mean, covariance, strict=True)):
-            rng = np.random.default_rng(seed)
-            drawn = rng.multivariate_normal(m, p, self.n_particles, method="eigh")
-            cloud.position[s], velocity = drawn[:, :2], drawn[:, 2:]
-            cloud.direction[s], cloud.speed[s] = np.arctan2(velocity[:, 1], velocity[:, 0]), np.hypot(*velocity.T)
-            cloud.state[s] = rng.integers(2**64, size=4, dtype=np.uint64)
-        self._split(_kernels.initialise_motion, (self._table, cloud), (slot,), (), each_ns=100.0)
+        drawn, cloud = rng.multivariate_normal(mean, covariance, self.n_particles, method="eigh"), other.cloud
+        cloud.position[0], velocity = drawn[:, :2], drawn[:, 2:]
+        cloud.direction[0], cloud.speed[0] = np.arctan2(velocity[:, 1], velocity[:, 0]), np.hypot(*velocity.T)
+        cloud.state[0] = rng.integers(2**64, size=4, dtype=np.uint64)
+        _kernels.initialise_motion(self._table, cloud, np.zeros(1, np.int64))
         return other
 
     def states(self, slot: IntArray) -> States:
@@ -97,14 +93,12 @@ class ParticleFilter(ParticleBelief):
         self._split(smoothing.columns_of, (self.cloud, self._table.row), (slot, sample), (), each_ns=12.0)
         return States(sample, self.cloud.weight[slot], np.zeros((slot.size, 4, 4)))
 
-    def joint(
-        self, then: States, now: States, *, row: IntArray, vehicle: IntArray, dt_s: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
+    def joint(self, then: States, now: States, *, vehicle: IntArray, dt_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """As `Smoothable.joint`: those of one belief at two times are the same ones, moved on, whatever the time."""
-        mean = np.empty((row.size, 2 * smoothing.N_COLUMNS))
-        covariance = np.empty((row.size, 2 * smoothing.N_STATES, 2 * smoothing.N_STATES))
-        samples = now.weight, then.sample, now.sample
-        self._split(smoothing.joint_moments, samples, (row, vehicle, mean, covariance), (), each_ns=40.0)
+        mean = np.empty((vehicle.size, 2 * smoothing.N_COLUMNS))
+        covariance = np.empty((vehicle.size, 2 * smoothing.N_STATES, 2 * smoothing.N_STATES))
+        pairs = vehicle, then.sample, mean, covariance
+        self._split(smoothing.joint_moments, (now.weight, now.sample), pairs, (), each_ns=40.0)
         return mean, covariance
 
     def predict(self, slot: IntArray, dt_s: FloatArray) -> None:

@@ -126,24 +126,21 @@ class States(NamedTuple):
 class Smoothable(BayesFilter, Protocol):
     """A filter that knows how beliefs at one time follow from those at another, as a smoother asks."""
 
-    def sibling(self, key: AnyArray, mean: FloatArray, covariance: FloatArray) -> Self:
-        """One of the same models, of Gaussians of x, y and their rates: (v,) uint64, (v, 4), (v, 4, 4)."""
+    def sibling(self, key: int, mean: FloatArray, covariance: FloatArray) -> Self:
+        """One of the same models, with one belief: a Gaussian (4,), (4, 4) of x, y and their rates, of a uint64 key."""
         ...
 
     def states(self, slot: IntArray) -> States:
         """Beliefs as they are, to be given back when they have moved on."""
         ...
 
-    def joint(
-        self, then: States, now: States, *, row: IntArray, vehicle: IntArray, dt_s: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
+    def joint(self, then: States, now: States, *, vehicle: IntArray, dt_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(k, 14), (k, 10, 10) means of all that samples have, and covariance of states: of earlier beside later ones.
 
         Args:
-            then: earlier beliefs.
-            now: later ones, whose weights count.
-            row: (k,) of the earlier.
-            vehicle: (k,) of the later.
+            then: k earlier beliefs.
+            now: v later ones, whose weights count.
+            vehicle: (k,) which of these each became.
             dt_s: (k,) seconds between them.
         """
         ...

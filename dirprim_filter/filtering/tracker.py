@@ -63,7 +63,6 @@ class Tracker:
             of misses, clutter and outliers replaces that of the configurations, for any filter.
             Beliefs are of the time when a detection was true, its latency ago; estimates are of the frame's own time.
         with_innovations: report innovations, to find the frame where a filter went wrong; costs some 5 % of the time.
-        recorder: keeps what a smoother needs.
         rng: one number drawn from it seeds every vehicle, together with its id.
 
     Attributes:
@@ -74,7 +73,7 @@ class Tracker:
     def __init__(
         self, model: PrimitiveMap | BayesFilter, *, config: FilterConfig | None = None,
         tracking: TrackingConfig | None = None, sensor: Sensor | None = None, with_innovations: bool = False,
-        recorder: Recorder | None = None, rng: np.random.Generator,
+        rng: np.random.Generator,
     ) -> None:  # fmt: skip
         self.config = require("config", FilterConfig() if config is None else config, FilterConfig)
         self.tracking = require("tracking", TrackingConfig() if tracking is None else tracking, TrackingConfig)
@@ -87,9 +86,7 @@ class Tracker:
         self.recoveries = 0
         self._with_innovations = with_innovations
         self._filter = bayes_filter_of(model, self.config, sensor)
-        self._recorder = recorder
-        if recorder is not None:
-            recorder.follow(self._filter)
+        self._recorder: Recorder | None = None
         self._latency_ns = 0 if sensor is None else round(sensor.latency_s * 1e9)
         self._step_ns = max(round(self.config.step_s * 1e9), 1)
         self._roster = Roster(self._filter, self.tracking, max_gap_s=self.config.max_gap_s)
@@ -99,6 +96,11 @@ class Tracker:
         self._seed = int(rng.integers(2**63))
         self._time_ns = self._scanned_ns = NO_TIME
         self._weighed: IntArray = np.empty(0, np.int64)  # slots of the last frame's hits
+
+    def record(self, group: int) -> Recorder:
+        """What keeps, from now on, what a smoother needs; `group` is of the log."""
+        self._recorder = Recorder(self._filter, group)
+        return self._recorder
 
     @property
     def longest_gap_ns(self) -> int:

@@ -187,7 +187,7 @@ def test_covariances_contain_what_the_sensor_states_of_bias_and_latency(smoothed
 
 def tracked(seen, sensor, *, smoothed):
     config, kept = FilterConfig(n_particles=100), EstimateList()
-    with Smoother(max_gap_s=config.max_gap_s, sinks=[kept.write]) as smoother:
+    with Smoother(sinks=[kept.write]) as smoother:
         tracker = smoother.tracker(
             0, ConstantVelocityKalman(acceleration_density=1.0, config=config), config=config,
             tracking=TrackingConfig(), sensor=sensor, rng=np.random.default_rng(0),

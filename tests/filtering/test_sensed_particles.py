@@ -125,7 +125,7 @@ def followed(learned, truth, seen, sensor):
     """RMSE and NEES of the filter's and the smoother's estimates."""
     filtered, smoothed = EstimateList(), []
     config = FilterConfig(n_particles=200, **({"noise_m": sensor.noise_m} if sensor else {}))
-    smoother = Smoother(max_gap_s=5.0, sinks=[lambda frame: smoothed.append(frame.estimates)])
+    smoother = Smoother(sinks=[lambda frame: smoothed.append(frame.estimates)])
     rng = np.random.default_rng(0)
     tracker = smoother.tracker(0, learned, config=config, tracking=TrackingConfig(), sensor=sensor, rng=rng)
     with smoother:

@@ -38,7 +38,7 @@ def measured(tracks, *, seed=3, hidden=()):
 def smoothed(seen, *, model=None, lag_s=None, with_ids=True, times=None, group=0, config=CONFIG, seed=0):
     """What the filter and what the smoother says of detections."""
     found, later = EstimateList(), EstimateList()
-    smoother = Smoother(max_gap_s=config.max_gap_s, lag_s=lag_s, sinks=[later.write])
+    smoother = Smoother(lag_s=lag_s, sinks=[later.write])
     model = model or ConstantVelocityKalman(acceleration_density=DENSITY, config=config)
     tracker = smoother.tracker(group, model, config=config, tracking=TrackingConfig(), rng=np.random.default_rng(seed))
     frames = {int(frame.time_ns[0]): frame if with_ids else frame.without_ids() for frame in seen.frames()}
@@ -197,7 +197,7 @@ def test_logs_longer_than_what_is_kept_are_smoothed_as_if_all_were(monkeypatch):
 def test_frames_come_in_order_each_once_and_hold_the_detections_of_their_time():
     tracks = ring_traffic(np.random.default_rng(2), n_vehicles=2, n_rows=50)
     frames = []
-    smoother = Smoother(max_gap_s=5.0, lag_s=1.0, sinks=[frames.append])
+    smoother = Smoother(lag_s=1.0, sinks=[frames.append])
     trackers = GroupTracker(
         lambda group: smoother.tracker(
             group, ConstantVelocityKalman(acceleration_density=DENSITY, config=CONFIG), config=CONFIG,
@@ -285,7 +285,7 @@ def linked(weight, then, now):
         )
         for of in (then, now)
     )
-    link = links_of(particles, [[Step(0, then, 0)]], now, np.array([10**8]))[0][0]
+    link = links_of(particles, [[Step(0, then)]], now, np.array([10**8]))[0][0]
     return link["mean"], link["mean"] + link["step"], link["gain"], link["spread"]
 
 
@@ -322,9 +322,9 @@ def test_at_a_fork_the_way_back_is_on_the_arm_that_was_taken():
 
 def test_a_filter_that_has_no_smoother_is_refused_and_so_is_a_negative_lag():
     with pytest.raises(ValueError, match="which can be smoothed, got object"):
-        Recorder().follow(object())
+        Recorder(object())
     with pytest.raises(ValueError, match="lag_s"):
-        Smoother(max_gap_s=5.0, lag_s=-1.0)
+        Smoother(lag_s=-1.0)
 
 
 def test_of_detections_that_are_smoother_than_the_map_the_sweep_back_stays_with_the_filter(ring_map):

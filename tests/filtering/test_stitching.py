@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.filtering import ConstantVelocityKalman, ParticleFilter
+from dirprim_filter.filtering.smoothing.chain import Chain
 from dirprim_filter.filtering.smoothing.links import Belief
-from dirprim_filter.filtering.smoothing.stitching import bridges_of
+from dirprim_filter.filtering.smoothing.stitching import bridge
 from filtering.test_smoothing import smoothed
 from situations import one_cell_map
 
@@ -59,21 +61,21 @@ def test_a_false_detection_long_after_the_last_is_cut_off_and_a_vehicle_seen_aga
 
 
 def test_of_constant_velocity_the_way_across_a_gap_is_exact_and_particles_agree():
-    at = Belief(0, np.array([5.0, 1.0, 8.0, 0.5, 0.0]), np.diag([0.2, 0.1, 0.3, 0.3, 0.01]), np.ones(2))
-    where = [Belief(10**9, np.array([13.0 + off, 1.5, 8.0, 0.5]), 0.1 * np.eye(4), np.ones(2)) for off in (0.0, 2.0)]
-    keys = np.array([3, 4], np.uint64)
-    kalman = ConstantVelocityKalman(acceleration_density=0.5, config=CONFIG)
-    exact = [bridge.log_density for bridge in bridges_of(kalman, keys, [at, at], where)]
+    end = Chain(Belief(0, np.array([5.0, 1.0, 8.0, 0.5, 0.0]), np.diag([0.2, 0.1, 0.3, 0.3, 0.01]), np.ones(2)))
+    starts = [Belief(10**9, np.array([13.0 + off, 1.5, 8.0, 0.5]), 0.1 * np.eye(4), np.ones(2)) for off in (0.0, 2.0)]
+
+    def bridges(of):
+        return [bridge(of, end, Chain(start), start) for start in starts]
+
     f = np.eye(4)
     f[0, 2] = f[1, 3] = 1.0
     q = np.kron([[1 / 3, 1 / 2], [1 / 2, 1.0]], 0.5 * np.eye(2))
-    p = f @ at.covariance[:4, :4] @ f.T + q + 0.1 * np.eye(4)
-    for found, off in zip(exact, (0.0, 2.0), strict=True):
-        d = np.array([off, 0.0, 0.0, 0.0])
-        assert found == pytest.approx(
-            -0.5 * (d @ np.linalg.solve(p, d) + np.linalg.slogdet(2 * np.pi * p)[1]), abs=0.05
-        )
+    p = f @ end.last.covariance[:4, :4] @ f.T + q + 0.1 * np.eye(4)
+    for (found, _), off in zip(
+        bridges(ConstantVelocityKalman(acceleration_density=0.5, config=CONFIG)), (0.0, 2.0), strict=True
+    ):
+        assert found == pytest.approx(stats.multivariate_normal(cov=p).logpdf([off, 0.0, 0.0, 0.0]), abs=0.05)
     particles = ParticleFilter(one_cell_map(mean=0.06, concentration=300.0, speed=8.0, shape=60.0), CONFIG)
-    near, far = bridges_of(particles, keys, [at, at], where)
-    assert near.log_density > far.log_density + 1.0
-    assert near.links["time_ns"].tolist() == [i * 100_000_000 for i in range(10)]
+    (near, links), (far, _) = bridges(particles)
+    assert near > far + 1.0
+    assert links["time_ns"].tolist() == [i * 100_000_000 for i in range(10)]

@@ -41,12 +41,11 @@ def columns_of(cloud: Cloud, rows: FloatArray, vehicle: IntArray, out: FloatArra
 
 @njit(cache=True, nogil=True)
 def joint_moments(
-    weight: FloatArray, then: FloatArray, now: FloatArray, row: IntArray, vehicle: IntArray, mean: FloatArray,
-    covariance: FloatArray,
-) -> None:  # fmt: skip
-    """Fills (k, 14) and (k, 10, 10) from particles `then[row]` (7, P) and the same ones `now[vehicle]`, by weight."""
-    for i in range(row.size):
-        w, columns = weight[vehicle[i]], (then[row[i]], now[vehicle[i]])
+    weight: FloatArray, now: FloatArray, vehicle: IntArray, then: FloatArray, mean: FloatArray, covariance: FloatArray
+) -> None:
+    """Fills (k, 14) and (k, 10, 10) from particles `then` (k, 7, P) and the same ones `now[vehicle]`, by weight."""
+    for i in range(vehicle.size):
+        w, columns = weight[vehicle[i]], (then[i], now[vehicle[i]])
         off, by_weight = np.empty((2 * N_STATES, w.size)), np.empty((2 * N_STATES, w.size))
         for k in range(2):
             of, first = columns[k], k * N_STATES

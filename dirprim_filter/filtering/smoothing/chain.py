@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
+from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from dirprim_filter.distributions import gaussian
 from dirprim_filter.filtering.smoothing import _kernels
 from dirprim_filter.filtering.smoothing.links import LINK, Belief, Step
@@ -91,22 +91,25 @@ class Chain:
         first_ns: time of the first measurement.
         last: the filter's belief at the last measurement.
         path: the steps since.
-        until_ns: from this time on another chain is of the vehicle; None while none is.
+        is_replaced: from its last measurement on another chain is of its vehicle.
     """
 
     def __init__(self, first: Belief) -> None:
         self.name = ""
-        self.is_labelled = self.is_joined = False
+        self.is_labelled = self.is_joined = self.is_replaced = False
         self.existence = 0.0
         self.first_ns = first.time_ns
         self.last = first
         self.path: list[Step] = []
-        self.until_ns: int | None = None
         self._spans: list[Span] = []
 
     def is_over(self, now_ns: int, gap_ns: int) -> bool:
         """Whether its vehicle, of which all is known up to a time, will not be measured again as this one."""
-        return self.until_ns is not None or now_ns - self.last.time_ns > gap_ns
+        return self.is_replaced or now_ns - self.last.time_ns > gap_ns
+
+    def reaches(self, time_ns: IntArray) -> BoolArray:
+        """(n,) whether its vehicle is estimated at these times."""
+        return (self.first_ns <= time_ns) & (time_ns < self.last.time_ns + (not self.is_replaced))
 
     def extend(self, links: AnyArray, last: Belief) -> None:
         """Add the links (m,) of the path to a new last measurement."""

@@ -46,17 +46,16 @@ class Belief(NamedTuple):
 
 
 class Step(NamedTuple):
-    """Where a vehicle was before a step: a row of the states of all who took it."""
+    """The state of a vehicle before a step."""
 
     time_ns: int
-    states: States
-    row: int
+    state: States  # of one
 
 
 def beliefs_of(bayes_filter: Smoothable, states: States, time_ns: Sequence[int]) -> list[Belief]:
     """Means and covariances of beliefs (v,) at (v,) times."""
     each = np.arange(len(time_ns))
-    mean, covariance = bayes_filter.joint(states, states, row=each, vehicle=each, dt_s=np.zeros(each.size))
+    mean, covariance = bayes_filter.joint(states, states, vehicle=each, dt_s=np.zeros(each.size))
     return [
         Belief(t, m[:N_STATES], p[:N_STATES, :N_STATES], m[N_STATES:N_COLUMNS])
         for t, m, p in zip(time_ns, mean, covariance, strict=True)
@@ -72,23 +71,20 @@ def links_of(
     P' is the covariance of `now` with what is `added` (v, 5, 5) to it, C = cov(then, now): gain = C (P' + least)^-1
     and spread = P - gain C^T - C gain^T + gain P' gain^T, a covariance whatever the gain.
     """
-    n_steps, steps = np.array([len(path) for path in paths], np.int64), [step for path in paths for step in path]
+    steps, n_steps = [step for path in paths for step in path], np.array([len(path) for path in paths], np.int64)
     vehicle, end, links = np.repeat(np.arange(len(paths)), n_steps), np.cumsum(n_steps), np.empty(len(steps), LINK)
     links["time_ns"] = [step.time_ns for step in steps]
     links["ahead"] = end[vehicle] - np.arange(len(steps))
+    then = States(*(np.concatenate(column) for column in zip(*(step.state for step in steps), strict=True)))
     dt_s = (now_ns[vehicle] - links["time_ns"]) * 1e-9
-    row, kept = np.array([step.row for step in steps], np.int64), np.array([id(step.states) for step in steps])
-    for i in np.unique(kept, return_index=True)[1].tolist():
-        at = np.flatnonzero(kept == kept[i])
-        mean, both = bayes_filter.joint(steps[i].states, now, row=row[at], vehicle=vehicle[at], dt_s=dt_s[at])
-        p, c, later = both[:, :N_STATES, :N_STATES], both[:, :N_STATES, N_STATES:], both[:, N_STATES:, N_STATES:]
-        later = later if added is None else later + added[vehicle[at]]
-        gain = np.linalg.solve(later + LEAST_VARIANCE, c.swapaxes(1, 2)).swapaxes(1, 2)
-        shared = gain @ c.swapaxes(1, 2)
-        links["mean"][at] = mean[:, :N_STATES]
-        links["step"][at] = mean[:, N_COLUMNS : N_COLUMNS + N_STATES] - mean[:, :N_STATES]
-        links["course"][at], links["gain"][at] = mean[:, N_STATES:N_COLUMNS], gain
-        links["spread"][at] = p - shared - shared.swapaxes(1, 2) + gain @ later @ gain.swapaxes(1, 2)
+    mean, both = bayes_filter.joint(then, now, vehicle=vehicle, dt_s=dt_s)
+    p, c, later = both[:, :N_STATES, :N_STATES], both[:, :N_STATES, N_STATES:], both[:, N_STATES:, N_STATES:]
+    later = later if added is None else later + added[vehicle]
+    gain = np.linalg.solve(later + LEAST_VARIANCE, c.swapaxes(1, 2)).swapaxes(1, 2)
+    shared = gain @ c.swapaxes(1, 2)
+    links["mean"], links["course"] = mean[:, :N_STATES], mean[:, N_STATES:N_COLUMNS]
+    links["step"] = mean[:, N_COLUMNS : N_COLUMNS + N_STATES] - mean[:, :N_STATES]
+    links["gain"], links["spread"] = gain, p - shared - shared.swapaxes(1, 2) + gain @ later @ gain.swapaxes(1, 2)
     return np.split(links, end)[:-1]
 
 

@@ -9,8 +9,7 @@ import numpy as np
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates
-from dirprim_filter.filtering.protocols import BayesFilter, Evidence, Smoothable
-from dirprim_filter.filtering.smoothing._kernels import N_STATES
+from dirprim_filter.filtering.protocols import BayesFilter, Evidence, Smoothable, States
 from dirprim_filter.filtering.smoothing.chain import Chain
 from dirprim_filter.filtering.smoothing.links import Belief, Step, beliefs_of, links_of, tempered
 from dirprim_filter.track_ids import qualified_names
@@ -23,34 +22,29 @@ class Recorder:
     """Keeps a `Chain` of each belief of a tracker's filter; whoever has used one drops it.
 
     Args:
+        bayes_filter: that holds the beliefs.
         group: of the log.
 
     Attributes:
-        filter: that holds the beliefs.
+        filter: as given.
         chains: all that were begun, in their order, whether they ended or not.
         frames_ns: times of the frames that are not smoothed yet, ascending.
+
+    Raises:
+        ValueError: the filter has no smoother.
     """
 
-    filter: Smoothable
-
-    def __init__(self, group: int = 0) -> None:
-        self._group = group
-        self.chains: list[Chain] = []
-        self.frames_ns: list[int] = []
-        self._chain: dict[int, Chain] = {}  # of each slot
-
-    def follow(self, bayes_filter: BayesFilter) -> None:
-        """Keep the beliefs of this filter.
-
-        Raises:
-            ValueError: it has no smoother.
-        """
+    def __init__(self, bayes_filter: BayesFilter, group: int = 0) -> None:
         if not isinstance(bayes_filter, Smoothable):
             name = type(bayes_filter).__name__
             raise ValueError(  # noqa: TRY004  (of a filter it is one that cannot do this)
                 f"filter: expected one on a map or of constant velocity, which can be smoothed, got {name}"
             )
-        self.filter = bayes_filter
+        self.filter: Smoothable = bayes_filter
+        self._group = group
+        self.chains: list[Chain] = []
+        self.frames_ns: list[int] = []
+        self._chain: dict[int, Chain] = {}  # of each slot
 
     def begun(self, slot: IntArray, time_ns: int) -> None:
         """Beliefs were initialised: a chain of each begins.
@@ -64,23 +58,22 @@ class Recorder:
                 if former.may_be_at(belief):
                     former.correct(belief)
                     continue
-                former.until_ns = time_ns
+                former.is_replaced = True
             self._chain[s] = Chain(belief)
             self.chains.append(self._chain[s])
 
     def moves(self, slot: IntArray, time_ns: IntArray) -> None:
         """Beliefs are about to be predicted from these times (v,); copies of them have no chain."""
-        known = np.array([s in self._chain for s in slot.tolist()], np.bool_)
-        slot, time_ns = slot[known], time_ns[known]
-        chains = [self._chain[s] for s in slot.tolist()]
-        is_waiting = np.array([bool(chain.path) for chain in chains], np.bool_)
-        for of in (np.flatnonzero(~is_waiting), np.flatnonzero(is_waiting)):
-            states = self.filter.states(slot[of])  # which are kept while any vehicle of them is not measured
-            for row, i in enumerate(of.tolist()):
-                chains[i].path.append(Step(int(time_ns[i]), states, row))
+        known = [(i, chain) for i, s in enumerate(slot.tolist()) if (chain := self._chain.get(s))]
+        states = self.filter.states(slot[[i for i, _ in known]])
+        for row, (i, chain) in enumerate(known):
+            state = States(*(column[row : row + 1].copy() for column in states))
+            chain.path.append(Step(int(time_ns[i]), state))
 
     def weigh(self, slot: IntArray, measured: Detections, time_ns: int) -> Evidence:
         """Have the filter weigh beliefs, and link them to what they were at their last measurement and since."""
+        if slot.size == 0:
+            return self.filter.weigh(slot, measured)
         expected = self.filter.states(slot)
         evidence = self.filter.weigh(slot, measured)
         found = self.filter.states(slot)
@@ -116,5 +109,5 @@ def _wider(beliefs: Sequence[Belief], expected: Sequence[Belief]) -> FloatArray:
     backwards it drives them apart.
     """
     more = np.array([one.covariance - other.covariance for one, other in zip(beliefs, expected, strict=True)])
-    size, axes = np.linalg.eigh(more.reshape(-1, N_STATES, N_STATES))
+    size, axes = np.linalg.eigh(more)
     return np.asarray((axes * np.maximum(size, 0.0)[:, None]) @ axes.swapaxes(1, 2))

@@ -6,6 +6,7 @@ log, and memory does not grow with its length.
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -14,7 +15,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from dirprim_filter.arrays import FloatArray, IntArray
+from dirprim_filter.arrays import FloatArray
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.filtering.measurements import with_unseen_errors
 from dirprim_filter.filtering.protocols import BayesFilter
@@ -39,7 +40,6 @@ class Smoother:
     then from its first measurement too.
 
     Args:
-        max_gap_s: seconds without a measurement after which a belief ends.
         lag_s: seconds by which frames are late, at least 0. Left out: as long as anything can be learned.
         sinks: take the smoothed frames, in order of time.
         joins_labelled: tracks whose ids were given are pieces that may be joined too.
@@ -53,37 +53,38 @@ class Smoother:
     """
 
     def __init__(
-        self, *, max_gap_s: float, lag_s: float | None = None, sinks: Sequence[Callable[[TrackedFrame], None]] = (),
+        self, *, lag_s: float | None = None, sinks: Sequence[Callable[[TrackedFrame], None]] = (),
         joins_labelled: bool = False,
     ) -> None:  # fmt: skip
         if lag_s is not None and not 0 <= lag_s < np.inf:
             raise ValueError(f"lag_s: expected a finite number of seconds, at least 0, got {lag_s}")
         self.sinks = list(sinks)
         self.joined: list[tuple[str, str]] = []
-        self._joins_labelled = joins_labelled
-        self._least_gap_ns = int(max_gap_s * 1e9)
-        whole_ns = int((WHOLE_S + max_gap_s) * 1e9)
-        self._lag_ns, self._every_ns = (whole_ns, whole_ns) if lag_s is None else (int(lag_s * 1e9), 0)
+        self._joins_labelled, self._lag_s = joins_labelled, lag_s
         self._frames: deque[TrackedFrame] = deque()
-        self._trackers: list[Tracker] = []
-        self._recorders: list[Recorder] = []
+        self._recorded: list[tuple[Tracker, Recorder]] = []
 
     @property
     def _gap_ns(self) -> int:
-        return max([self._least_gap_ns, *(tracker.longest_gap_ns for tracker in self._trackers)])
+        return max(tracker.longest_gap_ns for tracker, _ in self._recorded)
 
     def tracker(self, group: int, model: PrimitiveMap | BayesFilter, **options: Any) -> Tracker:
-        """A tracker of a group, to be followed by this smoother; options as of a `Tracker`."""
-        self._recorders.append(Recorder(group))
-        self._trackers.append(Tracker(model, recorder=self._recorders[-1], **options))
-        return self._trackers[-1]
+        """A tracker of a group, to be followed by this smoother; options and errors as of a `Tracker`.
+
+        Raises:
+            ValueError: a filter that has no smoother.
+        """
+        tracker = Tracker(model, **options)
+        self._recorded.append((tracker, tracker.record(group)))
+        return tracker
 
     def write(self, frame: TrackedFrame) -> None:
         """Take a frame of the filter, and pass on what by now can be smoothed."""
         self._frames.append(replace(frame, particles=Particles.none(), innovations=None))
-        final_ns = frame.time_ns - self._lag_ns
-        if final_ns >= self._frames[0].time_ns + self._every_ns:
-            self._pass_on(final_ns, now_ns=frame.time_ns)
+        lag_ns = int(WHOLE_S * 1e9) + self._gap_ns if self._lag_s is None else int(self._lag_s * 1e9)
+        every_ns = lag_ns if self._lag_s is None else 0
+        if frame.time_ns - lag_ns >= self._frames[0].time_ns + every_ns:
+            self._pass_on(frame.time_ns - lag_ns, now_ns=frame.time_ns)
 
     def __enter__(self) -> Self:
         return self
@@ -99,28 +100,24 @@ class Smoother:
         parts: list[Estimates] = []
         open_names = set()
         gap_ns = self._gap_ns
-        for tracker, recorder in zip(self._trackers, self._recorders, strict=True):
-            if self._every_ns:
+        for tracker, recorder in self._recorded:
+            if self._lag_s is None:
                 self.joined += stitch(
                     recorder, tracker, before_ns=final_ns + gap_ns, gap_ns=gap_ns, now_ns=now_ns,
                     joins_labelled=self._joins_labelled,
                 )  # fmt: skip
-            frames_ns = np.array(recorder.frames_ns, np.int64)
-            recorder.frames_ns = [t for t in recorder.frames_ns if t > final_ns]
+            n_final = bisect_right(recorder.frames_ns, final_ns)
+            frames_ns = np.array(recorder.frames_ns[:n_final], np.int64)
+            del recorder.frames_ns[:n_final]
             chains: list[tuple[Chain, Smoothed]] = []
-            kept = []
             for chain in recorder.chains:
-                is_over = chain.is_over(now_ns, gap_ns)
-                if chain.name:
-                    times = _reached(chain, frames_ns[: np.searchsorted(frames_ns, final_ns, side="right")])
-                    if times.size:
-                        chains.append((chain, chain.smoothed().at(times)))
-                    if not is_over:
-                        open_names.add(chain.name)
+                times = frames_ns[chain.reaches(frames_ns)]
+                if chain.name and times.size:
+                    chains.append((chain, chain.smoothed().at(times)))
+                if chain.name and not chain.is_over(now_ns, gap_ns):
+                    open_names.add(chain.name)
                 chain.forget(before_ns=final_ns)
-                if not (is_over and chain.last.time_ns + gap_ns <= final_ns):
-                    kept.append(chain)
-            recorder.chains = kept
+            recorder.chains = [chain for chain in recorder.chains if chain.last.time_ns + gap_ns >= final_ns]
             parts.append(with_unseen_errors(_estimates(chains), tracker.sensor))
         smoothed = Estimates.concatenate(parts)
         smoothed = smoothed[np.argsort(smoothed.time_ns, kind="stable")]
@@ -133,13 +130,6 @@ class Smoother:
             estimates = Estimates.concatenate([rows, frame.estimates[late]]) if late.any() else rows
             for sink in self.sinks:
                 sink(replace(frame, estimates=estimates, group=np.empty(0, np.int64)))
-
-
-def _reached(chain: Chain, frames_ns: IntArray) -> IntArray:
-    """Those of the times that the chain reaches."""
-    last_ns = chain.last.time_ns if chain.until_ns is None else min(chain.last.time_ns, chain.until_ns - 1)
-    first, end = np.searchsorted(frames_ns, [chain.first_ns, last_ns + 1])
-    return frames_ns[first:end]
 
 
 def _estimates(chains: list[tuple[Chain, Smoothed]]) -> Estimates:

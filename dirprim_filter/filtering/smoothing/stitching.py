@@ -10,8 +10,9 @@ Source: Zhang, Li and Nevatia, Global Data Association for Multi-Object Tracking
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from itertools import pairwise
 
 import numpy as np
 
@@ -19,10 +20,10 @@ from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.config import TrackingConfig
 from dirprim_filter.distributions import gaussian
 from dirprim_filter.filtering import existence
-from dirprim_filter.filtering.association import Pairs, best_pairs
+from dirprim_filter.filtering.association import best_pairs
 from dirprim_filter.filtering.belief import birth_key
 from dirprim_filter.filtering.measurements import FASTEST
-from dirprim_filter.filtering.protocols import Smoothable, States
+from dirprim_filter.filtering.protocols import Smoothable
 from dirprim_filter.filtering.smoothing.chain import MOVES, Chain, may_be_off
 from dirprim_filter.filtering.smoothing.links import Belief, Step, links_of, tempered
 from dirprim_filter.filtering.smoothing.recorder import Recorder
@@ -31,19 +32,10 @@ from dirprim_filter.filtering.tracker import Tracker
 SURE = 0.99
 """Probability of existence that an unlabelled track has had, of a vehicle: of all candidates of a whole log a few look
 confirmed for a moment."""
-AT_ONCE = 64
-"""Pairs, whose particles are held at the same time."""
 STEP_S = 0.1
 """Of a path across a gap that no filter went."""
 BANDWIDTH = 0.1
 """Share of the samples' covariance, times P^(-1/4), by which their density is smoothed: it may have several modes."""
-
-
-class Bridge(NamedTuple):
-    """A path from the end of one chain to the beginning of another."""
-
-    log_density: float  # of the place and velocity at its end, given the beginning, per m^2 (m/s)^2
-    links: AnyArray  # (m,) of the path
 
 
 def stitch(
@@ -78,69 +70,44 @@ def stitch(
             chains.append(chain)
     starts = [chain.smoothed().first() for chain in chains]
     pairs = _candidates(chains, starts, before_ns=before_ns, gap_ns=gap_ns)
-    bridges = []
-    for first in range(0, pairs.one.size, AT_ONCE):
-        some = _each(pairs)[first : first + AT_ONCE]
-        keys = [birth_key(0, f"{chains[i].name}/{chains[j].name}", starts[j].time_ns) for i, j in some]
-        ends = [chains[i].last for i, _ in some]
-        bridges += bridges_of(recorder.filter, np.array(keys), ends, [starts[j] for _, j in some])
-    out_s = np.array([starts[j].time_ns - chains[i].last.time_ns for i, j in _each(pairs)]) * 1e-9
-    gain = np.array([bridge.log_density for bridge in bridges]) + _log_odds(out_s, frame_s, config)
-    path = {pair: bridge.links for pair, bridge in zip(_each(pairs), bridges, strict=True)}
-    chosen = best_pairs(*pairs, gain)
-    best = sorted(_each(Pairs(*(of[chosen] for of in pairs))), key=lambda pair: starts[pair[1]].time_ns)
-    names = [(chains[i].name, chains[j].name) for i, j in best]
-    for i, j in best:
-        chains[j].take_up(chains[i], path[i, j])
-    gone = {id(chains[i]) for i, _ in best}
+    bridges = [bridge(recorder.filter, chains[i], chains[j], starts[j]) for i, j in pairs]
+    out_s = np.array([starts[j].time_ns - chains[i].last.time_ns for i, j in pairs]) * 1e-9
+    gain = np.array([density for density, _ in bridges]) + _log_odds(out_s, frame_s, config)
+    one, other = np.array(pairs, np.int64).reshape(-1, 2).T
+    best = best_pairs(one, other, gain).tolist()
+    names = []
+    for k in sorted(best, key=lambda k: starts[pairs[k][1]].time_ns):
+        former, later = (chains[i] for i in pairs[k])
+        names.append((former.name, later.name))
+        later.take_up(former, bridges[k][1])
+    gone = {id(chains[pairs[k][0]]) for k in best}
     recorder.chains = [chain for chain in recorder.chains if id(chain) not in gone]
     return names
 
 
-def bridges_of(bayes_filter: Smoothable, key: AnyArray, end: Sequence[Belief], start: Sequence[Belief]) -> list[Bridge]:
-    """Paths (n,) of one belief each to a later one, as the filter goes.
+def bridge(bayes_filter: Smoothable, former: Chain, later: Chain, start: Belief) -> tuple[float, AnyArray]:
+    """The path from the last belief of a chain to the first of another, as the filter goes.
 
-    Args:
-        bayes_filter: which stays as it is.
-        key: (n,) uint64, what random numbers follow from.
-        end: of a chain, where each begins.
-        start: of another, where it shall end, at a later time.
+    Returns:
+        Log density of the place and velocity at its end, given its beginning, per m^2 (m/s)^2; and its links (m,).
     """
-    moments = [
-        (np.array([b.mean[:MOVES] for b in of]), np.array([b.covariance[:MOVES, :MOVES] for b in of]))
-        for of in (end, start)
-    ]
-    expected, paths = bayes_filter.sibling(key, *moments[0]), [list[Step]() for _ in end]
-    end_ns, start_ns = (np.array([belief.time_ns for belief in of], np.int64) for of in (end, start))
-    n_steps = np.ceil((start_ns - end_ns) * 1e-9 / STEP_S - 1e-6).astype(np.int64)
-    for i in range(int(n_steps.max(initial=0))):
-        on = np.flatnonzero(n_steps > i)
-        time_ns, next_ns = (end_ns[on] + (start_ns - end_ns)[on] * k // n_steps[on] for k in (i, i + 1))
-        states = expected.states(on)
-        for row, slot in enumerate(on.tolist()):
-            paths[slot].append(Step(int(time_ns[row]), states, row))
-        expected.predict(on, np.asarray((next_ns - time_ns) * 1e-9, np.float64))
-    now = expected.states(np.arange(len(end)))
-    density, weight = _arrivals(now, *moments[1])
-    return [Bridge(*both) for both in zip(density, links_of(bayes_filter, paths, now._replace(weight=weight), start_ns),
-                                          strict=True)]  # fmt: skip
-
-
-def _arrivals(now: States, mean: FloatArray, covariance: FloatArray) -> tuple[list[float], FloatArray]:
-    """(v,), (v, P) log density of Gaussians (v, 4), (v, 4, 4) under beliefs, and weights of samples that come near."""
-    density, weight = [], np.empty_like(now.weight)
-    for i, sample in enumerate(now.sample[:, :MOVES]):
-        n = sample.shape[1]
-        smooth = BANDWIDTH * n**-0.25 * np.cov(sample) if n > 1 else 0.0
-        fit = gaussian.log_density(sample.T - mean[i], covariance[i] + now.covariance[i] + smooth)
-        near = np.exp(fit - fit.max())
-        density.append(float(fit.max() + np.log(near.mean())))
-        weight[i] = tempered(now.weight[i], near / near.sum())
-    return density, weight
-
-
-def _each(pairs: Pairs) -> list[tuple[int, int]]:
-    return list(zip(pairs.one.tolist(), pairs.other.tolist(), strict=True))
+    end, slot = former.last, np.zeros(1, np.int64)
+    key = int(birth_key(0, f"{former.name}/{later.name}", start.time_ns))
+    expected = bayes_filter.sibling(key, end.mean[:MOVES], end.covariance[:MOVES, :MOVES])
+    gap_ns, path = start.time_ns - end.time_ns, list[Step]()
+    n_steps = math.ceil(gap_ns * 1e-9 / STEP_S - 1e-6)
+    for time_ns, next_ns in pairwise(end.time_ns + gap_ns * i // n_steps for i in range(n_steps + 1)):
+        path.append(Step(time_ns, expected.states(slot)))
+        expected.predict(slot, np.array([(next_ns - time_ns) * 1e-9]))
+    now = expected.states(slot)
+    sample, spread = now.sample[0, :MOVES], start.covariance + now.covariance[0]
+    if (n := sample.shape[1]) > 1:
+        spread = spread + BANDWIDTH * n**-0.25 * np.cov(sample)
+    fit = gaussian.log_density(sample.T - start.mean, spread)
+    near = np.exp(fit - fit.max())
+    now = now._replace(weight=tempered(now.weight[0], near / near.sum())[None])
+    links = links_of(bayes_filter, [path], now, np.array([start.time_ns]))[0]
+    return float(fit.max() + np.log(near.mean())), links
 
 
 def trim(chain: Chain, *, frame_s: float, log_density: float, config: TrackingConfig) -> None:
@@ -172,7 +139,9 @@ def _is_confirmed(time_ns: IntArray, frame_s: float, log_density: float, config:
     return bool(existence.probability(state, np.zeros(1))[0] >= config.confirm_above)
 
 
-def _candidates(chains: Sequence[Chain], starts: Sequence[Belief], *, before_ns: int, gap_ns: int) -> Pairs:
+def _candidates(
+    chains: Sequence[Chain], starts: Sequence[Belief], *, before_ns: int, gap_ns: int
+) -> list[tuple[int, int]]:
     """Pairs of a chain that ended and one that began soon after, as near as a vehicle comes in that time."""
     end = np.array([chain.last.time_ns for chain in chains], np.int64)
     begin = np.array([start.time_ns for start in starts], np.int64)
@@ -185,7 +154,7 @@ def _candidates(chains: Sequence[Chain], starts: Sequence[Belief], *, before_ns:
     )
     off = np.hypot(*(firsts[other, :2] - ends[one, :2] - dt_s[:, None] * ends[one, 2:]).T)
     near = off <= may_be_off(dt_s)
-    return Pairs(one[near], other[near])
+    return list(zip(one[near].tolist(), other[near].tolist(), strict=True))
 
 
 def _log_odds(out_s: FloatArray, frame_s: float, config: TrackingConfig) -> FloatArray:
