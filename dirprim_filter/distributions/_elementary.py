@@ -31,14 +31,10 @@ _ONE_ABOVE = np.uint64(0x3FF0000000000000 - 0x3FE6A09E667F3BCD)  # from there to
 _TO_SIGN = np.uint64(63)
 _EXPONENT_ONLY, _EXPONENT_OF_ONE = np.uint64(0x4330000000000000), 2.0**52 + 1023.0
 
-# The same in single precision, in which twice as many are done at a time.
+# In single precision twice as many are done at a time.
 single: Any = np.float32
 """A number in single precision, which Python's types do not distinguish from others."""
-_ROUND_S, _LOG2_E_S = single(1.5 * 2.0**23), single(_LOG2_E)
-_LN2_HIGH_S, _LN2_LOW_S = single(0.693359375), single(-2.12194440e-4)
-_OF_EXP_S = tuple(single(1.0 / math.factorial(n)) for n in range(7, -1, -1))
-_LEAST_S, _MOST_S = single(-87.0), single(88.0)
-_TO_EXPONENT_S = np.int32(23)
+_ROUND_S = single(1.5 * 2.0**23)
 
 
 @njit(**EXACT)
@@ -93,19 +89,6 @@ def log(x: float) -> float:
     t = s * s
     rest = fma(s * t, polynomial(t, _OF_LOG), n * _LN2_LOW)
     return fma(n, _LN2_HIGH, fma(2.0, s, rest))
-
-
-@njit(**EXACT)
-def exp_single(x: float) -> float:
-    """The exponential in single precision, from -87 to 88; beyond, that of the nearer."""
-    x = min(max(x, _LEAST_S), _MOST_S)
-    rounded = fma(x, _LOG2_E_S, _ROUND_S)
-    n = rounded - _ROUND_S
-    r = fma(-n, _LN2_LOW_S, fma(-n, _LN2_HIGH_S, x))
-    p = polynomial(r, _OF_EXP_S)
-    times_2_to_n = np.int32(np.float32(p).view(np.int32) + (np.float32(rounded).view(np.int32) << _TO_EXPONENT_S))
-    exponential: float = times_2_to_n.view(single)
-    return exponential
 
 
 @njit(**EXACT)

@@ -14,7 +14,7 @@ from numba import njit
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions import _random as random
 from dirprim_filter.distributions._arithmetic import fma
-from dirprim_filter.distributions._elementary import EXACT, exp_single, log, nearest_integer_single, single
+from dirprim_filter.distributions._elementary import EXACT, exp, log, nearest_integer_single, single
 from dirprim_filter.distributions._random import UIntArray
 from dirprim_filter.primitives.motion import CREEP
 from tessellation._compiling import INLINED
@@ -36,7 +36,7 @@ DEGREES = 5.0
 DISCOUNT = 0.2
 """Subtracted from each count of transitions (Ney, Essen and Kneser 1994), for those that were not seen."""
 _TWO_PI, _PER_TWO_PI, _PER_DEGREES = single(2.0 * np.pi), single(0.5 / np.pi), single(1.0 / DEGREES)
-_NOTHING, _ONE, _HALF, _LEAST = single(0.0), single(1.0), single(0.5), single(-50.0)
+_NOTHING, _ONE = single(0.0), single(1.0)
 
 SingleArray = npt.NDArray[np.float32]
 
@@ -51,7 +51,6 @@ class Candidates(NamedTuple):
     begin: IntArray  # (2 n_cells + 1,) the first eight of each
     field: SingleArray  # (k, N_FIELDS * LANES)
     number: IntArray  # (k, LANES) of the manoeuvre; the eight are filled up with any, of weight 0
-    free: SingleArray  # (4, m, LANES) of background ones: log pace, 1 / its spread, rate if in motion, rate if standing
 
 
 class MotionTable(NamedTuple):
@@ -65,7 +64,8 @@ class MotionTable(NamedTuple):
     first: IntArray  # (z + 1,)
     following: IntArray  # (t,)
     count: FloatArray  # type: ignore[assignment]  # (t,), not the method of tuples
-    most: int  # eights of a cell, or of background ones
+    free: FloatArray  # (k, 3) of background ones: log pace, 1 / its spread, rate
+    most: int  # eights of a cell
     course_rate: float
     background_visits: float
     own_way_rate: float  # 1/s, at which vehicles leave what they follow and go their own way
@@ -148,7 +148,7 @@ def take_up(
         return int(may.number[first + k // LANES, k % LANES])
     if before >= 0 and (table.row[before, STARTS] > 0.0) == stands:
         return before
-    return leave_places(table, before, speed, weight, state)
+    return leave_places(table, before, speed, state)
 
 
 @njit(**EXACT | INLINED)
@@ -163,52 +163,38 @@ def chosen(cumulative: SingleArray, left: float) -> int:
 
 
 @njit(**EXACT | INLINED)
-def weigh_free_eight(
-    mean: SingleArray, by_pace: SingleArray, often: SingleArray, log_pace: float, out: SingleArray
-) -> None:
-    """How often background manoeuvres are driven, times how well the pace fits them."""
-    for k in range(out.size):
-        off = (log_pace - mean[k]) * by_pace[k]
-        out[k] = often[k] * exp_single(max(-_HALF * off * off, _LEAST))
-
-
-@njit(**EXACT | INLINED)
 def follow(table: MotionTable, before: int, low: int, high: int, stands: bool, less: float, state: UIntArray) -> int:
-    """The manoeuvre, of those of a kind from `low` to `high`, that follows another, by counts.
+    """The manoeuvre, of those of a kind from `low` to `high`, that follows another, by counts; -1 where none was seen.
 
-    Each count is `less` by that, for what was not seen: -1 then, and where nothing was.
+    And so often, `less` of each count, for what was not seen: each is drawn against those before it.
     """
-    row, following, count, total = table.row, table.following, table.count, 0.0
-    first, last = table.first[before], table.first[before + 1]
-    for t in range(first, last):
-        z = following[t]
-        if low <= z < high and (row[z, STARTS] > 0.0) == stands:
-            total += count[t]
-    left = random.uniform(state) * total
-    for t in range(first, last):
-        z = following[t]
-        if low <= z < high and (row[z, STARTS] > 0.0) == stands:
-            left -= count[t] - less
-            if left < 0.0:
-                return int(z)
-    return -1
+    after, total = -1, 0.0
+    for t in range(table.first[before], table.first[before + 1]):
+        z, count = table.following[t], table.count[t]
+        if low <= z < high and (table.row[z, STARTS] > 0.0) == stands:
+            total += count
+            drawn = random.uniform(state) * total
+            if drawn < count:
+                after = z if drawn < count - less else -1
+    return after
 
 
 @njit(**EXACT | INLINED)
-def leave_places(table: MotionTable, before: int, speed: float, weight: SingleArray, state: UIntArray) -> int:
+def leave_places(table: MotionTable, before: int, speed: float, state: UIntArray) -> int:
     """A background manoeuvre: that which follows another such, or else any of about that speed."""
-    n_placed, stands, total = table.begin[-1], speed < STANDING_BELOW, _NOTHING
-    if before >= n_placed:
-        z = follow(table, before, n_placed, len(table.row), stands, 0.0, state)
-        if z >= 0:
-            return z
-    free, pace = table.candidates.free, single(log(speed + CREEP))
-    n, rate = free.shape[1], 3 if stands else 2
-    for b in range(n):
-        weigh_free_eight(free[0, b], free[1, b], free[rate, b], pace, weight[b])
-        total = add_up(weight[b], total)
-    k = chosen(weight[:n], random.uniform(state) * total)
-    return int(min(n_placed + k, len(table.row) - 1))
+    first, last, stands, after = table.begin[-1], len(table.row), speed < STANDING_BELOW, -1
+    if before >= first:
+        after = follow(table, before, first, last, stands, 0.0, state)
+    if after < 0:
+        pace, total, after = log(speed + CREEP), 0.0, last - 1
+        for z in range(first, last):
+            if (table.row[z, STARTS] > 0.0) == stands:
+                off = (pace - table.free[z - first, 0]) * table.free[z - first, 1]
+                often = table.free[z - first, 2] * exp(-0.5 * off * off)
+                total += often
+                if random.uniform(state) * total < often:
+                    after = z
+    return after
 
 
 @njit(**EXACT | INLINED)

@@ -163,7 +163,7 @@ def _change(
         elif step.leaves > 0.0 and v >= STANDING_BELOW and random.uniform(state) < step.leaves:
             after = len(table.row) + OWN_WAY
         elif before >= n_placed:
-            after = leave_places(table, before, v, weight, state)
+            after = leave_places(table, before, v, state)
         elif now >= 0 and begin[now] <= before < begin[now + 1]:
             continue
         if after < 0:

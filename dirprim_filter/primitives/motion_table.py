@@ -31,7 +31,7 @@ def motion_table(primitives: PrimitiveMap, *, step_s: float = 0.1, own_way_rate:
             the noise of vehicles of which no log says how they move.
     """
     motion, cells, may = primitives.motion, primitives.tessellation, _candidates(primitives)
-    moves = motion.start_rate == 0.0
+    moves, spread = motion.start_rate == 0.0, motion.log_pace_spread + PACE_FLOOR
     row = np.column_stack([
         _centers(primitives)[motion.cell], motion.course, motion.bend, moves[:, None] * motion.acceleration,
         moves * motion.push, moves * motion.course_spread, moves & (motion.cell >= 0), moves * (1.0 + motion.stretch),
@@ -49,7 +49,8 @@ def motion_table(primitives: PrimitiveMap, *, step_s: float = 0.1, own_way_rate:
         first=motion.first,
         following=motion.following,
         count=motion.count,
-        most=max(int(np.diff(may.begin).max(initial=0)), may.free.shape[1]),
+        free=np.column_stack([motion.log_pace, 1.0 / spread, motion.seconds / spread])[motion.n_placed :],
+        most=int(np.diff(may.begin).max(initial=0)),
         course_rate=COURSE_RATE,
         background_visits=motion.background_visits,
         own_way_rate=own_way_rate,
@@ -80,13 +81,9 @@ def _candidates(primitives: PrimitiveMap) -> Candidates:
     at = LANES * begin[kind[order]] + np.arange(n) - np.repeat(np.cumsum(size) - size, size)
     field, number = np.zeros((begin[-1] * LANES, N_FIELDS), np.float32), np.zeros(begin[-1] * LANES, np.int64)
     field[at], number[at] = column[order], order
-    rate = motion.seconds[n:] * by_pace[n:]
-    free = np.array([motion.log_pace[n:], by_pace[n:], rate * ~stands[n:], rate * stands[n:]], np.float32)
-    free = np.pad(free, ((0, 0), (0, -free.shape[1] % LANES)))
     return Candidates(
         center=_centers(primitives)[:-1],
         begin=begin,
         field=field.reshape(-1, LANES, N_FIELDS).transpose(0, 2, 1).reshape(-1, N_FIELDS * LANES),
         number=np.maximum.accumulate(number.reshape(-1, LANES), axis=1),
-        free=free.reshape(4, -1, LANES),
     )

@@ -57,20 +57,3 @@ def test_sine_and_cosine_err_by_less_than_1e_15_even_after_many_turns(which, exp
 def test_the_exponential_is_clamped_where_doubles_end():
     np.testing.assert_array_equal(applied(0, np.array([-1e300, -np.inf])), applied(0, np.array([-650.0, -650.0])))
     assert applied(0, np.array([-650.0]))[0] < 1e-280
-
-
-@njit
-def applied_single(x):
-    out = np.empty(x.size, np.float32)
-    for i in range(x.size):
-        out[i] = _elementary.exp_single(x[i])
-    return out
-
-
-def test_in_single_precision_errors_are_of_its_last_digits():
-    x = np.linspace(-86.9, 87.9, 20_001, dtype=np.float32)
-    np.testing.assert_allclose(applied_single(x), np.exp(x.astype(float)), rtol=4e-7)
-    np.testing.assert_array_equal(
-        applied_single(np.array([-np.inf, -1e30, 1e30], np.float32)),
-        applied_single(np.array([-87.0, -87.0, 88.0], np.float32)),
-    )
