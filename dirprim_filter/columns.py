@@ -123,7 +123,7 @@ class ArrayTable(ArrayValue):
         """
         import pyarrow as pa  # noqa: PLC0415  (values need no tables)
 
-        table = {name: getattr(self, name) for name in ("time_ns", "track_id")}
+        table = {name: getattr(self, name) for name in ("time_ns", "track_id") if hasattr(self, name)}
         for f in fields(self):  # type: ignore[arg-type]
             column, names, left_out = getattr(self, f.name), NAMES.get(f.name, (f.name,)), f.metadata["left_out"]
             if f.name not in table and (left_out is None or np.isfinite(left_out) or is_held(column)):

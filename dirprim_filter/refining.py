@@ -7,7 +7,7 @@ that it broke are joined first, where the map leads from the end of one to the b
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -49,34 +49,31 @@ def is_measured(rows: Detections) -> BoolArray:
 
 
 def refine(
-    rows: Detections, primitive_map: PrimitiveMap, sinks: Sequence[Callable[[TrackedFrame], None]], *, noise_m: float,
-    config: FilterConfig, tracking: TrackingConfig, rng: Callable[[], np.random.Generator],
-) -> int:  # fmt: skip
+    rows: Detections, primitive_map: PrimitiveMap, *, config: FilterConfig, tracking: TrackingConfig,
+    rng: Callable[[], np.random.Generator],
+) -> list[TrackedFrame]:  # fmt: skip
     """Smooth what another tracker reported, at each of its instants, from a vehicle's first measured row to its last.
 
     Args:
         rows: what it reported, of named vehicles. Covariances and velocities are not used.
         primitive_map: how vehicles move there.
-        sinks: take the smoothed frames.
-        noise_m: metres, standard deviation of its errors in either direction.
-        config: of the filter; its noise is not used.
+        config: of the filter; its noise is the spread of the tracker's errors.
         tracking: of the tracker.
         rng: makes the generator of each group.
 
     Returns:
-        How many rows were measured.
+        The smoothed frames.
 
     Raises:
         ValueError: two rows of a vehicle at one instant.
     """
-    measured = is_measured(rows)
-    bare = replace(rows[measured], covariance=np.empty(0), direction=np.empty(0), speed=np.empty(0))
-    axis = AxisError(spread_m=noise_m, correlated_share=CORRELATED_SHARE, correlation_s=CORRELATION_S)
+    bare = replace(rows[is_measured(rows)], covariance=np.empty(0), direction=np.empty(0), speed=np.empty(0))
+    axis = AxisError(spread_m=config.noise_m, correlated_share=CORRELATED_SHARE, correlation_s=CORRELATION_S)
     sensor = Sensor(along=axis, across=axis)
     instants = [(int(frame.time_ns[0]), np.unique(frame.group).tolist()) for frame in rows.frames()]
-    frames: list[TrackedFrame] = []
 
-    def smooth(seen: Detections, *, joins_labelled: bool) -> list[tuple[str, str]]:
+    def smooth(seen: Detections, *, joins_labelled: bool) -> tuple[list[TrackedFrame], list[tuple[str, str]]]:
+        frames: list[TrackedFrame] = []
         smoother = Smoother(sinks=[frames.append], joins_labelled=joins_labelled)
         tracker = GroupTracker(lambda group: smoother.tracker(
             group, primitive_map, config=config, tracking=tracking, sensor=sensor, rng=rng()
@@ -85,15 +82,12 @@ def refine(
         with smoother:
             for time_ns, groups in instants:
                 step(tracker, frame_at.get(time_ns, Detections.none()), [smoother], time_ns=time_ns, groups=groups)
-        return smoother.joined
+        return frames, smoother.joined
 
-    if joined := smooth(bare, joins_labelled=True):  # under one id a vehicle keeps its belief across the break
-        frames.clear()
-        smooth(_renamed(bare, joined), joins_labelled=False)
-    for frame in frames:
-        for sink in sinks:
-            sink(frame)
-    return int(measured.sum())
+    frames, joined = smooth(bare, joins_labelled=True)
+    if joined:  # under one id a vehicle keeps its belief across the break
+        frames, _ = smooth(_renamed(bare, joined), joins_labelled=False)
+    return frames
 
 
 def _renamed(rows: Detections, joined: Iterable[tuple[str, str]]) -> Detections:

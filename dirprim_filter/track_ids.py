@@ -79,9 +79,7 @@ def _numbers_of(key: AnyArray) -> IntArray:
     """(n,) each key's place among all keys in order, each counted once."""
     if key.dtype.kind == "U":
         names, place = numbered(key)
-        order = np.empty(len(names), np.int64)
-        order[np.argsort(np.array(names, dtype=np.str_))] = np.arange(len(names))
-        return order[place]
+        return np.asarray(np.unique(np.array(names, np.str_), return_inverse=True)[1][place], np.int64)
     if key.size:
         low, high = int(key.min()), int(key.max())
         if high - low <= 4 * key.size:  # a table of all keys between costs less than sorting

@@ -8,7 +8,7 @@ from filterpy.kalman import KalmanFilter
 
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
-from dirprim_filter.estimates import EstimateList
+from dirprim_filter.estimates import Estimates
 from dirprim_filter.refining import is_measured, refine
 from situations import beside, keys, ring_traffic
 
@@ -40,6 +40,12 @@ def other_tracker(tracks, *, seed):
     ), np.array(measured)
 
 
+def refined(rows, primitive_map, seed):
+    config, rng = FilterConfig(n_particles=300, noise_m=0.4), lambda: np.random.default_rng(seed)
+    frames = refine(rows, primitive_map, config=config, tracking=TrackingConfig(), rng=rng)
+    return Estimates.concatenate(frame.estimates for frame in frames)
+
+
 def errors(rows, tracks):
     return np.hypot(*(rows.position - tracks.position[beside(rows, tracks)[1]]).T)
 
@@ -58,13 +64,7 @@ def test_the_map_makes_another_trackers_errors_smaller_and_fills_what_it_did_not
     for seed in range(3):
         tracks = ring_traffic(np.random.default_rng([30, seed]), n_vehicles=4, n_rows=60)
         rows, measured = other_tracker(tracks, seed=seed)
-        found = EstimateList()
-        n = refine(
-            rows, ring_map, [found.write], noise_m=0.4, config=FilterConfig(n_particles=300), tracking=TrackingConfig(),
-            rng=lambda seed=seed: np.random.default_rng(seed),
-        )  # fmt: skip
-        after = found.all()
-        assert n == measured.sum()
+        after = refined(rows, ring_map, seed)
         assert sorted(keys(after)) == sorted(keys(rows))
         before_m, after_m = np.median(errors(rows, tracks)), np.median(errors(after, tracks))
         assert after_m < 0.8 * before_m, seed
@@ -80,9 +80,5 @@ def test_a_track_that_was_broken_where_nothing_was_seen_is_one_again(ring_map):
     number = np.concatenate([np.arange((rows.track_id == name).sum()) for name in np.unique(rows.track_id)])
     pieces = np.where(number >= LOST.stop, np.char.add(rows.track_id, "-anew"), rows.track_id)
     kept = measured | (number < LOST.start + 5)  # it coasted for some rows, then started again
-    found = EstimateList()
-    refine(
-        replace(rows, track_id=pieces)[kept], ring_map, [found.write], noise_m=0.4,
-        config=FilterConfig(n_particles=300), tracking=TrackingConfig(), rng=lambda: np.random.default_rng(0),
-    )  # fmt: skip
-    assert set(map(str, found.all().track_id.tolist())) == set(rows.track_id.tolist())
+    found = refined(replace(rows, track_id=pieces)[kept], ring_map, 0)
+    assert set(map(str, found.track_id.tolist())) == set(rows.track_id.tolist())

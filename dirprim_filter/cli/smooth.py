@@ -51,11 +51,11 @@ def smooth(
     from dirprim_filter.cli.progress import working
     from dirprim_filter.cli.results import provenance
     from dirprim_filter.detections import NO_ID, Detections
-    from dirprim_filter.estimates import EstimateList
+    from dirprim_filter.estimates import Estimates
     from dirprim_filter.recording import load_map
     from dirprim_filter.recording.errors import RecordingError
     from dirprim_filter.recording.writer import EstimateWriter
-    from dirprim_filter.refining import refine
+    from dirprim_filter.refining import is_measured, refine
 
     primitive_map = load_map(map_file)
     config, tracking = read_filter(None, settings, n_particles=particles, noise_m=noise)
@@ -68,17 +68,15 @@ def smooth(
         "smooth", inputs=[estimates, map_file], config=config, seed=seed,
         tracking=json.dumps(asdict(tracking), sort_keys=True), **reading.said(),
     )  # fmt: skip
-    found = EstimateList()
     with (
         working(f"smoothing {estimates.name}"),
         EstimateWriter(output, metadata=said, force=force, particle_stride=None) as writer,
     ):
         writer.write_map_scene(primitive_map)
-        n_measured = refine(
-            rows, primitive_map, [writer.write, found.write], noise_m=config.noise_m, config=config, tracking=tracking,
-            rng=lambda: np.random.default_rng(seed),
-        )  # fmt: skip
-    after = found.all()
+        frames = refine(rows, primitive_map, config=config, tracking=tracking, rng=lambda: np.random.default_rng(seed))
+        for frame in frames:
+            writer.write(frame)
+    after, n_measured = Estimates.concatenate(frame.estimates for frame in frames), int(is_measured(rows).sum())
     typer.echo(
         f"{output}: {counted(len(after), 'row')} of {counted(np.unique(after.track_id).size, 'track')}, from "
         f"{counted(n_measured, 'measured row')} of {len(rows)}"

@@ -23,7 +23,7 @@ from peer_trackers import norfair
 from dirprim_filter import PrimitiveMap, learn_primitives, refining
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
-from dirprim_filter.estimates import EstimateList
+from dirprim_filter.estimates import Estimates
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
 from dirprim_filter.evaluation.tracking_report import report_of
 
@@ -34,12 +34,11 @@ FIGURES = ("hota", "rmse", "switches", "reported")
 def refined(rows: TrackedRows, fold: Fold, primitive_map: PrimitiveMap) -> TrackedRows:
     """What the command makes of a tracker's rows."""
     seen = Detections(track_id=rows.track_id, time_ns=rows.time_ns, position=rows.position)
-    found = EstimateList()
-    refining.refine(
-        seen, primitive_map, [found.write], noise_m=fold.noise_m, config=FilterConfig(), tracking=fold.tracking,
+    frames = refining.refine(
+        seen, primitive_map, config=FilterConfig(noise_m=fold.noise_m), tracking=fold.tracking,
         rng=lambda: np.random.default_rng(0),
     )  # fmt: skip
-    return TrackedRows.of(found.all())
+    return TrackedRows.of(Estimates.concatenate(frame.estimates for frame in frames))
 
 
 def as_measured(rows: TrackedRows, fold: Fold, primitive_map: PrimitiveMap) -> TrackedRows:
