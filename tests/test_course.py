@@ -78,14 +78,15 @@ def test_the_window_grows_with_the_noise_until_the_heading_is_better(noise, spee
         assert abs(off.mean()) < 0.005
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=90, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_motion_is_that_of_the_slow_oracle_on_irregular_tracks_with_gaps(seed):
     rng = np.random.default_rng(seed)
     n = int(rng.integers(1, 60))
     vehicle = rng.integers(0, 4, n)
     steps = [1_000_000, 20_000_000, 100_000_000, 250_000_000, 400_000_000, 1_000_000_000, 2_000_000_000, 2_000_000_001]
-    time_ns = 1_700_000_000_000_000_000 + rng.choice(steps, n).cumsum()
+    slow = int(rng.choice([1, 1, 20]))  # of these gaps are longer too
+    time_ns = 1_700_000_000_000_000_000 + slow * rng.choice(steps, n).cumsum()
     stands = rng.random() < 0.5
     pace = rng.choice([0.0, 0.02, 5.0], n) if stands else rng.choice([3.0, 9.0], n)
     turn = rng.normal(0, 0.3, n).cumsum()
@@ -110,19 +111,6 @@ def test_motion_is_that_of_the_slow_oracle_on_irregular_tracks_with_gaps(seed):
     course = np.arctan2(moved[:, 1], moved[:, 0])
     own = np.where(np.isnan(yaw), course, yaw)
     np.testing.assert_allclose(found.direction, wrap(np.where(nearest >= 0, course[nearest], own)), atol=1e-9)
-
-
-def test_who_stands_has_the_course_of_the_nearest_row_that_moves_but_not_across_a_gap():
-    time_s = np.array([0, 1, 2, 3, 4, 5, 6, 20, 21, 22], float)  # east, a stand of 4 s, north; and after a gap a stand
-    position = np.array([[0, 0], [5, 0], [10, 0], [10, 0], [10, 0], [10, 0], [10, 5], [10, 9], [10, 9], [10, 9]], float)
-    yaw = np.full(10, 2.0)
-    one = np.zeros(10, np.int64)
-    found = motion_of(one, (time_s * 1e9).astype(np.int64), position, yaw)
-    north = np.pi / 2
-    np.testing.assert_allclose(found.direction, [0, 0, 0, 0, north, north, north, 2, 2, 2])
-    assert found.speed[4] == 0.0
-    without = motion_of(one, (time_s * 1e9).astype(np.int64), position)
-    np.testing.assert_allclose(without.direction[7:], 0.0)  # of a body of which nothing is known
 
 
 def test_another_vehicle_changes_no_course_and_a_group_is_another_vehicle():
@@ -168,12 +156,3 @@ def test_on_the_bends_of_town03_yaw_and_course_differ_as_was_measured(scene, med
     of_course, of_yaw = (np.quantile(np.abs(difference(toward, angle[order][:-1][near])), 0.9)
                          for angle in (tracks.direction, tracks.heading))  # fmt: skip
     assert of_course < 0.5 * of_yaw
-
-
-def test_rows_that_come_every_few_seconds_are_not_alone():
-    time_ns = np.cumsum(np.random.default_rng(0).choice([3, 4, 5], 50)) * 1_000_000_000
-    position = np.column_stack([8e-9 * time_ns, np.zeros(50)])
-    found = motion_of(np.zeros(50, np.int64), time_ns, position)
-    np.testing.assert_allclose(found.speed, 8.0)
-    pause = np.concatenate([time_ns, time_ns[-1:] + 600_000_000_000])  # the control: ten minutes later it is alone
-    assert np.isnan(motion_of(np.zeros(51, np.int64), pause, np.vstack([position, [[9e3, 0.0]]])).speed[-1])
