@@ -20,9 +20,6 @@ from dirprim_filter.filtering.protocols import BayesFilter
 MOST_NEAR = 32
 """Detections that a track is compared with: of a crowd within a metre all pairs would be its square."""
 
-FEW_PAIRS = 32
-"""So many are sooner assigned than divided into components."""
-
 
 class Pairs(NamedTuple):
     """Rows of one side, each with a row of the other. (n,), (n,)."""
@@ -99,8 +96,8 @@ def gated(mean: FloatArray, covariance: FloatArray, position: FloatArray, noise:
 def best_pairs(one: IntArray, other: IntArray, gain: FloatArray) -> IntArray:
     """Of pairs with a gain those of the best assignment, ascending: each row in one at most, and the greatest sum.
 
-    Each connected component is assigned by itself (Crouse, On implementing 2D rectangular assignment algorithms, 2016,
-    as scipy has it), for most are a single pair, and a thousand false detections far from all tracks cost nothing.
+    A sparse assignment (Jonker and Volgenant, A shortest augmenting path algorithm for dense and sparse linear
+    assignment problems, 1987, as scipy has it), in which each row of the one side may also stay alone.
 
     Args:
         one: (p,) what is given.
@@ -108,32 +105,14 @@ def best_pairs(one: IntArray, other: IntArray, gain: FloatArray) -> IntArray:
         gain: (p,) what it is worth; pairs that are worth nothing are never chosen.
     """
     useful = np.flatnonzero(gain > 0)
-    if useful.size <= 1:
+    (ones, i), (others, j) = (np.unique(of[useful], return_inverse=True) for of in (one, other))
+    if ones.size == others.size == useful.size:  # nobody has a choice
         return useful
-    if useful.size <= FEW_PAIRS:
-        return np.sort(_best(useful, one, other, gain))
-    component = _components(one[useful], other[useful])
-    order = np.argsort(component, kind="stable")
-    parts = np.split(useful[order], np.flatnonzero(np.diff(component[order])) + 1)
-    return np.sort(np.concatenate([part if part.size == 1 else _best(part, one, other, gain) for part in parts]))
-
-
-def _components(one: IntArray, other: IntArray) -> IntArray:
-    """(p,) the connected component of each pair, in the graph whose edges the pairs are."""
     from scipy.sparse import coo_array  # noqa: PLC0415 - detections with ids do without
-    from scipy.sparse.csgraph import connected_components  # noqa: PLC0415
+    from scipy.sparse.csgraph import min_weight_full_bipartite_matching  # noqa: PLC0415
 
-    i, j = (np.unique(of, return_inverse=True)[1] for of in (one, other))
-    n = int(i.max() + j.max()) + 2
-    graph = coo_array((np.ones(one.size, np.int8), (i, i.max() + 1 + j)), shape=(n, n))
-    return connected_components(graph, directed=False)[1][i].astype(np.int64)
-
-
-def _best(part: IntArray, one: IntArray, other: IntArray, gain: FloatArray) -> IntArray:
-    from scipy.optimize import linear_sum_assignment  # noqa: PLC0415 - detections with ids do without
-
-    i, j = (np.unique(of[part], return_inverse=True)[1] for of in (one, other))
-    worth, pair = np.zeros((i.max() + 1, j.max() + 1)), np.full((i.max() + 1, j.max() + 1), -1, np.int64)
-    worth[i, j], pair[i, j] = gain[part], part
-    chosen = pair[linear_sum_assignment(worth, maximize=True)]
-    return chosen[chosen >= 0]
+    alone, most = np.arange(ones.size), gain[useful].max() + 1.0
+    cost = np.append(most - gain[useful], np.full(alone.size, most))
+    edges = coo_array((cost, (np.append(i, alone), np.append(j, others.size + alone))))
+    chosen = min_weight_full_bipartite_matching(edges.tocsr())[1]
+    return np.asarray(useful[chosen[i] == j])

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from dirprim_filter.detections import Detections
 from dirprim_filter.filtering import Tracker
-from dirprim_filter.filtering.association import FEW_PAIRS, MOST_NEAR, best_pairs, gated
+from dirprim_filter.filtering.association import MOST_NEAR, best_pairs, gated
 from situations import TRUSTING, one_cell_map
 
 
@@ -38,7 +38,7 @@ def test_the_assignment_is_the_best_of_all(data):
     full[one, other] = gain
     assert (gain[found] > 0).all()
     assert gain[found].sum() == pytest.approx(best_by_enumeration(full), abs=1e-9)
-    apart = np.arange(FEW_PAIRS + 1)[:, None] * 10  # in many components, each is assigned as by itself
+    apart = np.arange(33)[:, None] * 10  # many that have nothing to do with each other are assigned as each by itself
     gains = np.tile(gain, apart.size)
     repeated = best_pairs((one + apart).ravel(), (other + apart).ravel(), gains)
     assert gains[repeated].sum() == pytest.approx(apart.size * gain[found].sum())
