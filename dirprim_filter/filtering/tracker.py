@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 from dataclasses import replace
 from os import PathLike
-from typing import NamedTuple
 
 import numpy as np
 
@@ -34,14 +33,6 @@ AWAY_S = 1.0
 seconds unseen that is likelier than that the first measurement is an outlier."""
 CUE_LASTS_S = AHEAD_S
 """A cue is about the turn until then: of a vehicle out of sight for longer nothing is known of its next."""
-
-
-class _Outcome(NamedTuple):
-    """Of a frame's measurements."""
-
-    innovation: FloatArray  # (slots,) as in `TrackedFrame`, NaN where it is not known
-    log_evidence: FloatArray  # (slots,) 0 where there is none
-    lost: list[int]  # the slots of reinitialised beliefs
 
 
 class Tracker:
@@ -135,8 +126,8 @@ class Tracker:
         if is_scan:
             self._begin_tracks(seen, slot)
         home, held = self._beliefs(slot[seen.track_id != NO_ID])
-        outcome = self._weigh(self._weighed, seen[row], by_chance[row], is_scan=is_scan)
-        return self._tracked(detections, home, held, outcome)
+        lost = self._weigh(self._weighed, seen[row], by_chance[row], is_scan=is_scan)
+        return self._tracked(detections, home, held, lost)
 
     def _checked(self, detections: Detections, time_ns: int | None) -> tuple[Detections, int]:
         """Detections with the times when they were true, and that of the frame."""
@@ -254,21 +245,20 @@ class Tracker:
             one = Cue(turn=turn + np.pi * away, concentration=concentration)
             self._on_map.weigh_by_cue(slot[given][kind == i], one)
 
-    def _weigh(self, slot: IntArray, measured: Detections, by_chance: FloatArray, *, is_scan: bool) -> _Outcome:
+    def _weigh(self, slot: IntArray, measured: Detections, by_chance: FloatArray, *, is_scan: bool) -> IntArray:
         """Weigh the moved beliefs by the frame's measurements; reinitialise those that have lost their vehicle.
 
         Then learn from hits and misses which tracks are of vehicles. A measurement that a belief does not explain is a
-        miss: it came from somewhere else.
+        miss: it came from somewhere else. The slots of those reinitialised.
         """
         roster, now_ns = self._roster, self._time_ns
-        outcome = _Outcome(np.full(roster.time_ns.size, np.nan), np.zeros(roster.time_ns.size), [])
         signals = (measured.cue == roster.cue[slot]) | (np.isnan(measured.cue) & np.isnan(roster.cue[slot]))
         changed = slot[~signals.all(axis=1)]
         self._weigh_by_cues(changed, away=True)
         roster.cue[slot] = measured.cue
         self._weigh_by_cues(changed)
         if self._with_innovations:
-            outcome.innovation[slot] = innovation(self._filter.moments(slot), measured, self.config, self.sensor)
+            roster.innovation[slot] = innovation(self._filter.moments(slot), measured, self.config, self.sensor)
         if self._recorder is None:
             evidence = self._filter.weigh(slot, measured)
         else:
@@ -276,7 +266,7 @@ class Tracker:
         is_back = roster.is_labelled[slot] & (_seconds(now_ns - roster.measured_ns[slot]) > AWAY_S)
         missed = roster.measured(slot, now_ns)
         is_weightless = ~np.isfinite(evidence.log_density)  # no particle has a weight
-        outcome.log_evidence[slot] = np.where(is_weightless, 0.0, evidence.log_density)
+        roster.log_evidence[slot] = np.where(is_weightless, 0.0, evidence.log_density)
         unexplained = evidence.is_unexplained | is_weightless
         roster.n_unexplained[slot] = np.where(unexplained, roster.n_unexplained[slot] + 1, 0)
         roster.learn(
@@ -284,25 +274,21 @@ class Tracker:
             np.concatenate([missed[: missed.size * is_scan], slot[unexplained]]), time_ns=now_ns,
         )  # fmt: skip
         is_lost = is_weightless | (roster.n_unexplained[slot] >= np.where(is_back, 1, self.tracking.lost_after))
-        if is_lost.any():
-            outcome.lost.extend(slot[is_lost].tolist())
-            self._reinitialise(slot[is_lost], measured[is_lost])
-        return outcome
+        lost = slot[is_lost]
+        if lost.size:
+            self.recoveries += int(lost.size)
+            roster.n_unexplained[lost], roster.cue[lost] = 0, np.nan
+            logger.info("at %d ns %d beliefs did not explain what was measured: reinitialised", now_ns, lost.size)
+            self._begin(lost, measured[is_lost])
+        return lost
 
-    def _reinitialise(self, slot: IntArray, measured: Detections) -> None:
-        self.recoveries += int(slot.size)
-        self._roster.n_unexplained[slot] = 0
-        self._roster.cue[slot] = np.nan
-        logger.info("at %d ns %d beliefs did not explain what was measured: reinitialised", self._time_ns, slot.size)
-        self._begin(slot, measured)
-
-    def _tracked(self, detections: Detections, home: IntArray, held: IntArray, outcome: _Outcome) -> TrackedFrame:
+    def _tracked(self, detections: Detections, home: IntArray, held: IntArray, lost: IntArray) -> TrackedFrame:
         """The frame as it is reported, at its own time: later by the latency than that of the beliefs."""
         roster, time_ns = self._roster, self._time_ns + self._latency_ns
         exists = roster.probability[home]
         reported = roster.is_confirmed[home] & (exists >= self.tracking.report_above)
-        home, slot, names = home[reported], held[reported], roster.name[home[reported]]
-        slot = self._at(slot, time_ns)
+        home, slot = home[reported], self._at(held[reported], time_ns)
+        names, is_measured = roster.name[home], roster.measured_ns[home] == self._time_ns
         m = self._filter.moments(slot)
         estimates = with_unseen_errors(Estimates(
             track_id=names.astype(np.str_),
@@ -314,7 +300,7 @@ class Tracker:
             speed=m[:, 7],
             speed_std=m[:, 8],
             effective_sample_size=m[:, 9],
-            log_evidence=outcome.log_evidence[home],
+            log_evidence=np.where(is_measured, roster.log_evidence[home], 0.0),
             existence=exists[reported],
             unseen_s=_seconds(self._time_ns - roster.measured_ns[home]),
             follows_map=np.zeros(home.size) if self._on_map is None else self._on_map.places(slot).follows_map,
@@ -324,8 +310,8 @@ class Tracker:
         return TrackedFrame(
             time_ns=time_ns, detections=detections, estimates=estimates,
             particles=Particles.none() if self._on_map is None else self._on_map.particles(slot),
-            innovations=outcome.innovation[home] if self._with_innovations else None,
-            reinitialised=tuple(names[np.isin(home, outcome.lost)].tolist()) if outcome.lost else (),
+            innovations=np.where(is_measured, roster.innovation[home], np.nan) if self._with_innovations else None,
+            reinitialised=tuple(names[np.isin(home, lost)].tolist()) if lost.size else (),
         )  # fmt: skip
 
 
