@@ -21,7 +21,6 @@ from dirprim_filter.filtering.measurements import OUTLIER_EXTENT_M, measured_cov
 from dirprim_filter.filtering.protocols import Evidence, States
 from dirprim_filter.tracks import Tracks
 
-PLACE = np.eye(2, 4)
 FIRST_SPEED_STD = 10.0
 """m/s, prior standard deviation of each component of the velocity at initiation."""
 MAX_INTERVAL_S, LEAST_DENSITY = 2.0, 1e-6
@@ -85,10 +84,13 @@ class ConstantVelocityKalman:
 
     def weigh(self, slot: IntArray, measured: Detections) -> Evidence:
         """Correct beliefs by measurements; an outlier corrects nothing."""
-        fit = self._log_kept + self.log_likelihood(slot, measured)
+        covariance, off = self.covariance[slot], measured.position - self.mean[slot, :2]
+        spread = covariance[:, :2, :2] + measured_covariance(measured, self.config)
+        fit = self._log_kept + gaussian.log_density(off, spread)
         evidence = np.logaddexp(fit, self._log_outlier)
-        near = fit > self._log_outlier
-        self._correct(slot[near], measured[near])
+        gain = np.linalg.solve(spread, covariance[:, :2]).swapaxes(1, 2) * (fit > self._log_outlier)[:, None, None]
+        self.mean[slot] += (gain @ off[..., None])[..., 0]
+        self.covariance[slot] = _symmetric(covariance - gain @ covariance[:, :2])
         unexplained = ~(evidence >= np.log(2.0) + self._log_outlier)
         return Evidence(evidence, unexplained, np.ones(slot.size, np.bool_))
 
@@ -103,16 +105,6 @@ class ConstantVelocityKalman:
 
     def resample(self, slot: IntArray) -> None:
         """Nothing to resample."""
-
-    def _correct(self, slot: IntArray, measured: Detections) -> None:
-        """Correct beliefs (v,) by v measurements."""
-        mean, covariance = self.mean[slot], self.covariance[slot]
-        noise = measured_covariance(measured, self.config)
-        gain = np.linalg.solve(PLACE @ covariance @ PLACE.T + noise, PLACE @ covariance).swapaxes(-1, -2)
-        kept = np.eye(4) - gain @ PLACE
-        self.mean[slot] = mean + (gain @ (measured.position - mean @ PLACE.T)[..., None])[..., 0]
-        left = kept @ covariance @ kept.swapaxes(-1, -2) + gain @ noise @ gain.swapaxes(-1, -2)
-        self.covariance[slot] = _symmetric(left)
 
     def sibling(self, key: int, mean: FloatArray, covariance: FloatArray) -> Self:
         """One of the same model, with this belief; the key is not looked at."""

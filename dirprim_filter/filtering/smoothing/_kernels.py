@@ -75,19 +75,7 @@ def sweep_back(
         state: (n + 1, d) of which the last is given; the others are filled.
         covariance: (n + 1, d, d), likewise.
     """
-    d = mean.shape[1]
-    half = np.empty((d, d))
     for i in range(ahead.size - 1, -1, -1):
         j = i + ahead[i]
-        for a in range(d):
-            state[i, a] = mean[i, a]
-            for k in range(d):
-                state[i, a] += gain[i, a, k] * (state[j, k] - later[i, k])
-                half[a, k] = 0.0
-                for m in range(d):
-                    half[a, k] += gain[i, a, m] * covariance[j, m, k]
-        for a in range(d):
-            for b in range(d):
-                covariance[i, a, b] = spread[i, a, b]
-                for k in range(d):
-                    covariance[i, a, b] += half[a, k] * gain[i, b, k]
+        state[i] = mean[i] + np.dot(gain[i], state[j] - later[i])
+        covariance[i] = spread[i] + np.dot(np.dot(gain[i], covariance[j]), gain[i].T)

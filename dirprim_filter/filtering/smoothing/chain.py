@@ -122,12 +122,9 @@ class Chain:
         n, d = links.size, self.last.mean.size
         mean, covariance = np.empty((n + 1, d)), np.empty((n + 1, d, d))
         mean[n], covariance[n] = self.last.mean, self.last.covariance
-        of = np.ascontiguousarray(links["mean"])
-        _kernels.sweep_back(
-            links["ahead"], of, of + links["step"], links["gain"].astype(np.float64),
-            links["spread"].astype(np.float64), mean, covariance,
-        )  # fmt: skip
-        course = np.concatenate([links["course"], self.last.course[None]]).astype(np.float64)
+        of = {name: np.ascontiguousarray(links[name]) for name in LINK.names or ()}
+        _kernels.sweep_back(of["ahead"], of["mean"], of["later"], of["gain"], of["spread"], mean, covariance)
+        course = np.concatenate([of["course"], self.last.course[None]])
         starts, sizes = [span.start.time_ns for span in self._spans], [span.links.size for span in self._spans]
         measured_ns = np.repeat([*starts, self.last.time_ns], [*sizes, 1])
         time_ns = np.append(links["time_ns"], self.last.time_ns)

@@ -26,13 +26,12 @@ LEAST_EFFECTIVE = 0.4
 HALVINGS = 12
 """Of the interval in which the exponent of weights is looked for."""
 LINK = np.dtype([
-    ("time_ns", "<i8"), ("mean", "<f8", (N_STATES,)), ("step", "<f4", (N_STATES,)),
-    ("gain", "<f4", (N_STATES, N_STATES)), ("spread", "<f4", (N_STATES, N_STATES)),
-    ("course", "<f4", (2,)), ("ahead", "<i8"),
+    ("time_ns", "<i8"), ("ahead", "<i8"), ("mean", "<f8", (N_STATES,)), ("later", "<f8", (N_STATES,)),
+    ("gain", "<f8", (N_STATES, N_STATES)), ("spread", "<f8", (N_STATES, N_STATES)), ("course", "<f8", (2,)),
 ])  # fmt: skip
-"""How a state of a vehicle followed from a later one: x | x' ~ N(mean + gain (x' - mean - step), spread).
+"""How a state of a vehicle followed from a later one: x | x' ~ N(mean + gain (x' - later), spread).
 
-`course` is the mean of cosine and sine of the direction; `ahead` counts the links to the later state's.
+`ahead` counts the links to the later state's; `course` is the mean of cosine and sine of the direction.
 """
 
 
@@ -83,7 +82,7 @@ def links_of(
     gain = np.linalg.solve(later + LEAST_VARIANCE, c.swapaxes(1, 2)).swapaxes(1, 2)
     shared = gain @ c.swapaxes(1, 2)
     links["mean"], links["course"] = mean[:, :N_STATES], mean[:, N_STATES:N_COLUMNS]
-    links["step"] = mean[:, N_COLUMNS : N_COLUMNS + N_STATES] - mean[:, :N_STATES]
+    links["later"] = mean[:, N_COLUMNS : N_COLUMNS + N_STATES]
     links["gain"], links["spread"] = gain, p - shared - shared.swapaxes(1, 2) + gain @ later @ gain.swapaxes(1, 2)
     return np.split(links, end)[:-1]
 
