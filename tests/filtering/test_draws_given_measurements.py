@@ -22,10 +22,11 @@ BIASED = Sensor(along=AxisError(spread_m=NOISE_M, bias_m=2.0), across=AxisError(
 def weighed(seed, place, *, sensor=None, given=True, course=0.0):
     """A belief of Gaussian `PRIOR`, turned by `course`, after a measurement; -> the filter and its evidence."""
     turn = np.kron(np.eye(2), [[np.cos(course), -np.sin(course)], [np.sin(course), np.cos(course)]])
-    bayes = ParticleFilter(ROAD, FilterConfig(noise_m=NOISE_M), sensor)
+    bayes = ParticleFilter(ROAD, FilterConfig(noise_m=NOISE_M), sensor).sibling(
+        seed, turn @ MEAN, turn @ PRIOR @ turn.T
+    )
     if not given:
         bayes._noise = bayes._noise._replace(few=0.0)
-    bayes.place(SLOT, np.array([seed], np.uint64), [turn @ MEAN], [turn @ PRIOR @ turn.T])
     off = np.zeros(2) if sensor is None else [sensor.along.bias_m, sensor.across.bias_m]
     seen = Detections(track_id=["a"], time_ns=[0], position=[turn[:2, :2] @ (place + off)])
     return bayes, bayes.weigh(SLOT, seen)

@@ -18,9 +18,8 @@ def weighed(place, *, pace, rate=RATE, sensor=None, n=N):
     """Particles that are all at the origin and go east, given a measurement; -> weights, places and velocities."""
     config = FilterConfig(n_particles=n, innovation_outlier_rate=rate, outlier_probability=1e-9)
     road = one_cell_map(concentration=5.0, shape=10.0)
-    bayes = ParticleFilter(road, config, sensor)
+    bayes = ParticleFilter(road, config, sensor).sibling(0, np.zeros(4), np.zeros((4, 4)))
     cloud, slot = bayes.cloud, np.array([0])
-    bayes.place(slot, np.zeros(1, np.uint64), np.zeros((1, 4)), np.zeros((1, 4, 4)))
     cloud.speed[0], cloud.direction[0], bayes.cloud.since_s[0] = pace, 0.0, DT_S
     seen = Detections(track_id=["a"], time_ns=[0], position=[place], covariance=[MEASURED])
     evidence = bayes.weigh(slot, seen)
