@@ -84,8 +84,6 @@ def gated(mean: FloatArray, covariance: FloatArray, position: FloatArray, noise:
     away, near = KDTree(position).query(mean, k=np.arange(1, min(MOST_NEAR, len(position)) + 1))
     track, place = np.nonzero(away <= reach[:, None])
     detection = np.asarray(near)[track, place]
-    in_order = np.lexsort((detection, track))
-    track, detection = track[in_order], detection[in_order]
     off = position[detection] - mean[track]
     spread = covariance[track] + noise[detection]
     distance = np.einsum("ni,ni->n", off, np.linalg.solve(spread, off[..., None])[..., 0])

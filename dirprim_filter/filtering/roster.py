@@ -193,32 +193,39 @@ class Roster:
         self.existence_ns[slot] = time_ns
 
     def learn(
-        self, hit: IntArray, log_density: FloatArray, by_chance: FloatArray, missed: IntArray, *, time_ns: int
-    ) -> None:
-        """Update existence by a frame's hits, others expected so densely there, (h,) as `after_hit`, and misses.
+        self, hit: IntArray, log_density: FloatArray, is_explained: BoolArray, by_chance: FloatArray, time_ns: int, *,
+        is_scan: bool,
+    ) -> None:  # fmt: skip
+        """Update existence by a frame's hits and misses. Unlabelled tracks that are confirmed by it are numbered.
 
-        Unlabelled tracks that are confirmed by it are numbered.
+        A track is missed that was due: some time after its last hit or miss; none while its sensor's interval is
+        unknown. A measurement that a belief does not explain is a miss: it came from somewhere else.
+
+        Args:
+            hit: (h,) tracks that were measured.
+            log_density: (h,) of the measurement under the belief.
+            is_explained: (h,) whether the belief explains it.
+            by_chance: (h,) density of others expected there, as `existence.after_hit`.
+            time_ns: of the frame.
+            is_scan: the sensor looked.
         """
-        self.existence[hit] = existence.after_hit(self.existence[hit], log_density, by_chance, self._config)
+        since_ns = (time_ns - self.measured_ns[hit])[~self.is_labelled[hit]]
+        if since_ns.size:
+            self._shared[1:] = remembered(self._shared[1:], np.trunc([np.median(since_ns)]))
+        self.measured_ns[hit] = time_ns
+        due_ns = DUE_FROM * self.interval[:, 0] + JITTERS * self.interval[:, 1]
+        is_missed = is_scan & (self.measured_ns < time_ns) & (time_ns - self.counted_ns >= due_ns)
+        is_missed[hit] = ~is_explained
+        seen, missed = hit[is_explained], self.slots[is_missed[self.slots]]
+        self.existence[seen] = existence.after_hit(
+            self.existence[seen], log_density[is_explained], by_chance[is_explained], self._config
+        )
         self.existence[missed] = existence.after_miss(self.existence[missed], self._config)
-        self.counted_ns[hit] = self.counted_ns[missed] = time_ns
+        self.counted_ns[seen] = self.counted_ns[missed] = time_ns
         sure, slot = self.probability >= self._config.confirm_above, self.unlabelled
         for one in slot[sure[slot] & ~self.is_confirmed[slot]].tolist():
             self._number(one)
         self.is_confirmed |= sure
-
-    def measured(self, slot: IntArray, time_ns: int) -> IntArray:
-        """Tracks (v,) were measured. Slots of those that the frame ought to have shown and did not.
-
-        One is due some time after its last hit or miss; not while its sensor's interval is unknown.
-        """
-        since_ns = (time_ns - self.measured_ns[slot])[~self.is_labelled[slot]]
-        if since_ns.size:
-            self._shared[1:] = remembered(self._shared[1:], np.trunc([np.median(since_ns)]))
-        self.measured_ns[slot] = time_ns
-        due_ns = DUE_FROM * self.interval[:, 0] + JITTERS * self.interval[:, 1]
-        is_due = (self.measured_ns < time_ns) & (time_ns - self.counted_ns >= due_ns)
-        return self.slots[is_due[self.slots]]
 
     def _end(self, now_ns: int) -> BoolArray:
         """End tracks not measured for too long, and those that hardly exist. (slots,) which."""

@@ -248,8 +248,8 @@ class Tracker:
     def _weigh(self, slot: IntArray, measured: Detections, by_chance: FloatArray, *, is_scan: bool) -> IntArray:
         """Weigh the moved beliefs by the frame's measurements; reinitialise those that have lost their vehicle.
 
-        Then learn from hits and misses which tracks are of vehicles. A measurement that a belief does not explain is a
-        miss: it came from somewhere else. The slots of those reinitialised.
+        Returns:
+            (v,) slots of those.
         """
         roster, now_ns = self._roster, self._time_ns
         signals = (measured.cue == roster.cue[slot]) | (np.isnan(measured.cue) & np.isnan(roster.cue[slot]))
@@ -264,15 +264,11 @@ class Tracker:
         else:
             evidence = self._recorder.weigh(slot, measured, now_ns)
         is_back = roster.is_labelled[slot] & (_seconds(now_ns - roster.measured_ns[slot]) > AWAY_S)
-        missed = roster.measured(slot, now_ns)
         is_weightless = ~np.isfinite(evidence.log_density)  # no particle has a weight
         roster.log_evidence[slot] = np.where(is_weightless, 0.0, evidence.log_density)
-        unexplained = evidence.is_unexplained | is_weightless
-        roster.n_unexplained[slot] = np.where(unexplained, roster.n_unexplained[slot] + 1, 0)
-        roster.learn(
-            slot[~unexplained], evidence.log_density[~unexplained], by_chance[~unexplained],
-            np.concatenate([missed[: missed.size * is_scan], slot[unexplained]]), time_ns=now_ns,
-        )  # fmt: skip
+        is_explained = ~(evidence.is_unexplained | is_weightless)
+        roster.n_unexplained[slot] = np.where(is_explained, 0, roster.n_unexplained[slot] + 1)
+        roster.learn(slot, evidence.log_density, is_explained, by_chance, now_ns, is_scan=is_scan)
         is_lost = is_weightless | (roster.n_unexplained[slot] >= np.where(is_back, 1, self.tracking.lost_after))
         lost = slot[is_lost]
         if lost.size:
