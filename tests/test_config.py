@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dirprim_filter.config import FilterConfig, LearningConfig
+from dirprim_filter.config import FilterConfig, LearningConfig, TrackingConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import EstimateList
 from dirprim_filter.filtering import Tracker
@@ -19,22 +19,23 @@ SERIES = ("cell_sizes", "rows_per_cell")
 MAY_BE_OFF = (
     "outlier_probability", "motion_outlier_probability", "resample_below", "innovation_outlier_rate", "own_way_rate",
 )  # fmt: skip
+MAY_BE_0 = (*MAY_BE_OFF, "broad_share", "occlusion_rate", "departure_rate")
 SETTINGS = [
-    (kind, f.name)
-    for kind in (FilterConfig, LearningConfig)
-    for f in fields(kind)
-    if f.name not in (*SERIES, "interaction")
-]
+    (kind, f.name) for kind in (FilterConfig, LearningConfig, TrackingConfig) for f in fields(kind)
+    if f.name != "interaction"
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("kind", "name"), SETTINGS)
-@pytest.mark.parametrize("value", [0, -1.0, np.nan])
+@pytest.mark.parametrize("value", [0, -1.0, np.nan, 1e10])
 def test_a_setting_out_of_range_is_refused_by_name(kind, name, value):
-    if value == 0 and name in (*MAY_BE_OFF, "broad_share"):
+    if value == 0 and name in MAY_BE_0:
         assert getattr(kind(**{name: value}), name) == 0
         return
-    with pytest.raises(ValueError, match=f"{name}: expected (a positive number|at least 0), got"):
-        kind(**{name: value})
+    for given in ((3.0, value), (value,), ()) if name in SERIES else (value,):
+        expected = "a positive number|at least 0|at most 1e.09|a share below 1"
+        with pytest.raises(ValueError, match=f"{name}: expected ({expected}), got"):
+            kind(**{name: given})
 
 
 @pytest.mark.parametrize("name", [*MAY_BE_OFF, "interaction"])
@@ -63,11 +64,7 @@ def test_every_mechanism_can_be_off_and_vehicles_are_tracked_nonetheless(ring_ma
         (FilterConfig, {"resample_below": 1.5}, "resample_below: expected a share of the particles, got 1.5"),
         (FilterConfig, {"step_s": 1e-300}, "step_s: expected at least 0.001 s, got 1e-300"),
         (FilterConfig, {"interaction": "all"}, "interaction: expected 'none' or 'leader', got 'all'"),
-        *(
-            (LearningConfig, {name: numbers}, f"{name}: expected a positive number")
-            for name in SERIES
-            for numbers in ((), (3.0, 0.0), (-1.0,), (3.0, np.nan))
-        ),
+        (TrackingConfig, {"report_above": 0.95}, "report_above: expected at most confirm_above, 0.9, got 0.95"),
     ],
 )
 def test_what_a_number_alone_does_not_show_is_refused_by_name(kind, given, message):
