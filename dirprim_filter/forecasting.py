@@ -7,9 +7,9 @@ step; look up the cell it has come to; repeat.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -182,14 +182,6 @@ class Forecasts:
         return np.concatenate([first, self.paths[:, :, ::-stride][:, :, ::-1]], axis=2)  # the last is among them
 
 
-class ForecastSink(Protocol):
-    """Takes forecasts as they are made: a log, a viewer."""
-
-    def write_forecast(self, forecasts: Forecasts) -> None:
-        """Take the rollouts of vehicles, after the frame of their time."""
-        ...
-
-
 class Forecaster:
     """An `EstimateSink` that forecasts every vehicle of a frame, now and then.
 
@@ -208,7 +200,7 @@ class Forecaster:
     """
 
     def __init__(
-        self, primitive_map: PrimitiveMap, sinks: Sequence[ForecastSink], *, every_s: float = 1.0,
+        self, primitive_map: PrimitiveMap, sinks: Sequence[Callable[[Forecasts], None]], *, every_s: float = 1.0,
         horizon_s: float = 5.0, dt_s: float = 0.25, n_samples: int = 30, config: FilterConfig | None = None,
         rng: np.random.Generator,
     ) -> None:  # fmt: skip
@@ -228,7 +220,7 @@ class Forecaster:
         self._next_ns = frame.time_ns + self._every_ns
         made = Forecasts(frame.time_ns, frame.names, frame.estimates.position, self.paths(frame))
         for sink in self._sinks:
-            sink.write_forecast(made)
+            sink(made)
 
     def paths(self, frame: TrackedFrame) -> FloatArray:
         """Rollouts of the frame's vehicles from their particles, (n, n_samples, n_steps, 2) metres."""

@@ -51,19 +51,12 @@ def test_bad_input_is_refused_by_name(ring_map, change, message):
         forecast(ring_map, **START | change, rng=np.random.default_rng(0))
 
 
-class Kept(list):
-    """A sink of forecasts."""
-
-    def write_forecast(self, forecasts):
-        self.append((forecasts.time_ns, list(forecasts.track_id), forecasts.paths))
-
-
 def forecasts(ring_map, detections, **settings):
-    kept = Kept()
-    forecaster = Forecaster(ring_map, [kept], rng=np.random.default_rng(5), **{"n_samples": 4} | settings)
+    kept, rng = [], np.random.default_rng(5)
+    forecaster = Forecaster(ring_map, [kept.append], rng=rng, **{"n_samples": 4} | settings)
     tracker = Tracker(ring_map, config=FilterConfig(n_particles=50), tracking=TRUSTING, rng=np.random.default_rng(5))
     replay(detections.frames(), tracker, [forecaster])
-    return kept
+    return [(made.time_ns, list(made.track_id), made.paths) for made in kept]
 
 
 def test_a_vehicles_rollouts_are_the_same_to_the_byte_without_the_others_as_often_as_asked_for(ring_map, ring):

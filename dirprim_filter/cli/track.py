@@ -183,9 +183,8 @@ def track(
             smoother.sinks += [shown.write_smoothed for shown in outputs]
             sinks.append(files.enter_context(smoother))
         if forecast > 0:
-            sinks.append(Forecaster(
-                by_map, outputs, horizon_s=forecast, config=filtering, rng=np.random.default_rng([seed, 1])
-            ))  # fmt: skip
+            drawn, rng = [shown.write_forecast for shown in outputs], np.random.default_rng([seed, 1])
+            sinks.append(Forecaster(by_map, drawn, horizon_s=forecast, config=filtering, rng=rng))
         seen = (frame.without_ids() for frame in frames) if no_ids else frames
         shown_frames = with_progress(seen, what=f"tracking {log.name}", end_ns=stream.end_ns)
         n_frames = replay(shown_frames, trackers, sinks, rate_hz=own.rate_hz or None)

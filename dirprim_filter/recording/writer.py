@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -11,7 +12,6 @@ from typing import Self
 import numpy as np
 
 from dirprim_filter.arrays import FloatArray, IntArray
-from dirprim_filter.background import Background
 from dirprim_filter.detections import Detections
 from dirprim_filter.drawing.vehicles import has_no_forecast
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
@@ -126,7 +126,8 @@ class EstimateWriter:
         self._map: PrimitiveMap | None = None
         self._origin: FloatArray | None = None
         self._not_forecast: frozenset[str] = frozenset()
-        self._background = Background("dirprim-log")
+        self._thread = ThreadPoolExecutor(1, "dirprim-log")
+        self._underway: Future[None] | None = None
 
     def __enter__(self) -> Self:
         self._log.__enter__()
@@ -136,7 +137,8 @@ class EstimateWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         try:
-            self._background.end()
+            with self._thread:
+                self._wait()
         except BaseException as failure:
             self._log.__exit__(type(failure), failure, failure.__traceback__)
             raise
@@ -150,7 +152,7 @@ class EstimateWriter:
             OSError: an earlier frame could not be written.
         """
         particles = None if self._particle_stride is None else frame.particles.thinned(self._particle_stride)
-        self._background.do(lambda: self._append(frame.estimates, frame.detections, particles, frame.time_ns))
+        self._later(lambda: self._append(frame.estimates, frame.detections, particles, frame.time_ns))
 
     def write_smoothed(self, frame: TrackedFrame) -> None:
         """Append what a smoother says of one instant: frames in order of time, each later than the filter's.
@@ -159,11 +161,11 @@ class EstimateWriter:
             ValueError: as `write`.
             OSError: as `write`.
         """
-        self._background.do(lambda: self._append_smoothed(frame.estimates, frame.detections, frame.time_ns))
+        self._later(lambda: self._append_smoothed(frame.estimates, frame.detections, frame.time_ns))
 
     def write_map_scene(self, primitive_map: PrimitiveMap) -> None:
         """Draw the map's cells and roses: at the time of the next message, as a map has none of its own."""
-        self._background.wait()
+        self._wait()
         self._map = primitive_map
 
     def write_forecast(self, forecasts: Forecasts) -> None:
@@ -173,7 +175,17 @@ class EstimateWriter:
             ValueError: a negative time.
             OSError: an earlier frame could not be written.
         """
-        self._background.do(lambda: self._append_forecast(forecasts))
+        self._later(lambda: self._append_forecast(forecasts))
+
+    def _later(self, work: Callable[[], None]) -> None:
+        """Begin a piece of work, once the one before it is done; what failed of that is raised, once."""
+        self._wait()
+        self._underway = self._thread.submit(work)
+
+    def _wait(self) -> None:
+        underway, self._underway = self._underway, None
+        if underway is not None:
+            underway.result()
 
     def _append(self, estimates: Estimates, detections: Detections, particles: Particles | None, time_ns: int) -> None:
         origin = self._begin(np.concatenate([estimates.position, detections.position]), time_ns)
