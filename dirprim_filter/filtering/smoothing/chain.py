@@ -27,15 +27,11 @@ USUAL = 9.21
 """Squared Mahalanobis distance that one place in a hundred exceeds."""
 
 
-def may_be_off(dt_s: npt.ArrayLike) -> FloatArray:
-    """Metres, how far from where it would be at an even velocity a vehicle may be after so many seconds."""
-    return np.asarray(SLACK_M + 0.5 * HARDEST * np.square(dt_s))
-
-
-def squared_distance(one: Belief, other: Belief) -> float:
-    """Squared Mahalanobis distance of the places of two beliefs of one time."""
-    spread = one.covariance[:2, :2] + other.covariance[:2, :2] + 1e-12 * np.eye(2)
-    return float(gaussian.squared_distance(other.mean[:2] - one.mean[:2], spread))
+def may_lead(mean: FloatArray, dt_s: npt.ArrayLike, place: FloatArray) -> BoolArray:
+    """(...) whether a vehicle may come, by the hardest turning or braking, from states (..., 4) to places (..., 2)."""
+    dt_s = np.asarray(dt_s)
+    off = place - mean[..., :2] - dt_s[..., None] * mean[..., 2:]
+    return np.asarray(np.hypot(off[..., 0], off[..., 1]) <= SLACK_M + 0.5 * HARDEST * np.square(dt_s))
 
 
 class Smoothed(NamedTuple):
@@ -46,10 +42,6 @@ class Smoothed(NamedTuple):
     covariance: FloatArray  # (n, 4, 4)
     course: FloatArray  # (n, 2) as the filter knew it, for vehicles that stand
     measured_ns: IntArray  # (n,) time of the last measurement by then
-
-    def first(self) -> Belief:
-        """The earliest of them."""
-        return Belief(int(self.time_ns[0]), self.mean[0], self.covariance[0], self.course[0])
 
     def at(self, time_ns: IntArray) -> Smoothed:
         """The same at times between the first and the last, linear between neighbours: a step of the filter apart."""
@@ -130,29 +122,27 @@ class Chain:
         time_ns = np.append(links["time_ns"], self.last.time_ns)
         return Smoothed(time_ns, mean[:, :MOVES], covariance[:, :MOVES, :MOVES], course, measured_ns)
 
-    def may_be_at(self, place: Belief) -> bool:
-        """Whether the vehicle of the last belief may be where another belief of that time has it.
+    def is_corrected(self, other: Belief) -> bool:
+        """Whether the vehicle may be where another belief of the last time has it; that takes the last one's place.
 
-        A vehicle that the filter lost from sight may also be as far as the hardest braking or turning takes it.
+        Else that is of another chain. A vehicle that the filter lost from sight may be as far as the hardest braking or
+        turning takes it. The last belief was perhaps too sure: were all covariances since the last pause, or
+        measurement, larger by a factor, gains would be the same, and spreads larger by it: by as much as makes the
+        distance of the two beliefs a usual one.
         """
-        if squared_distance(self.last, place) <= SAME_VEHICLE:
-            return True
-        if (pause := self._last_pause()) < 0:
+        spread = self.last.covariance[:2, :2] + other.covariance[:2, :2] + 1e-12 * np.eye(2)
+        squared = float(gaussian.squared_distance(other.mean[:2] - self.last.mean[:2], spread))
+        pause = self._last_pause()
+        seen = self._spans[pause].start if pause >= 0 else self.last
+        dt_s = (other.time_ns - seen.time_ns) * 1e-9
+        is_far = dt_s == 0 or not may_lead(seen.mean[:MOVES], dt_s, other.mean[:2])
+        if squared > SAME_VEHICLE and is_far:
+            self.is_replaced = True
             return False
-        seen = self._spans[pause].start
-        dt_s = (place.time_ns - seen.time_ns) * 1e-9
-        off = place.mean[:2] - seen.mean[:2] - dt_s * seen.mean[2:MOVES]
-        return bool(np.hypot(*off) <= may_be_off(dt_s))
-
-    def correct(self, last: Belief) -> None:
-        """Put another belief in place of the last, which was perhaps too sure.
-
-        Were all covariances since the last pause, or measurement, larger by a factor, gains would be the same, and
-        spreads larger by it: by as much as makes the distance of the two beliefs a usual one.
-        """
-        for span in self._spans[self._last_pause() :]:
-            span.links["spread"] *= max(squared_distance(self.last, last) / USUAL, 1.0)
-        self.last, self.path = last, []
+        for span in self._spans[pause:]:
+            span.links["spread"] *= max(squared / USUAL, 1.0)
+        self.last, self.path = other, []
+        return True
 
     def take_up(self, former: Chain, between: AnyArray) -> None:
         """Be the continuation of another chain, by links (m,) from its end to the beginning of this one."""

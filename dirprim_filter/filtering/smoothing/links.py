@@ -51,14 +51,11 @@ class Step(NamedTuple):
     state: States  # of one
 
 
-def beliefs_of(bayes_filter: Smoothable, states: States, time_ns: Sequence[int]) -> list[Belief]:
-    """Means and covariances of beliefs (v,) at (v,) times."""
-    each = np.arange(len(time_ns))
+def moments_of(bayes_filter: Smoothable, states: States) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(v, 5) means, (v, 5, 5) covariances and (v, 2) courses, as of a `Belief`."""
+    each = np.arange(len(states.weight))
     mean, covariance = bayes_filter.joint(states, states, vehicle=each, dt_s=np.zeros(each.size))
-    return [
-        Belief(t, m[:N_STATES], p[:N_STATES, :N_STATES], m[N_STATES:N_COLUMNS])
-        for t, m, p in zip(time_ns, mean, covariance, strict=True)
-    ]
+    return mean[:, :N_STATES], covariance[:, :N_STATES, :N_STATES], mean[:, N_STATES:N_COLUMNS]
 
 
 def links_of(

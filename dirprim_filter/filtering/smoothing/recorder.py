@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
@@ -11,7 +9,7 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.filtering.protocols import BayesFilter, Evidence, Smoothable, States
 from dirprim_filter.filtering.smoothing.chain import Chain
-from dirprim_filter.filtering.smoothing.links import Belief, Step, beliefs_of, links_of, tempered
+from dirprim_filter.filtering.smoothing.links import Belief, Step, links_of, moments_of, tempered
 from dirprim_filter.track_ids import qualified_names
 
 GAP_NS = 1_000_000_000
@@ -51,16 +49,13 @@ class Recorder:
 
         Where a belief no longer explained its vehicle, its chain ends; or goes on, if it may well have become this one.
         """
-        beliefs = beliefs_of(self.filter, self.filter.states(slot), [time_ns] * slot.size)
-        for s, belief in zip(slot.tolist(), beliefs, strict=True):
-            former = self._chain.get(s)
-            if former is not None and former.last.time_ns == time_ns:  # else it was another vehicle's
-                if former.may_be_at(belief):
-                    former.correct(belief)
-                    continue
-                former.is_replaced = True
-            self._chain[s] = Chain(belief)
-            self.chains.append(self._chain[s])
+        moments = moments_of(self.filter, self.filter.states(slot))
+        for s, *of_one in zip(slot.tolist(), *moments, strict=True):
+            belief, former = Belief(time_ns, *of_one), self._chain.get(s)
+            is_same = former is not None and former.last.time_ns == time_ns  # else it was another vehicle's
+            if former is None or not (is_same and former.is_corrected(belief)):
+                self._chain[s] = Chain(belief)
+                self.chains.append(self._chain[s])
 
     def moves(self, slot: IntArray, time_ns: IntArray) -> None:
         """Beliefs are about to be predicted from these times (v,); copies of them have no chain."""
@@ -82,12 +77,13 @@ class Recorder:
             if time_ns - chain.last.time_ns > GAP_NS:
                 weight[i] = tempered(expected.weight[i], found.weight[i])
         expected = expected._replace(weight=weight)
-        last, before = (beliefs_of(self.filter, of, [time_ns] * slot.size) for of in (found, expected))
-        added = _wider(last, before) * evidence.is_moved[:, None, None]  # not for other weights across a gap
+        moments = moments_of(self.filter, found)
+        added = _positive(moments[1] - moments_of(self.filter, expected)[1])
+        added *= evidence.is_moved[:, None, None]  # not for other weights across a gap
         now_ns = np.full(slot.size, time_ns)
         links = links_of(self.filter, [chain.path for chain in chains], expected, now_ns, added)
-        for chain, own, belief in zip(chains, links, last, strict=True):
-            chain.extend(own, belief)
+        for chain, own, *of_one in zip(chains, links, *moments, strict=True):
+            chain.extend(own, Belief(time_ns, *of_one))
         return evidence
 
     def reported(self, time_ns: int, home: IntArray, estimates: Estimates, is_labelled: BoolArray) -> None:
@@ -102,12 +98,11 @@ class Recorder:
             chain.existence = max(chain.existence, exists)
 
 
-def _wider(beliefs: Sequence[Belief], expected: Sequence[Belief]) -> FloatArray:
+def _positive(more: FloatArray) -> FloatArray:
     """(v, 5, 5) by which covariances are larger than expected: where samples were moved to a measurement.
 
     That is noise between the two, or the sweep back would magnify it at every step: the map draws vehicles together, so
     backwards it drives them apart.
     """
-    more = np.array([one.covariance - other.covariance for one, other in zip(beliefs, expected, strict=True)])
     size, axes = np.linalg.eigh(more)
     return np.asarray((axes * np.maximum(size, 0.0)[:, None]) @ axes.swapaxes(1, 2))

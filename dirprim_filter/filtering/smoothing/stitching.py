@@ -24,7 +24,7 @@ from dirprim_filter.filtering.association import best_pairs
 from dirprim_filter.filtering.belief import birth_key
 from dirprim_filter.filtering.measurements import FASTEST
 from dirprim_filter.filtering.protocols import Smoothable
-from dirprim_filter.filtering.smoothing.chain import MOVES, Chain, may_be_off
+from dirprim_filter.filtering.smoothing.chain import MOVES, Chain, may_lead
 from dirprim_filter.filtering.smoothing.links import Belief, Step, links_of, tempered
 from dirprim_filter.filtering.smoothing.recorder import Recorder
 from dirprim_filter.filtering.tracker import Tracker
@@ -68,7 +68,7 @@ def stitch(
             trim(chain, frame_s=frame_s, log_density=usual, config=config)
         if chain.name and (joins_labelled or not chain.is_labelled):
             chains.append(chain)
-    starts = [chain.smoothed().first() for chain in chains]
+    starts = [Belief(*(column[0] for column in chain.smoothed()[:4])) for chain in chains]
     pairs = _candidates(chains, starts, before_ns=before_ns, gap_ns=gap_ns)
     bridges = [bridge(recorder.filter, chains[i], chains[j], starts[j]) for i, j in pairs]
     out_s = np.array([starts[j].time_ns - chains[i].last.time_ns for i, j in pairs]) * 1e-9
@@ -148,12 +148,11 @@ def _candidates(
     is_start = (begin <= before_ns) & (begin == np.array([chain.first_ns for chain in chains]))  # not forgotten
     dt_ns = begin[None] - end[:, None]
     one, other = np.nonzero((dt_ns > 0) & (dt_ns <= gap_ns) & is_start)
-    dt_s = dt_ns[one, other] * 1e-9
-    ends, firsts = (
-        np.array([of.mean[:4] for of in beliefs]).reshape(-1, 4) for beliefs in ([c.last for c in chains], starts)
+    last, first = (
+        np.array([of.mean[:MOVES] for of in beliefs]).reshape(-1, MOVES)
+        for beliefs in ([c.last for c in chains], starts)
     )
-    off = np.hypot(*(firsts[other, :2] - ends[one, :2] - dt_s[:, None] * ends[one, 2:]).T)
-    near = off <= may_be_off(dt_s)
+    near = may_lead(last[one], dt_ns[one, other] * 1e-9, first[other, :2])
     return list(zip(one[near].tolist(), other[near].tolist(), strict=True))
 
 
