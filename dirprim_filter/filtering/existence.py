@@ -171,7 +171,7 @@ class Undetected:
     def _per_level(self, position: FloatArray) -> FloatArray:
         """(n, 2) -> (n,) first detections per square metre where the level is 1."""
         seen = self.config.detection_probability * self._share
-        if self._traffic is None:
+        if self._traffic is None or not len(position):
             return np.full(len(position), seen[0])
         return self._traffic.density(seen, position, spread_m=self._noise.noise_m)
 

@@ -97,7 +97,7 @@ class Roster:
         self._shared = np.array([NO_GAPS, NO_GAPS])  # gaps of frames, and of hits of unlabelled tracks
         self._max_gap_ns = self._least_gap_ns = max_gap_s * 1e9
         self.longest_gap_ns = int(self._max_gap_ns)
-        first = existence.at_birth(np.array([config.birth_density]), config)[0, existence.VISIBLE]
+        first = config.birth_density / (config.birth_density + config.clutter_density)  # existence of a first detection
         self._forget_below = config.forget_below * first
         self._n_slots = 0
         self._grow(FIRST_CAPACITY)

@@ -8,7 +8,7 @@ from os import PathLike
 
 import numpy as np
 
-from dirprim_filter.arrays import FloatArray, IntArray, require
+from dirprim_filter.arrays import BoolArray, FloatArray, IntArray, require
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import NO_ID, NO_TIME, Detections, check_after
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
@@ -120,12 +120,13 @@ class Tracker:
         """
         seen, self._time_ns = self._checked(detections, time_ns)
         self._filter.resample(self._weighed)
-        slot, by_chance = self._assigned(seen, is_scan=is_scan)
+        is_labelled = seen.track_id != NO_ID
+        slot, by_chance = self._assigned(seen, is_labelled, is_scan=is_scan)
         row = np.flatnonzero(slot >= 0)
         self._weighed = slot[row]
         if is_scan:
-            self._begin_tracks(seen, slot)
-        home, held = self._beliefs(slot[seen.track_id != NO_ID])
+            self._begin_tracks(seen, is_labelled, slot)
+        home, held = self._beliefs(slot[is_labelled])
         lost = self._weigh(self._weighed, seen[row], by_chance[row], is_scan=is_scan)
         return self._tracked(detections, home, held, lost)
 
@@ -145,13 +146,14 @@ class Tracker:
             raise ValueError(f"time_ns: expected {own_ns}, that of the detections, got {time_ns}")
         return detections, own_ns
 
-    def _assigned(self, detections: Detections, *, is_scan: bool) -> tuple[IntArray, FloatArray]:
+    def _assigned(
+        self, detections: Detections, is_labelled: BoolArray, *, is_scan: bool
+    ) -> tuple[IntArray, FloatArray]:  # fmt: skip
         """Move tracks to the frame's time. (d,) the track of each detection, -1 for none; and `Undetected.by_chance`.
 
         An id is a gate: its track is assigned whatever it predicted.
         """
         roster, now_ns = self._roster, self._time_ns
-        is_labelled = detections.track_id != NO_ID
         passed_ns = now_ns - self._scanned_ns if is_scan else None
         slot = np.full(len(detections), -1, np.int64)
         slot[is_labelled] = roster.see(detections.track_id[is_labelled].tolist(), now_ns, passed_ns=passed_ns)
@@ -176,10 +178,10 @@ class Tracker:
             )  # fmt: skip
         return slot, by_chance
 
-    def _begin_tracks(self, detections: Detections, slot: IntArray) -> None:
+    def _begin_tracks(self, detections: Detections, is_labelled: BoolArray, slot: IntArray) -> None:
         """Initialise a track for each detection that has none, and enter it in (d,) `slot`."""
         row = np.flatnonzero(slot < 0)
-        expected = self._undetected.see(detections.position[row], detections.track_id[row] != NO_ID)
+        expected = self._undetected.see(detections.position[row], is_labelled[row])
         if row.size:
             exists = existence.at_birth(expected, self.tracking)
             names = detections.track_id[row].tolist()
