@@ -155,19 +155,20 @@ def _change(
         v, after = speed[p], -1
         passes = (now != cell[p]) | (stood != (v < STANDING_BELOW))
         position[p, 0], position[p, 1], cell[p] = x, y, now
-        if passes:
+        is_due = random.uniform(state) < step.jumps
+        if is_due and v >= STANDING_BELOW and random.uniform(state) < step.leaves:
+            after = len(table.row) + OWN_WAY
+        elif passes:
             if now >= 0 and before < n_placed:
                 after = follow(table, before, begin[now], begin[now + 1], v < STANDING_BELOW, DISCOUNT, state)
-        elif random.uniform(state) >= step.jumps:
+        elif not is_due:
             continue
-        elif step.leaves > 0.0 and v >= STANDING_BELOW and random.uniform(state) < step.leaves:
-            after = len(table.row) + OWN_WAY
         elif before >= n_placed:
             after = leave_places(table, before, v, state)
         elif now >= 0 and begin[now] <= before < begin[now + 1]:
             continue
         if after < 0:
-            former, rate = (before, BY_VISITS) if passes else (-1, BY_TIME)
+            former, rate = -1 if is_due else before, BY_VISITS if passes else BY_TIME
             after = take_up(table, former, now, x, y, theta, v, rate, weight, state)
         if passes:
             direction[p] = keep_deviation(table, before, after, x, y, theta)
