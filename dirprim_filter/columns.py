@@ -30,16 +30,13 @@ def required(*shape: int, checked: bool = False) -> Any:
 
 def optional(*shape: int, missing: float = np.nan, checked: bool = False) -> Any:
     """A field of finite numbers, (n, *shape), NaN where unknown; left out, `missing` in all rows."""
-    symbols = ", ".join(("n", *map(str, shape)))
+    symbols = " ".join(("n", *map(str, shape)))
 
     def convert(name: str, value: npt.ArrayLike, n: int) -> FloatArray:
         column = np.asarray(value, dtype=np.float64)
         if column.shape[:1] == (0,):
             return np.broadcast_to(missing, (n, *shape))
-        if column.shape[1:] != shape:
-            raise ValueError(f"{name}: expected shape ({symbols}), got {column.shape}")
-        if (wrong := ~np.isfinite(column) if np.isfinite(missing) else np.isinf(column)).any():
-            raise ValueError(f"{name}: expected finite numbers, or NaN where unknown, got {column[wrong][0]}")
+        as_floats(name, np.where(np.isnan(column), 0.0, column) if np.isnan(missing) else column, symbols)
         return column if is_held(column) else np.broadcast_to(np.nan, column.shape)  # which takes no memory
 
     return _column(convert, shape, checked=checked, left_out=missing)

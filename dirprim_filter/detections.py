@@ -66,24 +66,20 @@ class Detections(ArrayTable):
         """The same rows without ids."""
         return replace(self, track_id=np.full(len(self), NO_ID, np.str_))
 
-    def instant(self, *, after_ns: int) -> int:
-        """The time of these rows as the next frame of a log that has come to `after_ns`; `after_ns` if there are none.
+    def instant(self) -> int:
+        """The time of these rows, at least one, as a frame of a log.
 
         Raises:
-            ValueError: several instants, several groups, a repeated id, or a time that is not after `after_ns`.
+            ValueError: several instants, several groups, or a repeated id.
         """
-        if len(self) == 0:
-            return after_ns
-        time_ns = int(self.time_ns[0])
         named = self.track_id[self.track_id != NO_ID]
-        if (self.time_ns != time_ns).any() or np.unique(named).size != named.size:
+        if (self.time_ns != self.time_ns[0]).any() or np.unique(named).size != named.size:
             raise ValueError("detections: expected one instant and each track id once; see Detections.frames")
         if (self.group != self.group[0]).any():
             raise ValueError(
                 "detections: expected rows of one group, for each is tracked by itself; see filtering.GroupTracker"
             )
-        check_after(time_ns, after_ns)
-        return time_ns
+        return int(self.time_ns[0])
 
     def frames(self) -> Iterator[Detections]:
         """The rows of each instant, ascending in time."""
@@ -92,13 +88,3 @@ class Detections(ArrayTable):
         for rows in np.split(order, starts[1:]):
             if rows.size:
                 yield self[rows]
-
-
-def check_after(time_ns: int, after_ns: int) -> None:
-    """Time goes on.
-
-    Raises:
-        ValueError: it does not.
-    """
-    if time_ns <= after_ns:
-        raise ValueError(f"detections: expected times after {after_ns} ns, got {time_ns}")

@@ -1,9 +1,11 @@
 """What a sensor reports, as it comes and frame by frame."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from dirprim_filter.detections import NO_TIME, Detections
+from dirprim_filter.detections import Detections
 
 
 def some():
@@ -20,12 +22,11 @@ def test_frames_ascend_in_time_and_hold_every_row_once_in_its_order():
     assert list(Detections.none().frames()) == []
 
 
-def test_the_instant_of_a_frame_follows_the_log_and_nothing_else_is_one():
+def test_a_frame_is_of_one_instant_one_group_and_each_id_once():
     frame = Detections(track_id=["a", "b"], time_ns=[5, 5], position=np.zeros((2, 2)))
-    assert frame.instant(after_ns=NO_TIME) == 5
-    assert frame.instant(after_ns=4) == 5
-    assert Detections.none().instant(after_ns=4) == 4
-    with pytest.raises(ValueError, match="expected times after 5 ns, got 5"):
-        frame.instant(after_ns=5)
-    with pytest.raises(ValueError, match="one instant and each track id once"):
-        some().instant(after_ns=0)
+    assert frame.instant() == 5
+    for wrong in (some(), replace(frame, track_id=["a", "a"])):
+        with pytest.raises(ValueError, match="one instant and each track id once"):
+            wrong.instant()
+    with pytest.raises(ValueError, match="rows of one group"):
+        replace(frame, group=[0, 1]).instant()

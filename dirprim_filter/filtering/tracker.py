@@ -10,7 +10,7 @@ import numpy as np
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray, require
 from dirprim_filter.config import FilterConfig, TrackingConfig
-from dirprim_filter.detections import NO_ID, NO_TIME, Detections, check_after
+from dirprim_filter.detections import NO_ID, NO_TIME, Detections
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.filtering import existence
 from dirprim_filter.filtering.association import associated
@@ -136,14 +136,13 @@ class Tracker:
         if self._latency_ns:
             detections = replace(detections, time_ns=detections.time_ns - self._latency_ns)
             time_ns = None if time_ns is None else time_ns - self._latency_ns
-        if not len(detections):
-            if time_ns is None:
-                raise ValueError("time_ns: expected the time of a frame without detections")
-            check_after(time_ns, self._time_ns)
-            return detections, time_ns
-        own_ns = detections.instant(after_ns=self._time_ns)
+        own_ns = detections.instant() if len(detections) else time_ns
+        if own_ns is None:
+            raise ValueError("time_ns: expected the time of a frame without detections")
         if time_ns not in (None, own_ns):
             raise ValueError(f"time_ns: expected {own_ns}, that of the detections, got {time_ns}")
+        if own_ns <= self._time_ns:
+            raise ValueError(f"detections: expected times after {self._time_ns} ns, got {own_ns}")
         return detections, own_ns
 
     def _assigned(
