@@ -148,31 +148,31 @@ def _change(
     """Start who does, and change the manoeuvres of those that enter a cell, stop or start, or look for one of it."""
     begin, n_placed = table.begin, table.begin[-1]
     for p in range(speed.size):
-        before, x, y, theta = manoeuvre[p], position[p, 0] + own[p, EAST], position[p, 1] + own[p, NORTH], direction[p]
+        x, y = position[p, 0] + own[p, EAST], position[p, 1] + own[p, NORTH]
         stood, now = own[p, DISTANCE] == 0.0, locate(table.locator, x, y)
         if stood and random.uniform(state) < own[p, STARTS] * step.h:
             speed[p] = STARTS_AT
-        v, after = speed[p], -1
+        v = speed[p]
         passes = (now != cell[p]) | (stood != (v < STANDING_BELOW))
         position[p, 0], position[p, 1], cell[p] = x, y, now
         is_due = random.uniform(state) < step.jumps
-        if is_due and v >= STANDING_BELOW and random.uniform(state) < step.leaves:
-            after = len(table.row) + OWN_WAY
-        elif passes:
-            if now >= 0 and before < n_placed:
-                after = follow(table, before, begin[now], begin[now + 1], v < STANDING_BELOW, DISCOUNT, state)
-        elif not is_due:
-            continue
-        elif before >= n_placed:
-            after = leave_places(table, before, v, state)
-        elif now >= 0 and begin[now] <= before < begin[now + 1]:
-            continue
-        if after < 0:
-            former, rate = -1 if is_due else before, BY_VISITS if passes else BY_TIME
-            after = take_up(table, former, now, x, y, theta, v, rate, weight, state)
-        if passes:
-            direction[p] = keep_deviation(table, before, after, x, y, theta)
-        manoeuvre[p] = after
+        for by_chance in range(not passes, 1 + is_due):
+            before, after = manoeuvre[p], -1
+            if not by_chance:
+                if now >= 0 and before < n_placed:
+                    after = follow(table, before, begin[now], begin[now + 1], v < STANDING_BELOW, DISCOUNT, state)
+            elif v >= STANDING_BELOW and random.uniform(state) < step.leaves:
+                after = len(table.row) + OWN_WAY
+            elif before >= n_placed:
+                after = leave_places(table, before, v, state)
+            elif now >= 0 and begin[now] <= before < begin[now + 1]:
+                continue
+            if after < 0:
+                former, rate = (-1, BY_TIME) if by_chance else (before, BY_VISITS)
+                after = take_up(table, former, now, x, y, direction[p], v, rate, weight, state)
+            if not by_chance:
+                direction[p] = keep_deviation(table, before, after, x, y, direction[p])
+            manoeuvre[p] = after
 
 
 @njit(inline="always", nogil=True, **EXACT)  # by itself it would compile all of `take_up` once more
