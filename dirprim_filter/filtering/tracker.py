@@ -267,7 +267,7 @@ class Tracker:
         is_back = roster.is_labelled[slot] & (_seconds(now_ns - roster.measured_ns[slot]) > AWAY_S)
         is_weightless = ~np.isfinite(evidence.log_density)  # no particle has a weight
         roster.log_evidence[slot] = np.where(is_weightless, 0.0, evidence.log_density)
-        is_explained = ~(evidence.is_unexplained | is_weightless)
+        is_explained = ~evidence.is_unexplained
         roster.n_unexplained[slot] = np.where(is_explained, 0, roster.n_unexplained[slot] + 1)
         roster.learn(slot, evidence.log_density, is_explained, by_chance, now_ns, is_scan=is_scan)
         is_lost = is_weightless | (roster.n_unexplained[slot] >= np.where(is_back, 1, self.tracking.lost_after))

@@ -61,13 +61,6 @@ def test_existence_is_the_sum_over_all_ways_through_the_states(steps):
     assert np.abs(other - expected).max() > 1e-6
 
 
-def test_who_is_out_of_sight_where_no_vehicle_goes_has_left_and_who_is_seen_there_has_not():
-    state = np.array([[0.1, 0.6, 0.3], [0.9, 0.0, 0.1]])
-    inside, outside = (existence.probability(state, np.full(2, share)) for share in (0.0, 1.0))
-    np.testing.assert_allclose(inside, [0.7, 0.9])
-    np.testing.assert_allclose(outside, [0.1, 0.9])
-
-
 def followed(ring_map, frames, *, filter_of="particles", config=None, tracking=None):
     """What is reported in each frame: of (seconds, {name: place})."""
     config = config or FilterConfig(n_particles=300)

@@ -94,6 +94,20 @@ def test_unlabelled_tracks_are_the_same_each_time_and_keep_out_of_the_way_of_lab
     assert n_tracks == 3
 
 
+def test_a_sensor_that_later_calls_a_vehicle_as_we_call_another_has_the_name(ring_map):
+    tracker = made(ring_map, "kalman")
+    for i in range(20):
+        seen = Detections(track_id=[""], time_ns=[i * 10**8], position=[[0.8 * i, 0.0]])
+        if i > 9:
+            other = Detections(track_id=["track-1"], time_ns=[i * 10**8], position=[[0.8 * i, 50.0]])
+            seen = Detections.concatenate([seen, other])
+        found = tracker.step(seen)
+        if i == 9:
+            assert found.track_id.tolist() == ["track-1"]
+    north = found.position[:, 1].round(-1)
+    assert dict(zip(found.track_id.tolist(), north, strict=True)) == {"track-1": 50, "track-2": 0}
+
+
 def kept_apart(found, ways):
     """Names of the tracks nearest to each of the ways (frames, 2) in the latter half of the frames."""
     names = []
