@@ -175,9 +175,8 @@ class TrackingConfig:
         shares = ("detection_probability", "confirm_above", "report_above", "forget_below")
         require_positive(self, or_zero=("occlusion_rate", "departure_rate"), below_one=shares)
         if not self.report_above <= self.confirm_above:
-            raise ValueError(
-                f"report_above: expected at most confirm_above, {self.confirm_above}, got {self.report_above}"
-            )
+            most = f"confirm_above, {self.confirm_above}"
+            raise ValueError(f"report_above: expected at most {most}, got {self.report_above}")
 
 
 LARGEST = 1e9
