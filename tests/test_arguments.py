@@ -67,6 +67,18 @@ CALLS = {
     "save, swapped": (lambda m: save_map("m.mcap", m), "primitive_map: expected a PrimitiveMap, as load_map"),
 }
 
+NO_FORECAST = {
+    ("speed", -1.0): "at least 0 m/s", ("speed", np.nan): "speed: expected finite", ("n_samples", 0): "one sample",
+    ("direction", np.inf): "direction: expected finite", ("position", (0.0, np.nan)): "position: expected finite",
+    ("position", (0.0, 0.0, 0.0)): "position: expected shape (2)", ("horizon_s", 0.1): "at least one step",
+    ("horizon_s", np.inf): "horizon_s: expected finite", ("dt_s", -0.5): "at least one step",
+    ("dt_s", np.nan): "dt_s: expected finite",
+}  # fmt: skip
+CALLS |= {
+    f"forecast, {name} {value}": (lambda m, c={name: value}: forecast(m, **STATE | c), said)
+    for (name, value), said in NO_FORECAST.items()
+}
+
 
 @pytest.mark.parametrize("call", CALLS)
 def test_a_wrong_argument_is_one_line(call, a_map):

@@ -31,26 +31,6 @@ def test_on_a_straight_road_of_one_speed_positions_stand_at_dt_2_dt_and_so_on():
     np.testing.assert_allclose(paths[..., 1], 1.0, atol=0.3)
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"speed": -1.0}, "at least 0 m/s"),
-        ({"speed": np.nan}, "speed: expected finite"),
-        ({"direction": np.inf}, "direction: expected finite"),
-        ({"position": (0.0, np.nan)}, "position: expected finite"),
-        ({"position": (0.0, 0.0, 0.0)}, r"position: expected shape \(2\)"),
-        ({"horizon_s": 0.1}, "at least one step"),
-        ({"horizon_s": np.inf}, "horizon_s: expected finite"),
-        ({"dt_s": -0.5}, "at least one step"),
-        ({"dt_s": np.nan}, "dt_s: expected finite"),
-        ({"n_samples": 0}, "one sample"),
-    ],
-)
-def test_bad_input_is_refused_by_name(ring_map, change, message):
-    with pytest.raises(ValueError, match=message):
-        forecast(ring_map, **START | change, rng=np.random.default_rng(0))
-
-
 def forecasts(ring_map, detections, **settings):
     kept, rng = [], np.random.default_rng(5)
     forecaster = Forecaster(ring_map, [kept.append], rng=rng, **{"n_samples": 4} | settings)
