@@ -85,11 +85,11 @@ class Rows(ArrayValue):
         return replace(self, **{name: getattr(self, name)[rows] for name in ("position", *self.NOTHING)})
 
     @classmethod
-    def concatenate(cls, parts: Iterable[Rows], names: AnyArray = LEFT_OUT) -> Rows:
-        """All rows of all parts; `names` are those of all their vehicles."""
+    def concatenate(cls, parts: Iterable[Rows], names: AnyArray = LEFT_OUT, but: Sequence[str] = ()) -> Rows:
+        """All rows of all parts, `but` for some columns; `names` are those of all their vehicles."""
         whole = [*parts] or [cls(position=np.empty((0, 2)))]
-        columns = {name: np.concatenate([getattr(part, name) for part in whole]) for name in ("position", *cls.NOTHING)}
-        return cls(names=names, **columns)
+        held = [name for name in ("position", *cls.NOTHING) if name not in but]
+        return cls(names=names, **{name: np.concatenate([getattr(part, name) for part in whole]) for name in held})
 
     @classmethod
     def named(cls, track_id: AnyArray, **columns: Any) -> Rows:
@@ -173,7 +173,7 @@ def rows_of_log(parts: Iterable[Rows]) -> Rows:
             named = zip(names, rows.time_ns.tolist(), strict=True)
             names = [name or f"{time}/{next(unlabelled)}" for name, time in named]
         read.append(replace(rows, track_id=numbers.of(names), **dict.fromkeys(OF_MESSAGES, LEFT_OUT)))
-    whole = Rows.concatenate(read[1:] or read, names=np.array(list(numbers), dtype=np.str_))
+    whole = Rows.concatenate(read[1:] or read, names=np.array(list(numbers), dtype=np.str_), but=OF_MESSAGES)
     return whole.by_group() if whole.group.any() else whole
 
 
