@@ -183,7 +183,9 @@ def methods(scenario: int, sensors: tuple[str, ...]) -> Iterator[tuple[str, Run]
     """What is compared on a scenario."""
     scene, (acceleration, factor) = Scenario.of(scenario, sensors), fitted(sensors, scenario)
     own = Scenario.of(scenario, sensors, noise_factor=factor)
-    model = ConstantVelocityKalman(acceleration_density=acceleration, config=own.config)
-    yield "constant velocity", lambda _: own.tracked(model.sibling(), 0)
+    yield (
+        "constant velocity",
+        lambda _: own.tracked(ConstantVelocityKalman(acceleration_density=acceleration, config=own.config), 0),
+    )
     yield "without the map", lambda seed: scene.tracked(learned(scenario, seed).without_places(), seed)
     yield "with the map", lambda seed: scene.tracked(learned(scenario, seed), seed)
