@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
+from dirprim_filter.distributions import gaussian
 from dirprim_filter.distributions.angles import difference
 from dirprim_filter.evaluation.metrics.clear_mot import clear_mot, identity_f1
 from dirprim_filter.evaluation.metrics.comparison import SIMILARITY_M, Comparison
@@ -146,8 +147,7 @@ def _errors(rows: TrackedRows, truth: Tracks, row: IntArray, column: IntArray) -
 
 def normalised_squared(error: FloatArray, covariance: FloatArray) -> FloatArray:
     """(n,) squared errors (n, 2) in units of the covariances (n, 2, 2): NEES, chi squared of two degrees of freedom."""
-    covariance = covariance + 1e-12 * np.eye(2)
-    return np.asarray(np.einsum("ni,ni->n", error, np.linalg.solve(covariance, error[..., None])[..., 0]))
+    return gaussian.squared_distance(error, covariance + 1e-12 * np.eye(2))
 
 
 def coverage(squared: FloatArray, share: float) -> float:

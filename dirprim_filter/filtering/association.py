@@ -13,6 +13,7 @@ import numpy as np
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
+from dirprim_filter.distributions import gaussian
 from dirprim_filter.filtering.existence import OCCLUDED, VISIBLE
 from dirprim_filter.filtering.measurements import measured_covariance
 from dirprim_filter.filtering.protocols import BayesFilter
@@ -84,10 +85,8 @@ def gated(mean: FloatArray, covariance: FloatArray, position: FloatArray, noise:
     away, near = KDTree(position).query(mean, k=np.arange(1, min(MOST_NEAR, len(position)) + 1))
     track, place = np.nonzero(away <= reach[:, None])
     detection = np.asarray(near)[track, place]
-    off = position[detection] - mean[track]
-    spread = covariance[track] + noise[detection]
-    distance = np.einsum("ni,ni->n", off, np.linalg.solve(spread, off[..., None])[..., 0])
-    inside = distance <= gate
+    off, spread = position[detection] - mean[track], covariance[track] + noise[detection]
+    inside = gaussian.squared_distance(off, spread) <= gate
     return Pairs(track[inside], detection[inside])
 
 

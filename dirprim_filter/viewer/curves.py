@@ -9,6 +9,7 @@ import numpy as np
 import rerun as rr
 
 from dirprim_filter.arrays import FloatArray
+from dirprim_filter.distributions import gaussian
 from dirprim_filter.estimates import TrackedFrame
 from dirprim_filter.track_ids import as_texts
 from dirprim_filter.tracks import Tracks
@@ -75,7 +76,7 @@ def _nees(frame: TrackedFrame, truth: Tracks | None) -> float:
         return float("nan")
     error = frame.estimates.position[known] - np.array([place[frame.names[row]] for row in known])
     covariance = frame.estimates.covariance[known] + JITTER * np.eye(2)
-    return float(np.einsum("ni,ni->n", error, np.linalg.solve(covariance, error[..., None])[..., 0]).mean())
+    return float(gaussian.squared_distance(error, covariance).mean())
 
 
 def _mean(values: FloatArray) -> float:

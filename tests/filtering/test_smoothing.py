@@ -278,7 +278,7 @@ def linked(weight, then, now):
         )
         for of in (then, now)
     )
-    link = links_of(particles, [[Step(0, then)]], now, np.array([10**8]))[0][0]
+    link = links_of(particles, [[Step(0, then)]], now, np.array([10**8]), np.zeros((1, 5, 5)))[0][0]
     return link["mean"], link["later"], link["gain"], link["spread"]
 
 

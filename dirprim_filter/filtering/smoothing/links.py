@@ -59,13 +59,14 @@ def moments_of(bayes_filter: Smoothable, states: States) -> tuple[FloatArray, Fl
 
 
 def links_of(
-    bayes_filter: Smoothable, paths: Sequence[Sequence[Step]], now: States, now_ns: IntArray,
-    added: FloatArray | None = None,
-) -> list[AnyArray]:  # fmt: skip
+    bayes_filter: Smoothable, paths: Sequence[Sequence[Step]], now: States, now_ns: IntArray, found: FloatArray
+) -> list[AnyArray]:
     """(m,) `LINK` for each step of paths (v,) to states that hold at (v,) times.
 
-    P' is the covariance of `now` with what is `added` (v, 5, 5) to it, C = cov(then, now): gain = C (P' + least)^-1
-    and spread = P - gain C^T - C gain^T + gain P' gain^T, a covariance whatever the gain.
+    P' is the covariance of `now`, C = cov(then, now): gain = C (P' + least)^-1 and spread = P - gain C^T - C gain^T +
+    gain P' gain^T, a covariance whatever the gain. Where samples were moved to a measurement, their covariance `found`
+    (v, 5, 5), else 0, may be larger than expected. That is noise between the two, or the sweep back would magnify it at
+    every step: the map draws vehicles together, so backwards it drives them apart.
     """
     steps, n_steps = [step for path in paths for step in path], np.array([len(path) for path in paths], np.int64)
     vehicle, end, links = np.repeat(np.arange(len(paths)), n_steps), np.cumsum(n_steps), np.empty(len(steps), LINK)
@@ -75,7 +76,8 @@ def links_of(
     dt_s = (now_ns[vehicle] - links["time_ns"]) * 1e-9
     mean, both = bayes_filter.joint(then, now, vehicle=vehicle, dt_s=dt_s)
     p, c, later = both[:, :N_STATES, :N_STATES], both[:, :N_STATES, N_STATES:], both[:, N_STATES:, N_STATES:]
-    later = later if added is None else later + added[vehicle]
+    more, axes = np.linalg.eigh(found[vehicle] - later)
+    later = later + (axes * np.maximum(more, 0.0)[:, None]) @ axes.swapaxes(1, 2)
     gain = np.linalg.solve(later + LEAST_VARIANCE, c.swapaxes(1, 2)).swapaxes(1, 2)
     shared = gain @ c.swapaxes(1, 2)
     links["mean"], links["course"] = mean[:, :N_STATES], mean[:, N_STATES:N_COLUMNS]
@@ -95,14 +97,13 @@ def tempered(before: FloatArray, after: FloatArray) -> FloatArray:
         weight = before * ratio**exponent
         return np.asarray(weight / weight.sum())
 
-    if _is_enough(after):
+    def is_enough(weight: FloatArray) -> bool:
+        return bool(1.0 / (weight @ weight) >= LEAST_EFFECTIVE * weight.size)
+
+    if is_enough(after):
         return after
     low, high = 0.0, 1.0
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if _is_enough(at(middle)) else (low, middle)
+        low, high = (middle, high) if is_enough(at(middle)) else (low, middle)
     return at(low)
-
-
-def _is_enough(weight: FloatArray) -> bool:
-    return bool(1.0 / (weight @ weight) >= LEAST_EFFECTIVE * weight.size)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
+from dirprim_filter.arrays import BoolArray, IntArray
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.filtering.protocols import BayesFilter, Evidence, Smoothable, States
@@ -76,12 +76,11 @@ class Recorder:
         for i, chain in enumerate(chains):
             if time_ns - chain.last.time_ns > GAP_NS:
                 weight[i] = tempered(expected.weight[i], found.weight[i])
-        expected = expected._replace(weight=weight)
-        moments = moments_of(self.filter, found)
-        added = _positive(moments[1] - moments_of(self.filter, expected)[1])
-        added *= evidence.is_moved[:, None, None]  # not for other weights across a gap
-        now_ns = np.full(slot.size, time_ns)
-        links = links_of(self.filter, [chain.path for chain in chains], expected, now_ns, added)
+        moments, paths = moments_of(self.filter, found), [chain.path for chain in chains]
+        moved = moments[1] * evidence.is_moved[:, None, None]
+        links = links_of(
+            self.filter, paths, expected._replace(weight=weight), np.full(slot.size, time_ns), found=moved
+        )  # fmt: skip
         for chain, own, *of_one in zip(chains, links, *moments, strict=True):
             chain.extend(own, Belief(time_ns, *of_one))
         return evidence
@@ -96,13 +95,3 @@ class Recorder:
             chain.name = chain.name if chain.is_joined else str(name)
             chain.is_labelled = labelled
             chain.existence = max(chain.existence, exists)
-
-
-def _positive(more: FloatArray) -> FloatArray:
-    """(v, 5, 5) by which covariances are larger than expected: where samples were moved to a measurement.
-
-    That is noise between the two, or the sweep back would magnify it at every step: the map draws vehicles together, so
-    backwards it drives them apart.
-    """
-    size, axes = np.linalg.eigh(more)
-    return np.asarray((axes * np.maximum(size, 0.0)[:, None]) @ axes.swapaxes(1, 2))

@@ -24,6 +24,7 @@ from dirprim_filter.filtering.association import best_pairs
 from dirprim_filter.filtering.belief import birth_key
 from dirprim_filter.filtering.measurements import FASTEST
 from dirprim_filter.filtering.protocols import Smoothable
+from dirprim_filter.filtering.smoothing._kernels import N_STATES
 from dirprim_filter.filtering.smoothing.chain import MOVES, Chain, may_lead
 from dirprim_filter.filtering.smoothing.links import Belief, Step, links_of, tempered
 from dirprim_filter.filtering.smoothing.recorder import Recorder
@@ -106,7 +107,7 @@ def bridge(bayes_filter: Smoothable, former: Chain, later: Chain, start: Belief)
     fit = gaussian.log_density(sample.T - start.mean, spread)
     near = np.exp(fit - fit.max())
     now = now._replace(weight=tempered(now.weight[0], near / near.sum())[None])
-    links = links_of(bayes_filter, [path], now, np.array([start.time_ns]))[0]
+    links = links_of(bayes_filter, [path], now, np.array([start.time_ns]), np.zeros((1, N_STATES, N_STATES)))[0]
     return float(fit.max() + np.log(near.mean())), links
 
 
