@@ -6,7 +6,7 @@ from one that is wrong, and the belief is sure of it. With weights w and d numbe
     m + sqrt(1 - h^2) (x - m) + h L xi,    h = (4 / (n (d + 2)))^(1 / (d + 4)),    L L^T = P
 
 of mean m, covariance P and effective sample size n = 1 / sum w^2: m and P stay as they are. Places stand along and
-across the mean course, so that the belief turns with the world.
+across the mean course, so that beliefs are equivariant under rotation.
 
 Source: Liu and West, Combined parameter and state estimation in simulation-based filtering, 2001; Musso, Oudjane and Le
 Gland, Improving regularised particle filters, 2001, for the bandwidth; Kitagawa 1996 for systematic resampling.

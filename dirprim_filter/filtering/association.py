@@ -103,7 +103,7 @@ def best_pairs(one: IntArray, other: IntArray, gain: FloatArray) -> IntArray:
     """
     useful = np.flatnonzero(gain > 0)
     (ones, i), (others, j) = (np.unique(of[useful], return_inverse=True) for of in (one, other))
-    if ones.size == others.size == useful.size:  # nobody has a choice
+    if ones.size == others.size == useful.size:  # none has a choice
         return useful
     from scipy.sparse import coo_array  # noqa: PLC0415 - detections with ids do without
     from scipy.sparse.csgraph import min_weight_full_bipartite_matching  # noqa: PLC0415

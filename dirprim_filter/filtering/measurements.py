@@ -13,6 +13,7 @@ import numpy as np
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
+from dirprim_filter.distributions import gaussian
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.sensor import Sensor
 
@@ -31,20 +32,20 @@ def measured_covariance(measured: Detections, config: FilterConfig) -> FloatArra
 
 
 def innovation(
-    moments: FloatArray, measured: Detections, config: FilterConfig, sensor: Sensor | None
+    moments: FloatArray, measured: Detections, since_s: FloatArray, config: FilterConfig, sensor: Sensor | None
 ) -> FloatArray:  # fmt: skip
-    """(v,) squared distances of measurements from the means of beliefs of moments (v, 10), in their covariance."""
+    """(v,) squared distances of measurements from the means of beliefs of moments (v, 10), in their covariance.
+
+    Of a sensor's error counts what is new, (v,) seconds after the vehicle's last measurement: as beliefs are weighed.
+    """
     away, noise = measured.position - moments[:, :2], measured_covariance(measured, config)
     if sensor is not None:
         c, s = np.cos(moments[:, 5]), np.sin(moments[:, 5])
         axes = np.stack([c, -s, s, c], axis=-1).reshape(-1, 2, 2)  # its columns lie along and across
-        spread = axes * np.array([sensor.along.spread_m, sensor.across.spread_m])
-        away, noise = (
-            away - axes @ np.array([sensor.along.bias_m, sensor.across.bias_m]),
-            spread @ spread.swapaxes(1, 2),
-        )
-    covariance = moments[:, [2, 3, 3, 4]].reshape(-1, 2, 2) + noise
-    return np.asarray(np.einsum("vi,vi->v", away, np.linalg.solve(covariance, away[..., None])[..., 0]))
+        new = np.column_stack([axis.new_variance(since_s) for axis in (sensor.along, sensor.across)])
+        away = away - axes @ np.array([sensor.along.bias_m, sensor.across.bias_m])
+        noise = (axes * new[:, None]) @ axes.swapaxes(1, 2)
+    return gaussian.squared_distance(away, moments[:, [2, 3, 3, 4]].reshape(-1, 2, 2) + noise)
 
 
 def with_unseen_errors(estimates: Estimates, sensor: Sensor | None) -> Estimates:

@@ -258,13 +258,15 @@ class Tracker:
         self._weigh_by_cues(changed, away=True)
         roster.cue[slot] = measured.cue
         self._weigh_by_cues(changed)
+        since_s = _seconds(now_ns - roster.measured_ns[slot])
         if self._with_innovations:
-            roster.innovation[slot] = innovation(self._filter.moments(slot), measured, self.config, self.sensor)
+            moments = self._filter.moments(slot)
+            roster.innovation[slot] = innovation(moments, measured, since_s, self.config, self.sensor)
         if self._recorder is None:
             evidence = self._filter.weigh(slot, measured)
         else:
             evidence = self._recorder.weigh(slot, measured, now_ns)
-        is_back = roster.is_labelled[slot] & (_seconds(now_ns - roster.measured_ns[slot]) > AWAY_S)
+        is_back = roster.is_labelled[slot] & (since_s > AWAY_S)
         is_weightless = ~np.isfinite(evidence.log_density)  # no particle has a weight
         roster.log_evidence[slot] = np.where(is_weightless, 0.0, evidence.log_density)
         is_explained = ~evidence.is_unexplained

@@ -149,6 +149,16 @@ def test_a_sensor_that_is_known_is_followed_better_and_known_how_well(learned):
     assert smoothed_nees < 8.0
 
 
+def test_innovations_are_of_what_is_new_of_errors_that_last(learned):
+    """A filter that moves with lasting errors is surprised by what is new of them, not by their whole spread."""
+    lasting = AxisError(spread_m=1.0, correlated_share=0.98, correlation_s=5.0)
+    sensor, truth, config = Sensor(along=lasting, across=lasting), circling(20, 50), FilterConfig(n_particles=200)
+    rng = np.random.default_rng(0)
+    tracker = Tracker(learned, sensor=sensor, config=config, with_innovations=True, rng=rng)
+    frames = [tracker.track(frame).innovations for frame in sense(truth, sensor, rng=rng).frames()]
+    assert 1.2 < np.nanmean(np.concatenate(frames[10:])) < 3.5  # 2.5 to 2.8 of four seeds
+
+
 def test_estimates_are_of_the_frames_time_and_detections_as_they_came(learned):
     truth = circling(2, 20)
     tracker = Tracker(learned, sensor=SENSOR, config=FilterConfig(n_particles=50), rng=np.random.default_rng(0))

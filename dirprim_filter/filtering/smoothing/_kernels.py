@@ -8,7 +8,7 @@ from numba import njit
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions._elementary import squared_sine
 from dirprim_filter.filtering._kernels import Cloud
-from dirprim_filter.primitives._manoeuvres import STARTS, acceleration_of, offset_from
+from dirprim_filter.primitives._manoeuvres import acceleration_of, offset_from
 
 N_STATES = 5
 """Of a particle: x, y, their rates, and the acceleration along its way, which lasts: without it a sweep takes each
@@ -35,8 +35,7 @@ def columns_of(cloud: Cloud, rows: FloatArray, vehicle: IntArray, out: FloatArra
         for p in range(direction.size):
             z = manoeuvre[p]
             east, north = offset_from(rows, z, place[p, 0], place[p, 1])
-            moves = 0.0 if rows[z, STARTS] > 0.0 else 1.0
-            column[4, p] = moves * acceleration_of(rows, z, east, north, speed[p], push[p])
+            column[4, p] = acceleration_of(rows, z, east, north, speed[p], push[p])
 
 
 @njit(cache=True, nogil=True)
