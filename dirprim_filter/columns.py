@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import field, fields
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import Field, field, fields
 from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from dirprim_filter.arrays import AnyArray, ArrayValue, BoolArray, FloatArray, IntArray, as_floats
+from dirprim_filter.origin import Origin
 
 LARGEST_ANGLE = 6.3
 """Radians, a turn, rounded; what is beyond it are degrees."""
@@ -20,6 +21,8 @@ NAMES = {
     "cue": ("cue_turn_rad", "cue_concentration"),
 }  # fmt: skip
 """What a table calls the columns of a field."""
+GLOBE, ORIGIN = ("latitude_deg", "longitude_deg"), ("origin_latitude_deg", "origin_longitude_deg")
+"""Columns of places on the Earth, and of the origin of the plane, the same in all rows."""
 
 
 def required(*shape: int, checked: bool = False) -> Any:
@@ -66,13 +69,19 @@ def _column(
     return field(metadata=about) if left_out is None else field(default_factory=lambda: about["none"], metadata=about)
 
 
+def column_fields(table: Any) -> list[Field[Any]]:
+    """The fields of a table, or of its class, that are columns."""
+    return [f for f in fields(table) if f.metadata]
+
+
 class ArrayTable(ArrayValue):
-    """A frozen dataclass of columns, which other tools take as a table."""
+    """A frozen dataclass of columns, which other tools take as a table; of places it may know the plane's `origin`."""
 
     __slots__ = ()
+    origin: Origin | None
 
     def __post_init__(self) -> None:
-        of_fields = fields(self)  # type: ignore[arg-type]
+        of_fields = column_fields(self)
         n = len(np.atleast_1d(getattr(self, of_fields[0].name)))
         columns = {f.name: f.metadata["convert"](f.name, getattr(self, f.name), n) for f in of_fields}
         if {column.shape[:1] for column in columns.values()} != {(n,)}:
@@ -81,9 +90,9 @@ class ArrayTable(ArrayValue):
         for f in of_fields:
             if f.metadata["checked"]:
                 check(f.name, columns[f.name])
-        self._set(columns)
+        self._set(columns | ({"origin": Origin.of(self.origin)} if hasattr(self, "origin") else {}))
 
-    def _set(self, columns: dict[str, AnyArray]) -> None:
+    def _set(self, columns: dict[str, Any]) -> None:
         for name, column in columns.items():
             object.__setattr__(self, name, column)
 
@@ -93,21 +102,35 @@ class ArrayTable(ArrayValue):
     def __getitem__(self, rows: BoolArray | IntArray | slice) -> Self:
         """The chosen rows, by mask, indices or slice; not validated again: a tracker takes rows ten times a frame."""
         some = object.__new__(type(self))
-        some._set({f.name: getattr(self, f.name)[rows] for f in fields(self)})  # type: ignore[arg-type]
+        some._set({f.name: getattr(self, f.name)[rows] for f in column_fields(self)})
+        if hasattr(self, "origin"):
+            some._set({"origin": self.origin})
         return some
+
+    def on_plane(self, origin: Origin | None) -> Self:
+        """The same rows, as of the plane of this origin; not validated again."""
+        same = ArrayTable.__getitem__(self, slice(None))
+        same._set({"origin": origin})
+        return same
 
     @classmethod
     def none(cls) -> Self:
         """No row."""
-        return cls(**{f.name: f.metadata["none"] for f in fields(cls)})  # type: ignore[arg-type]
+        return cls(**{f.name: f.metadata["none"] for f in column_fields(cls)})
 
     @classmethod
     def concatenate(cls, parts: Iterable[Self]) -> Self:
-        """All rows of all parts, in their order; no part gives no row."""
-        parts, columns = list(parts), {}
+        """All rows of all parts, in their order; no part gives no row.
+
+        Raises:
+            ValueError: rows of planes with different origins.
+        """
+        parts, columns = list(parts), dict[str, Any]()
         if len(parts) < 2:
             return parts[0] if parts else cls.none()
-        for f in fields(cls):  # type: ignore[arg-type]
+        if hasattr(cls, "origin"):
+            columns["origin"] = _common([part for part in parts if len(part)] or parts)
+        for f in column_fields(cls):
             own = [getattr(part, f.name) for part in parts]
             is_mixed = len({column.dtype.kind for column in own}) > 1  # numbers among names
             columns[f.name] = np.concatenate([column.astype(np.str_) for column in own] if is_mixed else own)
@@ -116,16 +139,24 @@ class ArrayTable(ArrayValue):
     def to_arrow(self) -> Any:
         """A `pyarrow.Table`: `time_ns`, `track_id`, then the columns that are known, named with their units.
 
-        The names are those of csv and Parquet files, so that `read_tracks` reads what is written of it.
+        The names are those of csv and Parquet files, so that `read_tracks` reads what is written of it. Where there is
+        an origin, the last columns are latitude and longitude, and those of the origin.
+
+        Raises:
+            ImportError: there is an origin, and pyproj is not installed.
         """
         import pyarrow as pa  # noqa: PLC0415  (values need no tables)
 
         table = {name: getattr(self, name) for name in ("time_ns", "track_id") if hasattr(self, name)}
-        for f in fields(self):  # type: ignore[arg-type]
+        for f in column_fields(self):
             column, names, left_out = getattr(self, f.name), NAMES.get(f.name, (f.name,)), f.metadata["left_out"]
             if f.name not in table and (left_out is None or np.isfinite(left_out) or is_held(column)):
                 flat = column.reshape(len(column), -1)
                 table |= {name: flat[:, -1 if name.endswith("yy_m2") else i] for i, name in enumerate(names)}
+        if origin := getattr(self, "origin", None):
+            degrees = origin.to_globe(np.column_stack([table["x_m"], table["y_m"]]))
+            columns = [*degrees.T, *np.broadcast_to(np.reshape(origin, (2, 1)), (2, len(self)))]
+            table |= dict(zip((*GLOBE, *ORIGIN), columns, strict=True))
         return pa.table(table)
 
     def to_pandas(self) -> Any:
@@ -135,6 +166,14 @@ class ArrayTable(ArrayValue):
             ImportError: pandas is not installed.
         """
         return self.to_arrow().to_pandas()
+
+
+def _common(parts: Sequence[Any]) -> Origin | None:
+    """The origin of all parts."""
+    origins = {part.origin for part in parts}
+    if len(origins) > 1:
+        raise ValueError(f"origin: expected parts of one plane, got origins {' and '.join(sorted(map(str, origins)))}")
+    return origins.pop()  # type: ignore[no-any-return]
 
 
 def is_held(column: FloatArray) -> bool:

@@ -9,6 +9,7 @@ import numpy as np
 
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.columns import ArrayTable, ids, optional, required, whole
+from dirprim_filter.origin import Origin
 from dirprim_filter.track_ids import as_texts, qualified_names
 from dirprim_filter.tracks import Tracks
 
@@ -34,6 +35,7 @@ class Detections(ArrayTable):
         cue: (n, 2) what the vehicle signals of its next turn (p_t of Eq. 4): the mean turn relative to its heading,
             radians counter-clockwise, and its von Mises concentration; NaN where it signals nothing. Left out: nowhere.
         group: (n,) int64, the recording that each row is of, as in `Tracks`. Left out: all 0.
+        origin: latitude and longitude of the plane's origin, degrees; None where positions have none.
 
     Raises:
         ValueError: shapes that do not fit, a position that is not finite, a direction beyond a turn, a speed below 0, a
@@ -49,11 +51,15 @@ class Detections(ArrayTable):
     size: FloatArray = optional(3, checked=True)
     cue: FloatArray = optional(2, checked=True)
     group: IntArray = whole(missing=0)
+    origin: Origin | None = None
 
     @classmethod
     def of(cls, tracks: Tracks) -> Detections:
         """The positions of tracks, without their direction and speed."""
-        return cls(track_id=tracks.track_id, time_ns=tracks.time_ns, position=tracks.position, group=tracks.group)
+        return cls(
+            track_id=tracks.track_id, time_ns=tracks.time_ns, position=tracks.position, group=tracks.group,
+            origin=tracks.origin,
+        )  # fmt: skip
 
     def in_one_group(self) -> Detections:
         """The same rows as of no group, under the names that `qualified_names` gives them."""

@@ -11,6 +11,7 @@ import numpy as np
 from dirprim_filter.arrays import AnyArray, ArrayValue, BoolArray, FloatArray, IntArray
 from dirprim_filter.columns import ArrayTable, ids, optional, required, whole
 from dirprim_filter.detections import Detections
+from dirprim_filter.origin import Origin
 from dirprim_filter.track_ids import as_texts, as_track_ids
 
 COASTING_FROM_S = 0.5
@@ -36,6 +37,7 @@ class Estimates(ArrayTable):
         existence: (n,) probability of existence: that there is such a vehicle. Left out: 1.
         unseen_s: (n,) seconds since it was last measured: 0 where it is now. Left out: 0.
         follows_map: (n,) probability that it follows a manoeuvre of the map and does not go its own way. Left out: 0.
+        origin: latitude and longitude of the plane's origin, degrees; None where positions have none.
 
     Raises:
         ValueError: shapes that do not fit.
@@ -54,6 +56,7 @@ class Estimates(ArrayTable):
     existence: FloatArray = optional(missing=1.0)
     unseen_s: FloatArray = optional(missing=0.0)
     follows_map: FloatArray = optional(missing=0.0)
+    origin: Origin | None = None
 
     @property
     def is_coasting(self) -> BoolArray:

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
-from dirprim_filter.columns import ArrayTable, ids, is_held, optional, required, whole
+from dirprim_filter.columns import ArrayTable, column_fields, ids, is_held, optional, required, whole
 from dirprim_filter.course import log_motion, motion_of
 from dirprim_filter.distributions.angles import wrap
+from dirprim_filter.origin import Origin
 from dirprim_filter.track_ids import as_track_ids, check_not_repeated, vehicle_numbers
 
 logger = logging.getLogger(__name__)
@@ -35,6 +36,7 @@ class Tracks(ArrayTable):
             takes no memory.
         heading: (n,) yaw of the body, radians in (-pi, pi]; NaN where unknown. Left out: nowhere known, which takes no
             memory. On bends it is not the direction, and a vehicle that stands has a heading alone.
+        origin: latitude and longitude of the plane's origin, degrees; None where positions have none.
 
     Raises:
         ValueError: shapes that do not fit, NaN, negative speeds, angles beyond a turn, sizes that are not positive, or
@@ -49,6 +51,7 @@ class Tracks(ArrayTable):
     group: IntArray = whole(missing=0)
     size: FloatArray = optional(3, checked=True)
     heading: FloatArray = optional(checked=True)
+    origin: Origin | None = None
 
     def __post_init__(self) -> None:
         super(Tracks, self).__post_init__()
@@ -56,7 +59,7 @@ class Tracks(ArrayTable):
         self._set({"direction": wrap(self.direction), "heading": heading})
         if (self.time_ns[1:] < self.time_ns[:-1]).any():  # else long columns are not copied
             order = np.argsort(self.time_ns, kind="stable")
-            self._set({f.name: getattr(self, f.name)[order] for f in fields(self)})
+            self._set({f.name: getattr(self, f.name)[order] for f in column_fields(self)})
         check_not_repeated(self.track_id, self.time_ns, self.group)
 
     def __getitem__(self, rows: BoolArray | IntArray | slice) -> Tracks:

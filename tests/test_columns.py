@@ -1,18 +1,18 @@
 """Tables of columns, of every kind: what does not fit is refused by name, and rows stay together."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from dirprim_filter import Detections, Estimates, Tracks
-from dirprim_filter.columns import CHECKS, is_held, known_sizes
+from dirprim_filter.columns import CHECKS, column_fields, is_held, known_sizes
 from dirprim_filter.estimates import Particles
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
 
 N = 5
 KINDS = (Tracks, Detections, Estimates, Particles, TrackedRows)
-FIELDS = [(kind, f.name) for kind in KINDS for f in fields(kind)]
+FIELDS = [(kind, f.name) for kind in KINDS for f in column_fields(kind)]
 WRONG = {
     "direction": 90.0, "heading": -90.0, "speed": -1.0, "size": 0.0, "covariance": np.array([[1.0, 2.0], [2.0, 1.0]]),
     "cue": -2.0,
@@ -22,7 +22,7 @@ WRONG = {
 def columns_of(kind, n=N):
     """Columns of which every number is another, and good."""
     rng, made = np.random.default_rng(0), {}
-    for f in fields(kind):
+    for f in column_fields(kind):
         column = rng.uniform(0.1, 1.0, (n, *f.metadata["none"].shape[1:]))
         made[f.name] = column + 2.0 * np.eye(2) if f.name == "covariance" else column
         if f.name == "covariance":
@@ -39,7 +39,7 @@ def refused(kind, message, **changes):
 
 @pytest.mark.parametrize(("kind", "name"), FIELDS)
 def test_a_column_that_does_not_fit_is_refused_by_name(kind, name):
-    good, about = columns_of(kind)[name], {f.name: f.metadata for f in fields(kind)}[name]
+    good, about = columns_of(kind)[name], {f.name: f.metadata for f in column_fields(kind)}[name]
     refused(kind, rf"columns: expected one length n, got .*{name} \({N - 1},", **{name: good[:-1]})
     if name == "track_id":
         return
@@ -71,7 +71,7 @@ def test_rows_stay_together_whether_chosen_or_joined(kind):
     for rows in (np.arange(N) % 2 == 0, np.array([1, 3, 4]), slice(1, 4), slice(0, 0)):
         some = table[rows]
         assert len(some) == len(np.arange(N)[rows])
-        for f in fields(kind):
+        for f in column_fields(kind):
             np.testing.assert_array_equal(getattr(some, f.name), getattr(table, f.name)[rows])
     assert kind.concatenate(iter([table[:2], kind.none(), table[2:]])) == table
     assert kind.concatenate([]) == kind.none()
@@ -84,7 +84,7 @@ def test_tables_are_equal_where_every_number_is(kind):
     assert table == kind(**columns_of(kind))
     assert table != table[:-1]
     assert table != columns_of(kind)
-    for f in fields(kind):
+    for f in column_fields(kind):
         other = np.arange(N) + 4 if f.name == "track_id" else getattr(table, f.name).copy()
         other.flat[-1] += 1 if other.dtype == np.int64 else 1e-9
         assert table != replace(table, **{f.name: other})

@@ -46,10 +46,10 @@ def convert(
     """
     from dirprim_filter.cli.progress import step_progress, working
     from dirprim_filter.cli.results import provenance
+    from dirprim_filter.origin import Origin
     from dirprim_filter.recording import write_tracks
     from dirprim_filter.recording.name_patterns import named_values
     from dirprim_filter.recording.tables.named_columns import COLUMNS
-    from dirprim_filter.recording.transforms.geodesy import Origin
 
     options = {
         "metres_per_pixel": metres_per_pixel, "frames_per_second": frames_per_second,

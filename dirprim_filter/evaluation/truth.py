@@ -143,4 +143,5 @@ def interpolated(truth: Tracks, before: IntArray, after: IntArray, time_ns: IntA
         position=truth.position[before] + share[:, None] * (truth.position[after] - truth.position[before]),
         direction=wrap(truth.direction[before] + share * turn),
         speed=truth.speed[before] + share * (truth.speed[after] - truth.speed[before]),
+        origin=truth.origin,
     )  # fmt: skip

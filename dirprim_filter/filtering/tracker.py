@@ -77,6 +77,7 @@ class Tracker:
         self.recoveries = 0
         self._with_innovations = with_innovations
         self._filter = bayes_filter_of(model, self.config, sensor)
+        self._origin = model.origin if isinstance(model, PrimitiveMap) else None
         self._recorder: Recorder | None = None
         self._latency_ns = 0 if sensor is None else round(sensor.latency_s * 1e9)
         self._step_ns = max(round(self.config.step_s * 1e9), 1)
@@ -133,9 +134,12 @@ class Tracker:
     def _checked(self, detections: Detections, time_ns: int | None) -> tuple[Detections, int]:
         """Detections with the times when they were true, and that of the frame."""
         require("detections", detections, Detections)
+        if detections.origin and self._origin and not detections.origin.is_of(self._origin):
+            raise ValueError(f"detections: expected the map's origin, {self._origin}, got {detections.origin}")
         if self._latency_ns:
             detections = replace(detections, time_ns=detections.time_ns - self._latency_ns)
             time_ns = None if time_ns is None else time_ns - self._latency_ns
+        self._origin = self._origin or detections.origin
         own_ns = detections.instant() if len(detections) else time_ns
         if own_ns is None:
             raise ValueError("time_ns: expected the time of a frame without detections")
@@ -303,6 +307,7 @@ class Tracker:
             existence=exists[reported],
             unseen_s=_seconds(self._time_ns - roster.measured_ns[home]),
             follows_map=np.zeros(home.size) if self._on_map is None else self._on_map.places(slot).follows_map,
+            origin=self._origin,
         ), self.sensor)  # fmt: skip
         if self._recorder is not None:
             self._recorder.reported(time_ns, home, estimates, roster.is_labelled[home])

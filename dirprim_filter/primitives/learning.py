@@ -127,6 +127,7 @@ def learn_primitives(
         learned,
         motion=replace(learn_motion(learned, rows, background, rng=rng), leader=LeaderSums.of(tracks).response()),
         n_rows=np.append(np.diff(n_rows), len(rows)),
+        origin=tracks.origin,
     )
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from dirprim_filter.arrays import FloatArray, IntArray, as_floats, require
 from dirprim_filter.distributions import Gamma, VonMisesMixture
+from dirprim_filter.origin import Origin
 from dirprim_filter.primitives import _map_kernels
 from dirprim_filter.primitives._map_kernels import MapTable, ModeTable
 from dirprim_filter.primitives._modes import Modes
@@ -49,6 +50,7 @@ class PrimitiveMap:
             left out: none, the primitives are flat.
         gain: (n_cells + 1, M, 2) 1/m, how the logarithm of a mode's mean speed grows; left out: none.
         motion: how vehicles go on from place to place; left out: each on the mode of its cell, and settling on it.
+        origin: latitude and longitude of the plane's origin, degrees; None where positions have none.
 
     Raises:
         ValueError: the parameters are not those of n_cells + 1 primitives.
@@ -62,9 +64,11 @@ class PrimitiveMap:
     bend: FloatArray = field(default_factory=lambda: np.empty(0))
     gain: FloatArray = field(default_factory=lambda: np.empty(0))
     motion: Motion = None  # type: ignore[assignment]  # made of the primitives where it is left out
+    origin: Origin | None = None
     _table: MapTable | None = field(init=False, repr=False, compare=False, default=None)
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "origin", Origin.of(self.origin))
         n = self.tessellation.n_cells + 1
         shapes = (self.direction.weight.shape, self.speed.shape.shape)
         if len(shapes[0]) != 2 or shapes[0] != shapes[1] or shapes[0][0] != n or self.n_rows.shape != (n,):

@@ -28,6 +28,7 @@ from dirprim_filter.recording.schemas.family import matrices
 from dirprim_filter.recording.tables.columns import FORMULA, FORMULA_GUARD, Columns, is_number
 from dirprim_filter.recording.tables.files import columns_of
 from dirprim_filter.recording.tables.named_columns import COVARIANCE, check_header
+from dirprim_filter.recording.transforms.geodesy import needing_pyproj
 from dirprim_filter.track_ids import as_texts
 from dirprim_filter.tracks import Tracks
 
@@ -50,7 +51,8 @@ def write_estimates(estimates: Estimates, path: str | Path, *, force: bool = Fal
         OSError: the file cannot be written.
     """
     form = check_table_format(path)
-    table = estimates.to_arrow()
+    with needing_pyproj():
+        table = estimates.to_arrow()
     if form == ".csv":
         names = [_guarded(name) for name in as_texts(estimates.track_id).tolist()]
         table = table.set_column(1, "track_id", pa.array(names))

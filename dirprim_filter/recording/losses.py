@@ -20,6 +20,10 @@ UNDECODABLE = "messages that cannot be decoded"
 UNTIMED = "messages without a usable time"
 TRANSFORMS = "transforms that are not finite, or place a frame in itself"
 INVALID = "with a position that is none or an overlong id"
+FAR = (
+    "that are no latitude and longitude within 300 km of the origin: placeholders such as 0,0, both swapped, degrees "
+    "times 1e7, or another place"
+)
 REPEATED = "that repeat a vehicle and a time"
 BACKWARD = "out of order in time"
 UNPLACED = "of a time for which no transform of their frame is known"

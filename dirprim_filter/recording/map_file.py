@@ -5,7 +5,7 @@ The message `dirprim.PrimitiveMap` is an Arrow IPC stream: one record batch with
 the cells of a grid, or near the data), `manoeuvre` of all cells and then of the background, and `transition` with what
 followed them. A table is a list of structs, so that its columns are of one length however the bytes were made; a column
 of several numbers in each row is one of fixed-size lists. Any reader of Arrow opens it, such as
-`pyarrow.ipc.open_stream(data)`.
+`pyarrow.ipc.open_stream(data)`. Where positions have an origin, `latitude_deg` and `longitude_deg` are it.
 
 Source: https://arrow.apache.org/docs/format/Columnar.html.
 """
@@ -21,7 +21,9 @@ import numpy as np
 import pyarrow as pa
 
 from dirprim_filter.arrays import AnyArray, require
+from dirprim_filter.columns import GLOBE
 from dirprim_filter.distributions import Gamma, VonMisesMixture
+from dirprim_filter.origin import Origin
 from dirprim_filter.primitives.leader import LeaderResponse
 from dirprim_filter.primitives.motion import FLOATS, Motion
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
@@ -157,6 +159,7 @@ def encoded(primitive_map: PrimitiveMap) -> bytes:
         "origin_y": float(grid.origin[1]), "cell_size": float(grid.cell_size), "n_x": grid.n_x, "n_y": grid.n_y,
         "background_visits": float(motion.background_visits),
     }  # fmt: skip
+    scalars |= primitive_map.origin._asdict() if primitive_map.origin else {}
     return encode(scalars, {
         "row": dict(zip(ROW, rows, strict=True)) | {"n_rows": primitive_map.n_rows},
         "place": {"center": cells.centers.reshape(-1, 2)}, "square": {"number": grid.square},
@@ -189,6 +192,7 @@ def map_of(data: bytes) -> PrimitiveMap:
         n_background_modes=scalars["n_background_modes"],
         **{name: rows[name].reshape(*modes, 2) for name in ROW[5:]},
         motion=_motion(scalars["background_visits"], tables),
+        origin=Origin.of([scalars[name] for name in GLOBE if name in scalars] or None),
     )
 
 

@@ -128,7 +128,7 @@ def _reported(seen: Detections) -> Estimates:
         track_id=seen.track_id, time_ns=seen.time_ns, position=seen.position, covariance=np.zeros((n, 2, 2)),
         direction=np.nan_to_num(seen.direction), direction_resultant=np.isfinite(seen.direction).astype(np.float64),
         speed=np.nan_to_num(seen.speed), speed_std=np.zeros(n), effective_sample_size=np.ones(n),
-        log_evidence=np.zeros(n),
+        log_evidence=np.zeros(n), origin=seen.origin,
     )  # fmt: skip
 
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from google.protobuf.message import DecodeError as ProtobufDecodeError
 
 from dirprim_filter.estimates import Estimates
+from dirprim_filter.origin import Origin
 from dirprim_filter.recording import topic_names
 from dirprim_filter.recording.container.errors import Damage
 from dirprim_filter.recording.container.log import Log, LogSource, Scan, opened
@@ -27,7 +28,6 @@ from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
 from dirprim_filter.recording.schemas.dirprim import decode_estimates
 from dirprim_filter.recording.schemas.family import FieldMapping
 from dirprim_filter.recording.summary import LogSummary, TopicSummary
-from dirprim_filter.recording.transforms.geodesy import Origin
 from dirprim_filter.track_ids import repeated_rows
 from dirprim_filter.tracks import Tracks
 
@@ -94,7 +94,7 @@ def read_track_logs(
             parts.append(Rows.of_tracks(table.tracks))
             names.append(Path(one).name.partition(".")[0])
             losses += table.losses
-            options = replace(options, origin=table.origin or options.origin)
+            options = _of_first(one, options, table.origin)
             continue
         with opened(one) as log:
             own = options.of_log(log.start_ns)
@@ -109,9 +109,16 @@ def read_track_logs(
             observations.losses.log(log.path)
         losses += observations.losses
         frame = observations.frame
-        options = replace(options, origin=observations.origin)  # one plane for all logs
-    tracks = rows_of_logs(parts, names).to_tracks(losses)
-    return TrackResult(tracks=tracks, losses=losses, frame=frame)
+        options = _of_first(one, options, observations.origin)
+    tracks = rows_of_logs(parts, names).to_tracks(losses).on_plane(options.origin)
+    return TrackResult(tracks=tracks, losses=losses, frame=tracks.origin.frame if tracks.origin else frame)
+
+
+def _of_first(one: LogSource, options: ReadOptions, origin: Origin | None) -> ReadOptions:
+    """The options for further logs: all are of the plane of the first, unless another was asked for."""
+    if options.origin is not None or options.meets:
+        return options
+    return replace(options, origin=origin, meets=str(one.path if isinstance(one, Log) else one))
 
 
 def _reporting(

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from itertools import count
 from typing import Any, ClassVar
 
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, ArrayValue, BoolArray, FloatArray, IntArray
+from dirprim_filter.columns import column_fields
 from dirprim_filter.detections import NO_ID
 from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.recording.decoding.field_columns import NO_TIME
@@ -100,7 +101,7 @@ class Rows(ArrayValue):
     @classmethod
     def of_tracks(cls, tracks: Tracks) -> Rows:
         """Tracks as rows, to be joined with others."""
-        return cls.named(**{f.name: getattr(tracks, f.name) for f in fields(tracks)})
+        return cls.named(**{f.name: getattr(tracks, f.name) for f in column_fields(tracks)})
 
     def by_group(self) -> Rows:
         """The same, of which an id that stands in several groups is a vehicle in each."""

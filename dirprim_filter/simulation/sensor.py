@@ -68,4 +68,5 @@ def with_false(
         track_id=np.concatenate([as_texts(tracks.track_id[seen]), false_id])[order],
         time_ns=time_ns[order],
         position=np.concatenate([position, false_position])[order],
+        origin=tracks.origin,
     )

@@ -23,8 +23,8 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import EstimateList, Estimates
 from dirprim_filter.evaluation.calibration import calibrate, self_calibrate
 from dirprim_filter.filtering import ConstantVelocityKalman, Tracker
+from dirprim_filter.origin import Origin
 from dirprim_filter.recording.tables import Table, read_named
-from dirprim_filter.recording.transforms.geodesy import Origin
 from dirprim_filter.replay import replay
 from dirprim_filter.sensor import Sensor, without_bias
 

@@ -19,6 +19,7 @@ from dirprim_filter import read_tracks
 from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.recording.errors import RecordingError, TableError
 from dirprim_filter.recording.estimate_tables import write_estimates
+from dirprim_filter.recording.losses import FAR
 from dirprim_filter.recording.name_patterns import named_values
 from dirprim_filter.recording.reader import read_track_logs, stream_detections
 from dirprim_filter.recording.tables import read_named
@@ -114,7 +115,7 @@ def test_latitudes_and_longitudes_come_onto_a_plane(tmp_path, names):
     east, north = found.tracks.position[1] - found.tracks.position[0]
     np.testing.assert_allclose(np.hypot(east, north), metres, atol=1e-3)
     np.testing.assert_allclose(np.degrees(np.arctan2(east, north)), azimuth, atol=1e-3)
-    assert found.losses.dropped == {MISSING: 1}
+    assert found.losses.dropped == {FAR: 1}
     other = table(tmp_path, "\n".join([f"time_s,track_id,{names}", *rows[1:]]), "b.csv")
     there = read_tracks([tmp_path / "table.csv", other])
     for row in there[there.track_id == "b/v"].position:  # of the second table on the plane of the first

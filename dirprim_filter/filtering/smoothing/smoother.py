@@ -124,7 +124,7 @@ class Smoother:
         while self._frames and self._frames[0].time_ns <= final_ns:
             frame = self._frames.popleft()
             first, end = np.searchsorted(smoothed.time_ns, [frame.time_ns, frame.time_ns + 1])
-            rows = smoothed[np.arange(first, end)]
+            rows = smoothed[np.arange(first, end)].on_plane(frame.estimates.origin)
             waiting = open_names.difference(rows.track_id.astype(np.str_).tolist())  # and may be measured again
             late = np.array([name in waiting for name in frame.names], np.bool_)
             estimates = Estimates.concatenate([rows, frame.estimates[late]]) if late.any() else rows

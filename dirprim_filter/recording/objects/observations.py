@@ -11,16 +11,17 @@ from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from dirprim_filter.columns import is_covariance
 from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.distributions.angles import wrap
+from dirprim_filter.origin import Origin
 from dirprim_filter.recording.container.log import Scan
 from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.decoding.field_columns import MAX_NAME_LENGTH, NO_TIME, signed
 from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError
-from dirprim_filter.recording.losses import BACKWARD, INVALID, REPEATED, UNPLACED, UNTIMED, Losses
+from dirprim_filter.recording.losses import BACKWARD, FAR, INVALID, REPEATED, UNPLACED, UNTIMED, Losses
 from dirprim_filter.recording.objects.options import ReadOptions
 from dirprim_filter.recording.rows import Rows
 from dirprim_filter.recording.schemas.decoders import Decoders, batches, by_schema
 from dirprim_filter.recording.transforms.frame_change import FrameChange
-from dirprim_filter.recording.transforms.geodesy import FARTHEST_M, Origin
+from dirprim_filter.recording.transforms.geodesy import FARTHEST_M
 from dirprim_filter.track_ids import repeated_rows, vehicle_numbers
 
 RUNS_ON_NS = 10_000_000_000
@@ -39,7 +40,9 @@ class Observations:
         self._scan = scan
         self._options = options
         self._decoders = Decoders(options.mapping)
-        self._frame = FrameChange(scan.log, options.frame, options.origin, strict=options.strict)
+        self._frame = FrameChange(
+            scan.log, options.frame, options.origin, meets=options.meets, strict=options.strict
+        )  # fmt: skip
         topics = {c.topic for c in scan.log.channels() if scan.is_wanted(c.topic) and self._decoders.reads(c)}
         self._are_several = len(topics) > 1
         self._first_stamp: dict[str, int] = {}  # of each topic; `NO_TIME` where its first messages have none
@@ -53,7 +56,7 @@ class Observations:
     def frame(self) -> str:
         """Of the positions: its name, or the place of the plane they were put on; empty where none is named."""
         if self._frame.origin is not None:
-            return "plane at {:.9f},{:.9f}".format(*self._frame.origin)
+            return self._frame.origin.frame
         return self._frame.target
 
     def __iter__(self) -> Iterator[Rows]:
@@ -66,10 +69,14 @@ class Observations:
         """
         columns = self._scan.columns()
         self.losses.damage = self._scan.damage
+        held: list[Rows] = []
         for batch in batches(columns, self._decoders, at_once=self._scan.log.is_live):
             self._check_intact()
-            if len(rows := self._timed(batch)):
-                yield rows
+            held.append(self._timed(batch))
+            if not self._frame.waits(held[-1]):
+                yield from self._placed(held)
+                held = []
+        yield from self._placed(held)
         self._frame.check()
         if self._frame.tree is not None:
             self._frame.tree.losses.damage = [
@@ -83,7 +90,7 @@ class Observations:
             raise DamagedRecordingError(self._scan.path, self.losses.damage)
 
     def _timed(self, batch: MessageColumns) -> Rows:
-        """The valid objects of a batch within the wanted time."""
+        """The valid objects of a batch within the wanted time, in their own frames."""
         parts = []
         for places, messages in by_schema(batch):
             rows, failures = self._decoders.rows(messages)
@@ -96,13 +103,18 @@ class Observations:
         rows = Rows.concatenate(parts)
         if len(parts) > 1:
             rows = rows[np.argsort(rows.message, kind="stable")]
-        rows = rows[self._wanted(rows)]
-        with np.errstate(all="ignore"):  # transforms of any origin; what is not finite is left out below
-            rows, placed = self._frame.apply(rows)
-        self.losses.drop(UNPLACED, ~placed)
-        near = _is_near(rows.position)
-        self.losses.drop(INVALID, placed & ~near)
-        return rows[placed & near]
+        return rows[self._wanted(rows)]
+
+    def _placed(self, held: list[Rows]) -> Iterator[Rows]:
+        """The same objects in one frame, but for those that are not to be had there."""
+        for rows in held:
+            with np.errstate(all="ignore"):  # transforms of any origin; what is not finite is left out below
+                found, placed = self._frame.apply(rows)
+            self.losses.drop(UNPLACED, ~placed)
+            near = _is_near(found.position)
+            self.losses.drop(INVALID if self.origin is None else FAR, placed & ~near)
+            if len(good := found[placed & near]):
+                yield good
 
     def _times(self, messages: MessageColumns, rows: Rows) -> IntArray:
         """(n,) the time of each row; `NO_TIME` where it has none that fits into int64."""
@@ -191,7 +203,8 @@ class DetectionStream:
             in_order = batch.time_ns >= latest_ns - self._late_ns
             self.losses.drop(BACKWARD, ~in_order)
             came_ns = int(latest_ns[-1])
-            seen = self._without_repeats(Detections.concatenate([rest, self._detections(batch)[in_order]]))
+            own = self._detections(batch)[in_order].on_plane(observations.origin)
+            seen = self._without_repeats(Detections.concatenate([rest, own]))
             is_whole = seen.time_ns < came_ns - self._late_ns
             yield from seen[is_whole].frames()
             rest = seen[~is_whole]  # what follows may be earlier, or of the last instant too

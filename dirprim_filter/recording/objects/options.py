@@ -8,9 +8,9 @@ from typing import Literal, Self
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, BoolArray, IntArray
+from dirprim_filter.origin import Origin
 from dirprim_filter.recording.name_patterns import matching
 from dirprim_filter.recording.schemas.family import FieldMapping
-from dirprim_filter.recording.transforms.geodesy import Origin
 
 TimeSource = Literal["log", "publish", "header"]
 """Which of a message's times counts: of logging, of publishing, or the stamp that its contents carry; of topics
@@ -37,7 +37,10 @@ class ReadOptions:
         frame: in which frame positions are wanted; left out: the root of the tree of the log's transforms, which
             must not be a vehicle's. Without transforms all objects must be of one frame.
         mapping: where to find the fields of objects, for schemas that are not known.
-        origin: of the plane for satellite positions; left out: the first position.
+        origin: of the plane for satellite positions; left out: the median of the first ones. Positions in metres are
+            of this plane then.
+        meets: the name of a map or a log whose origin, or lack of one, `origin` is: a log of the other kind, metres or
+            satellite positions, is refused. Left out: the origin holds whatever the log says.
         labels: what the wanted objects are, such as "car|truck": a name or a regular expression for the label that
             their schema gives them, which is empty where it gives none.
         group: the one that is wanted of those that a log holds, by its number there: recordings made apart, whose
@@ -52,6 +55,7 @@ class ReadOptions:
     frame: str | None = None
     mapping: FieldMapping | None = None
     origin: Origin | None = None
+    meets: str = ""
     labels: str | None = None
     group: int | None = None
 

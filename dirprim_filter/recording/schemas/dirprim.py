@@ -14,13 +14,14 @@ from google.protobuf.message import DecodeError, Message
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates
+from dirprim_filter.origin import Origin
 from dirprim_filter.recording.schemas import dirprim_pb2
 from dirprim_filter.recording.schemas.family import matrices
 from dirprim_filter.track_ids import as_texts
 from dirprim_filter.tracks import Tracks
 
 MAP_FRAME = "map"
-"""The frame_id of all that we write: local metres, x east, y north."""
+"""The frame_id of positions that have no origin: local metres, x east, y north."""
 NANOSECONDS = 1_000_000_000
 FIELDS: dict[str, tuple[str, ...]] = {
     "position": ("x", "y"), "covariance": ("covariance_xx", "covariance_xy", "covariance_yy"),
@@ -53,7 +54,7 @@ def encode_observations(
         columns["group"] = observed.group[rows].tolist()
     if labels:
         columns["label"] = [labels.get(name, "") for name in observed.track_id[rows].tolist()]
-    message = dirprim_pb2.Observations(frame_id=MAP_FRAME, **columns)
+    message = dirprim_pb2.Observations(frame_id=_frame(observed.origin), **columns)
     _set_time(message, time_ns)
     return message
 
@@ -66,7 +67,8 @@ def encode_estimates(estimates: Estimates, time_ns: int) -> dirprim_pb2.TrackEst
     """
     if (estimates.time_ns != time_ns).any():
         raise ValueError(f"estimates: expected all at {time_ns} ns, got {np.unique(estimates.time_ns)} ns")
-    message = dirprim_pb2.TrackEstimates(frame_id=MAP_FRAME, **_columns(estimates, np.arange(len(estimates))))
+    columns = _columns(estimates, np.arange(len(estimates)))
+    message = dirprim_pb2.TrackEstimates(frame_id=_frame(estimates.origin), **columns)
     _set_time(message, time_ns)
     return message
 
@@ -80,6 +82,10 @@ def _columns(values: Tracks | Detections | Estimates, rows: IntArray) -> dict[st
             flat = flat[:, _UPPER] if name == "covariance" else flat
             columns |= {} if np.isnan(flat).all() else dict(zip(of, flat.T.tolist(), strict=True))
     return columns
+
+
+def _frame(origin: Origin | None) -> str:
+    return MAP_FRAME if origin is None else origin.frame
 
 
 def _set_time(message: Any, time_ns: int) -> None:
@@ -111,8 +117,9 @@ def decode_estimates(data: bytes) -> Estimates:
     columns = {name: of[:, 0] if of.shape[1:] == (1,) else of for name, of in columns.items()}
     try:
         return Estimates(
-            track_id=np.array(message.track_id, dtype=np.str_), time_ns=np.full(n, time_ns, np.int64), **columns
-        )
+            track_id=np.array(message.track_id, dtype=np.str_), time_ns=np.full(n, time_ns, np.int64),
+            origin=Origin.of_frame(message.frame_id), **columns,
+        )  # fmt: skip
     except ValueError as error:
         raise DecodeError(f"dirprim.TrackEstimates: {error}") from error
 

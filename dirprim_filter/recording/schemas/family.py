@@ -64,6 +64,8 @@ SIZE, QUATERNION, VELOCITY = ("length", "width", "height"), ("qx", "qy", "qz", "
 GLOBE, COVARIANCE, CUE = ("longitude", "latitude"), ("cxx", "cxy", "cyy"), ("cue_turn", "cue_concentration")
 GEODETIC = "WGS 84"
 """The frame of positions (longitude, latitude) in degrees and a height above the ellipsoid in metres."""
+HIGHEST_M = 1e8
+"""A fix that is higher is none; one whose height is unknown, NaN, is one."""
 UNLABELLED = -1
 """The number of an object whose class is unknown; as an index, the last of the names."""
 FARTHEST_S = float(1 << 63) / NANOSECONDS
@@ -306,8 +308,8 @@ class _Objects:
 
 def _forget_no_fixes(place: FloatArray, status: IntArray) -> None:
     """A receiver without a fix says so by a status below 0, by places that do not exist, or by unset fields."""
-    longitude, latitude, _ = place.T
-    is_set = (latitude != 0) | (longitude != 0)
+    longitude, latitude, height = place.T
+    is_set = ((latitude != 0) | (longitude != 0)) & ~(np.abs(height) > HIGHEST_M)
     place[~((status >= 0) & is_set & (np.abs(latitude) <= 90) & (np.abs(longitude) <= 360))] = np.nan
 
 

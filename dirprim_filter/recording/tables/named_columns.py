@@ -6,7 +6,8 @@ without an id are detections, of that sensor, with the covariances `covariance_x
 `covariance_yy_m2`. x is east and y north in metres, the heading (yaw of the body) and the course over ground are
 radians counter-clockwise from east, the size of the body is in metres; an empty cell of a size, an angle, a signal or a
 label is one that is unknown. In place of `time_s` stand `time_ns`, whole nanoseconds, or `time` or `timestamp`, ISO
-times; in place of `x_m` and `y_m`, `latitude_deg` and `longitude_deg`.
+times; in place of `x_m` and `y_m`, `latitude_deg` and `longitude_deg`. With `origin_latitude_deg` and
+`origin_longitude_deg`, the same in all rows, `x_m` and `y_m` are of that plane.
 """
 
 from __future__ import annotations
@@ -21,10 +22,13 @@ from typing import Any
 import numpy as np
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
+from dirprim_filter.columns import GLOBE, ORIGIN
 from dirprim_filter.detections import NO_ID, Detections
+from dirprim_filter.origin import Origin
 from dirprim_filter.primitives.cues import signalled
 from dirprim_filter.recording.decoding.field_columns import NO_TIME
 from dirprim_filter.recording.errors import RecordingError, TableError
+from dirprim_filter.recording.losses import FAR, Losses
 from dirprim_filter.recording.name_patterns import matching
 from dirprim_filter.recording.objects.options import ReadOptions
 from dirprim_filter.recording.rows import LEFT_OUT, Rows
@@ -34,7 +38,7 @@ from dirprim_filter.recording.tables.columns import NS_PER_S, Columns
 from dirprim_filter.recording.tables.files import columns_of
 from dirprim_filter.recording.tables.table import Table, table_of
 from dirprim_filter.recording.topic_names import DETECTIONS, OBJECTS
-from dirprim_filter.recording.transforms.geodesy import Origin, on_plane
+from dirprim_filter.recording.transforms.geodesy import check_kind, median_of, needing_pyproj, on_plane
 from dirprim_filter.track_ids import Numbers
 from dirprim_filter.tracks import Tracks
 
@@ -42,7 +46,7 @@ ID = re.compile(r"(track|vehicle|object|agent|car|obj|veh)?[ _-]?id|track|vehicl
 """What other tables call the column of ids: without its name their tracks would be taken for detections."""
 TIMES = {"time_s": "s", "time_ns": "ns", "time": "iso"}
 """The columns of times, and how they count."""
-PLACE, GLOBE = ("x_m", "y_m"), ("latitude_deg", "longitude_deg")
+PLACE = ("x_m", "y_m")
 SIZE = ("length_m", "width_m", "height_m")
 SIGNALS = ("left", "right", "none", "")
 MEASURED = ("heading_rad", "course_rad", "speed_mps", *SIZE)
@@ -54,7 +58,7 @@ ALSO = {
 """What else a table may call a column; the first that it has counts."""
 COLUMNS = (
     "time_s", "track_id", *PLACE, *MEASURED, "group", "sensor", "turn_signal", "label", "time_ns", "time", *GLOBE,
-    *COVARIANCE,
+    *COVARIANCE, *ORIGIN,
 )  # fmt: skip
 """All that are known."""
 REMEDY: Mapping[str, str] = {
@@ -77,7 +81,8 @@ def read_named(path: str | Path, *, columns: Mapping[str, str] | None = None, or
         path: the file; between the cells of a csv, which gzip may compress, stand commas, semicolons or tabs.
         columns: how the table calls a column, by our name for it; left out, as we do. Its unit is ours all the same.
             Of several columns for the group, with `+` between, each combination is a group.
-        origin: of the plane, where places are latitudes and longitudes; left out, the first place.
+        origin: of the plane; left out, the one that the table states, or else the median of the first latitudes and
+            longitudes.
 
     Raises:
         TableError: a column is missing, in another unit or of another type, or a cell is no number.
@@ -91,7 +96,7 @@ def read_named(path: str | Path, *, columns: Mapping[str, str] | None = None, or
         return read(name_of[name]) if name in name_of else LEFT_OUT
 
     names, vehicle = maybe("track_id", table.ids) or (np.array([""]), np.zeros(len(table), np.int64))
-    position, origin = _positions(table, name_of, origin)
+    position, origin, is_geodetic = _positions(table, name_of, origin)
     size = {name: table.floats(name_of[name]) for name in SIZE if name in name_of}
     errs = all(name in name_of for name in COVARIANCE)
     time, unit = next((name_of[name], unit) for name, unit in TIMES.items() if name in name_of)
@@ -103,9 +108,11 @@ def read_named(path: str | Path, *, columns: Mapping[str, str] | None = None, or
         covariance=matrices(table.numbers(name_of[name] for name in COVARIANCE)) if errs else LEFT_OUT,
         size=np.column_stack([size.get(name, np.full(len(table), np.nan)) for name in SIZE]) if size else LEFT_OUT,
     )  # fmt: skip
-    made = table_of(rows, sensor=maybe("sensor", table.texts))
-    early = _too_early(table, rows.time_ns)
-    return replace(made, used=[*name_of], unused=unused, origin=origin, too_early=early)
+    early, losses, sensor = _too_early(table, rows.time_ns), Losses(), maybe("sensor", table.texts)
+    far = np.asarray(np.isinf(position).any(axis=1) & is_geodetic)
+    losses.drop(FAR, far)
+    made = table_of(rows[~far], sensor=None if sensor is None else sensor[~far], losses=losses)
+    return replace(made, used=[*name_of], unused=unused, too_early=early).on_plane(origin, is_geodetic=is_geodetic)
 
 
 def _too_early(table: Columns, time_ns: IntArray) -> TableError | None:
@@ -127,13 +134,24 @@ def _cues(table: Columns, name: str) -> FloatArray:
     return signalled(side == "left", side == "right")
 
 
-def _positions(table: Columns, name_of: Mapping[str, str], origin: Origin | None) -> tuple[FloatArray, Origin | None]:
-    """(n, 2) metres; and the origin of the plane, if they were latitudes and longitudes."""
-    if PLACE[0] in name_of:
-        return table.numbers(name_of[name] for name in PLACE), None
-    latitude, longitude = table.numbers(name_of[name] for name in GLOBE).T
-    geodetic = np.column_stack([longitude, latitude, 0.0 * latitude])
-    return on_plane(origin, geodetic)[:, :2], origin or Origin.of(geodetic)
+def _positions(
+    table: Columns, name_of: Mapping[str, str], origin: Origin | None
+) -> tuple[FloatArray, Origin | None, bool]:  # fmt: skip
+    """(n, 2) metres, the origin of their plane, and whether the table says where on the Earth they are."""
+    if PLACE[0] not in name_of:
+        geodetic = table.numbers(name_of[name] for name in GLOBE)
+        origin = origin or median_of(geodetic)
+        return on_plane(origin, geodetic), origin, True
+    position = table.numbers(name_of[name] for name in PLACE)
+    if ORIGIN[0] not in name_of or not len(table):
+        return position, origin, False
+    stated = table.numbers(name_of[name] for name in ORIGIN)
+    if (other := (stated != stated[0]).any(axis=1)).any():
+        raise table.error(int(np.argmax(other)), "the origin of the first row", "another", "split the table by origin")
+    own = Origin.parse(",".join(map(str, stated[0].tolist())))
+    with needing_pyproj():
+        moved = origin is not None and not own.is_of(origin)
+        return (on_plane(origin, own.to_globe(position)) if moved else position), origin or own, True
 
 
 def _groups(table: Columns, name: str) -> IntArray:
@@ -207,6 +225,8 @@ def read_table(path: Path, options: ReadOptions) -> Table:
         OSError: the file cannot be read.
     """
     table = read_named(path, origin=options.origin)
+    if options.meets:
+        check_kind(path, is_geodetic=table.is_geodetic, origin=options.origin, meets=options.meets)
     table.losses.log(path)
     if options.strict and table.losses.dropped:
         raise RecordingError(f"{path}: expected a table of which all is read, left out {table.losses}; mend the rows")

@@ -5,17 +5,19 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray
 from dirprim_filter.columns import is_covariance, known_sizes
 from dirprim_filter.detections import Detections
+from dirprim_filter.origin import Origin
 from dirprim_filter.recording.decoding.field_columns import NO_TIME
 from dirprim_filter.recording.errors import TableError
 from dirprim_filter.recording.losses import Losses
 from dirprim_filter.recording.rows import Rows
-from dirprim_filter.recording.transforms.geodesy import FARTHEST_M, Origin
+from dirprim_filter.recording.transforms.geodesy import FARTHEST_M
 from dirprim_filter.track_ids import as_track_ids, repeated_rows
 from dirprim_filter.tracks import Tracks
 
@@ -33,7 +35,7 @@ class Table:
         used: the columns that were read, by our names for them.
         unused: those of which nothing was read.
         too_early: of the first row of a time before 1970, to be raised where a log is to be made of the rows.
-        origin: of the plane, where places were latitudes and longitudes.
+        is_geodetic: places were latitudes and longitudes, or on the plane of an origin that the table states.
     """
 
     tracks: Tracks
@@ -43,7 +45,17 @@ class Table:
     used: Sequence[str] = ()
     unused: Sequence[str] = ()
     too_early: TableError | None = None
-    origin: Origin | None = None
+    is_geodetic: bool = False
+
+    @property
+    def origin(self) -> Origin | None:
+        """Of the plane, where there is one."""
+        return self.tracks.origin
+
+    def on_plane(self, origin: Origin | None, *, is_geodetic: bool = False) -> Self:
+        """The same of the plane of this origin."""
+        detections = {name: seen.on_plane(origin) for name, seen in self.detections.items()}
+        return replace(self, tracks=self.tracks.on_plane(origin), detections=detections, is_geodetic=is_geodetic)
 
 
 def table_of(rows: Rows, *, sensor: AnyArray | None = None, losses: Losses | None = None) -> Table:

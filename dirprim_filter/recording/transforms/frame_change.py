@@ -12,11 +12,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
+from dirprim_filter.origin import Origin
 from dirprim_filter.recording.container.log import Log
-from dirprim_filter.recording.errors import MissingTransformError
+from dirprim_filter.recording.errors import MissingTransformError, RecordingError
 from dirprim_filter.recording.rows import Rows
 from dirprim_filter.recording.schemas.family import GEODETIC
-from dirprim_filter.recording.transforms.geodesy import Origin, on_plane
+from dirprim_filter.recording.transforms.geodesy import (
+    FIXES,
+    LIVE_FIXES,
+    check_kind,
+    median_of,
+    needing_pyproj,
+    on_plane,
+)
 from dirprim_filter.recording.transforms.transform_tree import Placement, TransformTree
 
 if TYPE_CHECKING:
@@ -40,14 +48,26 @@ class FrameChange:
         tree: the log's transforms; None until they were needed.
     """
 
-    def __init__(self, log: Log, target: str | None, origin: Origin | None = None, *, strict: bool = False) -> None:
+    def __init__(
+        self, log: Log, target: str | None, origin: Origin | None = None, *, meets: str = "", strict: bool = False
+    ) -> None:
         self.target = (target or "").lstrip("/")
         self.origin = origin
         self.tree: TransformTree | None = None
+        self._meets, self._is_stated = meets, origin is not None and not meets
+        self._is_geodetic: bool | None = None
+        self._fixes: list[FloatArray] = []  # those that come before there is an origin
         self._strict = strict
         self._log = log
         self._placed = 0
         self._first_lost: tuple[str, int] | None = None
+
+    def waits(self, rows: Rows) -> bool:
+        """Whether what comes is to be kept, and applied later: the origin is the median of the first fixes."""
+        if self.origin is not None or self._is_geodetic is False:
+            return False
+        self._fixes.append(rows.position[rows.frame_id == GEODETIC, ::-1])
+        return 0 < sum(map(len, self._fixes)) < (LIVE_FIXES if self._log.is_live else FIXES)
 
     def apply(self, rows: Rows) -> tuple[Rows, BoolArray]:
         """The rows in the target frame, and (n,) which of them could be brought there.
@@ -63,11 +83,14 @@ class FrameChange:
             np.unique(rows.frame_id).tolist() if (rows.frame_id != rows.frame_id[:1]).any() else rows.frame_id[:1]
         ):
             frame = name.lstrip("/")
-            if frame in ("", self.target):
+            plane = Origin.of_frame(frame)
+            is_geodetic = plane is not None or frame == GEODETIC
+            self._check_kind(is_geodetic=is_geodetic)
+            if frame in ("", self.target) and not is_geodetic:
                 continue
             here = np.flatnonzero(rows.frame_id == name)
-            if frame == GEODETIC:
-                rows = self._on_plane(rows, here)
+            if is_geodetic:
+                rows = self._on_plane(rows, here, plane)
                 continue
             when = np.where(rows.stamp_ns[here] > 0, rows.stamp_ns[here], rows.time_ns[here])
             found = self._find(frame, when)
@@ -92,16 +115,31 @@ class FrameChange:
             where = (frame, self.target, time_ns)
             logger.warning("%s: no transform from %r to %r at %d ns, and at other times", self._log.path, *where)
 
-    def _on_plane(self, rows: Rows, here: IntArray) -> Rows:
-        if self.origin is None:
-            longitude, latitude = rows.position[here[0]].tolist()
-            self.origin = Origin(latitude, longitude)
+    def _check_kind(self, *, is_geodetic: bool) -> None:
+        """All positions of a log, and of what it meets, are of the Earth, or none is; unless the origin is stated."""
+        if self._is_geodetic is None:
+            self._is_geodetic = is_geodetic
+            if self._meets:
+                check_kind(self._log.path, is_geodetic=is_geodetic, origin=self.origin, meets=self._meets)
+        elif self._is_geodetic != is_geodetic and not self._is_stated:
+            expected = "positions all in metres, or all latitudes and longitudes"
+            raise RecordingError(f"{self._log.path}: expected {expected}, got both; choose some by --topics")
+
+    def _on_plane(self, rows: Rows, here: IntArray, own: Origin | None) -> Rows:
+        """Rows of satellite positions, or of the plane of their `own` origin, on the plane of ours."""
+        if self.origin is None and own is None:
+            fixes = np.concatenate(self._fixes)
+            self.origin = median_of(fixes)
             logger.warning(
-                "%s: the plane's origin is the first fix; for the same plane in other logs say --set origin=%.9f,%.9f",
-                self._log.path, latitude, longitude,
+                "%s: the origin of the plane is %s, the median of the first %d fixes; --set origin=%s keeps it",
+                self._log.path, self.origin, min(len(fixes), FIXES), self.origin,
             )  # fmt: skip
-        place = on_plane(self.origin, np.column_stack([rows.position[here], rows.height[here]]))
-        return _with(rows, here, position=place[:, :2], height=place[:, 2])
+        self.origin = self.origin or own
+        if own is not None and own.is_of(self.origin):
+            return rows
+        place = rows.position[here]
+        with needing_pyproj():
+            return _with(rows, here, position=on_plane(self.origin, own.to_globe(place) if own else place[:, ::-1]))
 
     def _find(self, frame: str, time_ns: IntArray) -> Placement | None:
         """A frame in the target; None where they are the same."""

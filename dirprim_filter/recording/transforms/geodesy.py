@@ -1,72 +1,72 @@
-"""Satellite positions on a local plane: x east, y north of an origin, by pyproj (extra `geo`).
-
-Source: EPSG guidance note 7-2, method 9837 (geographic to topocentric); PROJ's `topocentric`.
-"""
+"""Satellite positions on one local plane: x east, y north of an origin that no single fix decides."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Iterator
+from contextlib import contextmanager
+from os import PathLike
 
 import numpy as np
 
-from dirprim_filter.arrays import BoolArray, FloatArray
-from dirprim_filter.recording.errors import MissingExtraError
+from dirprim_filter.arrays import FloatArray
+from dirprim_filter.origin import Origin, exists
+from dirprim_filter.recording.errors import MissingExtraError, RecordingError
 
 FARTHEST_M = 1e8
 """Nothing on the Earth, of 4e7 m around, is further from any origin than this; what is, is no position."""
+FIXES, LIVE_FIXES = 99, 9
+"""The origin is the median of so many first fixes; of a live pipe, which is not to wait for long, of fewer."""
 
 
-class Origin(NamedTuple):
-    """Where the plane touches the ellipsoid of WGS 84."""
-
-    latitude_deg: float
-    longitude_deg: float
-
-    @classmethod
-    def parse(cls, text: str) -> Origin:
-        """Of "latitude,longitude" in degrees.
-
-        Raises:
-            ValueError: it is no such place.
-        """
-        try:
-            latitude, longitude = (float(part) for part in text.split(","))
-        except ValueError:
-            latitude = longitude = np.nan
-        if not (abs(latitude) <= 90 and abs(longitude) <= 360):
-            raise ValueError(f"origin: expected latitude,longitude in degrees such as 48.137,11.575, got {text!r}")
-        return cls(latitude, longitude)
-
-    @classmethod
-    def of(cls, geodetic: FloatArray) -> Origin | None:
-        """The first place of (n, 3) longitude, latitude and height; None where there is none."""
-        places = geodetic[_exists(geodetic), 1::-1].tolist()
-        return cls(*places[0]) if places else None
-
-
-def _exists(geodetic: FloatArray) -> BoolArray:
-    return np.asarray((np.abs(geodetic[:, 1]) <= 90) & (np.abs(geodetic[:, 0]) <= 360))
+def median_of(geodetic: FloatArray, n: int = FIXES) -> Origin | None:
+    """Of the first places of (m, 2) latitudes and longitudes, degrees; None where there is none."""
+    places = geodetic[exists(geodetic)][:n]
+    if not len(places):
+        return None
+    latitude, longitude = places.T
+    near = longitude - 360 * np.round((longitude - longitude[0]) / 360)  # across 180 degrees
+    middle = (len(places) - 1) // 2
+    return Origin(float(np.sort(latitude)[middle]), float(longitude[np.argsort(near)[middle]]))
 
 
 def on_plane(origin: Origin | None, geodetic: FloatArray) -> FloatArray:
-    """(n, 3) metres east, north and up of the origin; infinite where there is no such place.
-
-    Args:
-        origin: of the plane, at height 0; None: the first place.
-        geodetic: (n, 3) longitude and latitude, degrees, and height above the ellipsoid, metres.
+    """As `Origin.to_plane`; without an origin there are no places, which is NaN.
 
     Raises:
         MissingExtraError: pyproj is not installed.
     """
+    with needing_pyproj():
+        return np.full(geodetic.shape, np.nan) if origin is None else origin.to_plane(geodetic)
+
+
+@contextmanager
+def needing_pyproj() -> Iterator[None]:
+    """Where it is not installed, the error is a `MissingExtraError`."""
     try:
-        from pyproj import Transformer  # noqa: PLC0415  (an extra)
+        yield
     except ImportError as error:
         raise MissingExtraError("latitudes and longitudes", library="pyproj", extra="geo") from error
-    place, exists = np.full(geodetic.shape, np.inf), _exists(geodetic)
-    if origin := origin or Origin.of(geodetic):
-        to_plane = Transformer.from_pipeline(
-            "+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad +step +proj=cart +ellps=WGS84 +step "
-            f"+proj=topocentric +ellps=WGS84 +lat_0={origin.latitude_deg!r} +lon_0={origin.longitude_deg!r} +h_0=0"
+
+
+def check_kind(path: str | PathLike[str], *, is_geodetic: bool, origin: Origin | None, meets: str) -> None:
+    """Whether a log's positions can be on the plane of what it meets.
+
+    Args:
+        path: the log.
+        is_geodetic: it has latitudes and longitudes, or an origin of its own.
+        origin: that of what it meets.
+        meets: the name of this.
+
+    Raises:
+        RecordingError: one of the two has an origin, the other has none.
+    """
+    if is_geodetic and origin is None:
+        raise RecordingError(
+            f"{path}: expected positions in metres, as of {meets}, which has no origin, got latitudes and longitudes; "
+            "make that anew of such, or say by --set origin=LAT,LON where its plane is"
         )
-        place[exists] = np.column_stack(to_plane.transform(*geodetic[exists].T))
-    return place
+    if not is_geodetic and origin is not None:
+        raise RecordingError(
+            f"{path}: expected latitudes and longitudes, as {meets} has the origin {origin}, got positions in metres; "
+            f"where they are of the same plane, say --set origin={origin}"
+        )
