@@ -20,7 +20,6 @@ from typer.core import TyperCommand, TyperGroup
 from dirprim_filter.cli.compiling import compiling_notice, mend_cache
 from dirprim_filter.cli.options import FIGURE, WRITTEN
 from dirprim_filter.cli.reading import OPTIONS
-from dirprim_filter.cli.settings import with_settings_of_today
 from dirprim_filter.partial_file import OutputExistsError
 
 Result = TypeVar("Result")
@@ -34,11 +33,7 @@ def register(app: typer.Typer, command: Callable[..., Any]) -> None:
 
 
 class _Grouped(TyperCommand):
-    """Lists what all commands that read logs share after a command's own options; takes former ones too."""
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        known = {name for of in self.get_params(ctx) for name in of.opts}
-        return super().parse_args(ctx, list(with_settings_of_today(args, known)))
+    """Lists what all commands that read logs share after a command's own options."""
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         titled: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": [], "Reading a log": []}

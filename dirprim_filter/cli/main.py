@@ -34,7 +34,6 @@ from dirprim_filter.cli import (
     view,
 )
 from dirprim_filter.cli.commands import register, titled
-from dirprim_filter.cli.settings import with_commands_of_today
 
 COMMANDS: dict[str, list[Any]] = {
     "See what is there": [info.info, plot.plot, view.view, doctor.doctor],
@@ -129,7 +128,7 @@ def main() -> None:
 def run(arguments: list[str]) -> int:
     """Run the command line; -> its exit code."""
     try:
-        code = app(with_commands_of_today(arguments), prog_name="dirprim", standalone_mode=False)
+        code = app(arguments, prog_name="dirprim", standalone_mode=False)
     except KeyboardInterrupt:
         code = exit_codes.INTERRUPTED
     except BrokenPipeError:  # the reader of our output has seen enough

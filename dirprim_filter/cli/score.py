@@ -56,9 +56,9 @@ def score(
     The table has a column for each file.
 
     Each group of the truth is compared by itself. Options of reading choose a part of the truth. Estimates of other
-    groups, and at instants without a truth, are left out and counted. The instants of the truth are judged, or those of
-    all files where one has others. The truth is interpolated between rows of a vehicle at most 1 s, or 2.5 of its
-    median intervals, apart.
+    groups, and before or after the truth, are left out and counted. The instants of the truth are judged. Estimates are
+    interpolated there, between rows of a track at most 1.5 of the file's median intervals apart; elsewhere they are
+    missing. The truth is, between rows of a vehicle at most 1 s, or 2.5 of its median intervals, apart.
 
     Example: dirprim score tracks.mcap other.csv --truth recordings/roundabout_track.mcap
     """
@@ -85,7 +85,7 @@ def score(
     for found in table.scores:
         if found.left_out:
             path = named[found.name.removesuffix(SMOOTHED)]
-            say(f"{path}: left out {counted(found.left_out, 'row')} of groups or instants without a truth", err=True)
+            say(f"{path}: left out {counted(found.left_out, 'row')} of groups or times without a truth", err=True)
     return report(
         "score", [*estimates, truth], reading, log.losses, table=asdict(table), settings=asdict(own),
         text=lambda: score_text(table, truth.name), as_json=as_json,
@@ -111,7 +111,7 @@ def score_text(table: ScoreTable, truth: str) -> str:
         "",
         *(
             f"{found.name}: {counted(found.n_tracks, 'track')}, {counted(found.n_rows, 'row')} at "
-            f"{counted(found.n_instants, 'instant')}"
+            f"{counted(found.n_instants, 'instant')}, {found.n_interpolated} of them interpolated"
             for found in table.scores
         ),
     ])  # fmt: skip
@@ -119,8 +119,7 @@ def score_text(table: ScoreTable, truth: str) -> str:
 
 def _judged_line(table: ScoreTable) -> str:
     """At which instants, and whether the truth is interpolated there."""
-    whose = "the estimates'" if table.at_results else "the truth's"
-    instants = f"judged at {whose} {counted(table.n_instants, 'instant')}"
+    instants = f"judged at the truth's {counted(table.n_instants, 'instant')}"
     if not table.n_interpolated:
         return f"{instants}, row by row"
     return (

@@ -1,9 +1,9 @@
-"""Settings: what has no option of its own, as `--set NAME=VALUE`; and the options that were there before."""
+"""Settings: what has no option of its own, as `--set NAME=VALUE`."""
 
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
 from typing import Any, TypeVar
 
@@ -70,47 +70,3 @@ def _value(text: str) -> Any:
         return tomllib.loads(f"value = {text}")["value"]
     except (tomllib.TOMLDecodeError, RecursionError):
         return text
-
-
-FORMER = {f"--{name}": f"{name.replace('-', '_')}=" for name in (
-    *READING, "interaction", "detection-probability", "clutter-density", "miss-rate", "false-per-frame", "learn",
-    "truth", "focus", "particles-out",
-)} | {
-    "--similarity": "similarity_m=", "--noise": "noise_m=", "--particles": "n_particles=",
-    "--rate": "rate_hz=", "--motion": "motion=true", "--place-free": "without_map=true", "--smooth": "smooth=true",
-}  # fmt: skip
-"""Options that are now settings of the commands that no longer have them; where one takes a value, the text ends with
-`=`."""
-FORMER_COMMANDS = {"update": ("store", "update"), "replay": ("view", "--rate", "1")}
-OF_STORES = {"--min-vehicles", "--half-life", "--now", "--zone", "--workers", "--scheduler"}
-"""With these `learn` is `store learn`."""
-
-
-def with_commands_of_today(arguments: Sequence[str]) -> list[str]:
-    """The same arguments with today's name of a former command, and a warning; these go after the first release."""
-    words = list(arguments)
-    at, command = next(((i, word) for i, word in enumerate(words) if not word.startswith("-")), (0, ""))
-    now = FORMER_COMMANDS.get(command, ())
-    if command == "learn" and OF_STORES & {word.partition("=")[0] for word in words}:
-        now = ("store", "learn")
-    if now:
-        _warn(f"`dirprim {command}`", f"`dirprim {' '.join(now)}`")
-        words[at : at + 1] = now
-    return words
-
-
-def with_settings_of_today(arguments: Sequence[str], known: Iterable[str]) -> Iterator[str]:
-    """The same for the options of a command that has `known` ones."""
-    rest = iter(arguments)
-    for argument in rest:
-        name, equals, value = argument.partition("=")
-        if name in known or name not in FORMER or "--set" not in known:
-            yield argument
-            continue
-        setting = FORMER[name]
-        _warn(name, f"--set {setting}{'...' * setting.endswith('=')}")
-        yield from ("--set", setting + (value if equals else next(rest, "")) if setting[-1] == "=" else setting)
-
-
-def _warn(old: str, new: str) -> None:
-    typer.echo(f"warning: {old} is now {new}; the next release removes {old}", err=True)

@@ -14,7 +14,7 @@ from dirprim_filter.evaluation.metrics.comparison import SIMILARITY_M
 from dirprim_filter.evaluation.splits import steps
 from dirprim_filter.evaluation.tracked_rows import TrackedRows, instant_numbers
 from dirprim_filter.evaluation.tracking_report import TrackingReport, report_of
-from dirprim_filter.evaluation.truth import judged_truth
+from dirprim_filter.evaluation.truth import judged_rows, judged_truth
 from dirprim_filter.track_ids import qualified_names
 from dirprim_filter.tracks import Tracks
 
@@ -83,8 +83,9 @@ class Score:
 
     Attributes:
         name: what it is called.
-        n_rows: how many of its rows were compared.
-        left_out: how many were not: the truth is not known at their instants.
+        n_rows: of it at the instants that were judged, interpolated ones included.
+        n_interpolated: of these rows: see `judged_rows`.
+        left_out: how many of its rows are of groups or times without a truth.
         n_tracks: how many tracks they are of.
         n_instants: at how many instants they are.
         report: the figures.
@@ -92,6 +93,7 @@ class Score:
 
     name: str
     n_rows: int
+    n_interpolated: int
     left_out: int
     n_tracks: int
     n_instants: int
@@ -108,8 +110,7 @@ class ScoreTable:
         n_rows: of the truth at the instants that were judged, interpolated ones included.
         n_interpolated: of these rows.
         longest_gap_s: seconds between two rows of a vehicle, above which none was interpolated.
-        n_instants: how many instants were judged.
-        at_results: whether they are those of the results, else the truth's own: see `judged_truth`.
+        n_instants: how many instants were judged, the truth's own.
         with_ids: whether estimates were assigned to vehicles by id.
         similarity_m: metres, the length of all metrics.
         scores: of each tracker.
@@ -121,7 +122,6 @@ class ScoreTable:
     n_interpolated: int
     longest_gap_s: float
     n_instants: int
-    at_results: bool
     with_ids: bool
     similarity_m: float
     scores: tuple[Score, ...]
@@ -135,7 +135,7 @@ def score_rows(
     similarity_m: float = SIMILARITY_M,
     progress: Callable[[int, int], None] | None = None,
 ) -> ScoreTable:
-    """Score what trackers wrote, by name.
+    """Score what trackers wrote, by name, each as if it were alone: at the truth's instants, see `judged_rows`.
 
     Args:
         results: what each says, in the groups of the truth.
@@ -148,11 +148,11 @@ def score_rows(
         ValueError: a result has no row at an instant at which the truth is known.
     """
     done = steps(len(results), progress)
-    judged = judged_truth(truth, list(results.values()))
+    judged = judged_truth(truth)
     n_rows = len(judged.tracks)
     scores = []
     for name, rows in results.items():
-        kept = rows.at_instants_of(judged.tracks)
+        kept, n_interpolated, left_out = judged_rows(rows, judged.tracks)
         if len(kept) == 0:
             raise ValueError(
                 f"{name}: expected rows at instants at which the truth is known, {_span(truth)}, got none; its own are "
@@ -167,16 +167,15 @@ def score_rows(
         ).report
         scores.append(
             Score(
-                name=name, n_rows=len(kept), left_out=len(rows) - len(kept), n_tracks=kept.n_tracks,
-                n_instants=_n_instants(kept), report=report,
+                name=name, n_rows=len(kept), n_interpolated=n_interpolated, left_out=left_out,
+                n_tracks=kept.n_tracks, n_instants=_n_instants(kept), report=report,
             )
         )  # fmt: skip
         done()
     return ScoreTable(
         n_groups=int(np.unique(truth.group).size), n_vehicles=judged.tracks.n_tracks, n_rows=n_rows,
         n_interpolated=judged.n_interpolated, longest_gap_s=judged.longest_gap_s,
-        n_instants=_n_instants(judged.tracks), at_results=judged.at_results, with_ids=with_ids,
-        similarity_m=similarity_m, scores=tuple(scores),
+        n_instants=_n_instants(judged.tracks), with_ids=with_ids, similarity_m=similarity_m, scores=tuple(scores),
     )  # fmt: skip
 
 

@@ -45,9 +45,14 @@ class TrackedRows(ArrayTable):
         check_not_repeated(self.track_id, self.time_ns, self.group)
 
     @property
+    def vehicle(self) -> IntArray:
+        """(n,) which track each row is of, as a number."""
+        return vehicle_numbers(self.track_id, self.group)
+
+    @property
     def n_tracks(self) -> int:
         """Number of tracks."""
-        return int(vehicle_numbers(self.track_id, self.group).max(initial=-1)) + 1
+        return int(self.vehicle.max(initial=-1)) + 1
 
     @classmethod
     def of(cls, estimates: Estimates, *, group: IntArray | int = 0) -> TrackedRows:
@@ -62,11 +67,6 @@ class TrackedRows(ArrayTable):
             direction=np.where(is_known, estimates.direction, np.nan),
             speed=np.where(is_known, estimates.speed, np.nan), unseen_s=estimates.unseen_s,
         )  # fmt: skip
-
-    def at_instants_of(self, truth: Tracks) -> TrackedRows:
-        """The rows of the instants that the truth holds, group by group."""
-        of_truth, own = instant_numbers(truth, self)
-        return self[np.isin(own, of_truth)]
 
 
 def instant_numbers(*rows: Tracks | TrackedRows) -> list[IntArray]:

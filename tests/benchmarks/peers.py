@@ -43,6 +43,7 @@ from dirprim_filter import learn_primitives
 from dirprim_filter.evaluation.intervals import difference_of_means, interval, mean
 from dirprim_filter.evaluation.settings import choose
 from dirprim_filter.evaluation.tracking_report import TrackingReport, report_of
+from dirprim_filter.evaluation.truth import judged_rows
 
 PACKAGES = (stone_soup, motpy, norfair)
 FIRST = "ours, with the map"
@@ -121,7 +122,7 @@ class Ran:
 
 def scored(found: Tracked, part: Part, similarity_m: float) -> TrackingReport:
     """What a tracker reported, against the truth."""
-    rows = part.judged(found.rows.at_instants_of(part.truth), part.truth)
+    rows = part.judged(judged_rows(found.rows, part.truth).rows, part.truth)
     return report_of(rows, part.truth, is_hidden=part.is_hidden, with_ids=False, similarity_m=similarity_m).report
 
 

@@ -26,6 +26,7 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
 from dirprim_filter.evaluation.tracking_report import report_of
+from dirprim_filter.evaluation.truth import judged_rows
 
 DELETED_AFTER = {"A": 10.0, "B": 60.0}
 FIGURES = ("hota", "rmse", "switches", "reported")
@@ -84,7 +85,7 @@ def main() -> None:
                 }
                 for how, of in judged.items():
                     report = report_of(
-                        of.at_instants_of(part.truth), part.truth, is_hidden=part.is_hidden, with_ids=False,
+                        judged_rows(of, part.truth).rows, part.truth, is_hidden=part.is_hidden, with_ids=False,
                     ).report  # fmt: skip
                     figures.setdefault((scene, name, how), []).append([getattr(report, key) for key in FIGURES])
     means = {key: np.mean(values, axis=0).tolist() for key, values in figures.items()}

@@ -171,17 +171,3 @@ def test_forecast_concludes_with_what_the_map_takes_off_or_adds():
         "  at 4 s   50.0 % (45.0 to 55.0 %) less than the same model without the map",
         "           3.0 % (1.0 to 7.0 %) more than trajectory memory",
     ]
-
-
-def test_former_options_are_taken_with_a_warning_and_not_shown(log, capsys):
-    command = "evaluate tracking few.mcap --gap 0 --seeds 1 --method 'constant velocity' --json"
-    assert dirprim(f"{command} --set miss_rate=0.3 --set smooth=true") == DONE
-    reported = capsys.readouterr()
-    assert "warning" not in reported.err
-    assert dirprim(f"{command} --miss-rate=0.3 --smooth") == DONE
-    formerly = capsys.readouterr()
-    assert formerly.out == reported.out
-    assert "warning: --miss-rate is now --set miss_rate=...; the next release removes --miss-rate" in formerly.err
-    assert "warning: --smooth is now --set smooth=true;" in formerly.err
-    assert dirprim("evaluate tracking --help") == DONE
-    assert "--miss-rate" not in capsys.readouterr().out

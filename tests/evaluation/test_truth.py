@@ -1,7 +1,5 @@
 """The truth at the instants that are judged: clocks of vehicles change no figure, and nothing is made up."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -9,7 +7,7 @@ from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.evaluation.scores import TrackedScene, score_rows, scored
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
 from dirprim_filter.evaluation.tracking_report import report_of
-from dirprim_filter.evaluation.truth import judged_truth
+from dirprim_filter.evaluation.truth import interpolated, judged_rows, judged_truth, known_at
 from dirprim_filter.tracks import Tracks
 from situations import estimates_of, tracks_of
 
@@ -67,8 +65,7 @@ def test_clocks_of_vehicles_change_no_figure(seed):
     offset = np.random.default_rng(seed).integers(-STEP_NS, STEP_NS, N_VEHICLES)
     truth = truth_of(offset)
     rows = tracked_at(np.unique(truth.time_ns))
-    for found, at_results in ((table_of(rows, truth), False), (table_of(tracked_at(frames), truth), True)):
-        assert found.at_results == at_results
+    for found in (table_of(rows, truth), table_of(tracked_at(frames), truth)):
         assert found.n_interpolated > 0.7 * found.n_rows
         np.testing.assert_allclose(figures(found.scores[0].report), figures(synchronous), atol=0.02)
         assert found.scores[0].report.switches == synchronous.switches
@@ -78,31 +75,24 @@ def test_clocks_of_vehicles_change_no_figure(seed):
 
 
 def test_frames_are_judged_as_they_are_to_the_last_digit():
-    """With misses, with a vehicle that is away for long, and with results at some of the instants."""
+    """With misses, and with a vehicle that is away for long: a missing estimate is a miss."""
     truth = truth_of()
     truth = truth[(truth.track_id != 2) | (truth.time_ns < 2e9) | (truth.time_ns > 4e9)]
-    judged = judged_truth(truth, [tracked_at(np.unique(truth.time_ns))])
+    judged = judged_truth(truth)
     assert judged.tracks is truth
-    rows = tracked_at(np.unique(truth.time_ns)[::2])
+    rows = tracked_at(np.unique(truth.time_ns))
+    rows = rows[np.random.default_rng(0).random(len(rows)) > 0.3]
     table = table_of(rows, truth)
-    row_by_row = report_of(rows, truth, with_ids=False).report
-    assert repr(table.scores[0].report) == repr(row_by_row)  # NaN as well
-    assert (table.at_results, table.n_interpolated, table.n_instants, table.scores[0].n_instants) == (False, 0, N, 40)
-    assert table.scores[0].report.reported < 0.55  # a missing estimate is a miss
+    assert repr(table.scores[0].report) == repr(report_of(rows, truth, with_ids=False).report)  # NaN as well
+    assert (table.n_interpolated, table.n_instants) == (0, N)
+    assert (table.scores[0].n_interpolated, table.scores[0].left_out) == (0, 0)
+    assert table.scores[0].report.reported < 0.72
 
 
 def of_one(times_s, *, group=0, track_id="a"):
     times_s = np.asarray(times_s, np.float64)
     place, time_ns = np.column_stack([10.0 * times_s, -times_s]), (times_s * 1e9).astype(np.int64)
     return tracks_of([place], track_id=track_id, time_ns=time_ns, group=group, speed=2.0 * times_s)
-
-
-def asked_at(times_s, *, group=0):
-    n = len(times_s)
-    return TrackedRows(
-        track_id=np.full(n, "t"), time_ns=(np.asarray(times_s) * 1e9).astype(np.int64), position=np.zeros((n, 2)),
-        group=np.full(n, group),
-    )  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -114,45 +104,71 @@ def asked_at(times_s, *, group=0):
     ],
 )
 def test_between_rows_too_far_apart_there_is_no_truth_and_beyond_them_neither(times_s, longest_s, known_s):
-    asked = asked_at([-0.1, 0.05, 0.2, 0.7, 1.2, 2.0, 8.0, 14.05, 14.2])
-    judged = judged_truth(of_one(times_s), [asked])
-    assert judged.longest_gap_s == pytest.approx(longest_s)
-    if not known_s:
-        assert (judged.at_results, judged.tracks.time_ns.tolist()) == (False, [3_000_000_000])
-        return
-    np.testing.assert_allclose(judged.tracks.time_ns * 1e-9, known_s)
-    np.testing.assert_allclose(judged.tracks.position[:, 0], 10.0 * np.array(known_s), atol=1e-9)
-    np.testing.assert_allclose(judged.tracks.speed, 2.0 * np.array(known_s), atol=1e-9)
-    assert set(judged.tracks.track_id) == {"a"}
-
-
-def test_directions_turn_the_shorter_way_round():
-    truth = replace(of_one([0.0, 1.0, 2.0]), direction=[3.0, -3.0, 3.0])
-    got = judged_truth(truth, [asked_at([0.25, 1.5])]).tracks
-    half = np.pi - 3.0
-    np.testing.assert_allclose(got.direction, [3.0 + 0.5 * half, np.pi])
+    truth, asked_ns = of_one(times_s), np.rint(np.multiply([-0.1, 0.05, 0.2, 0.7, 1.2, 2.0, 8.0, 14.05, 14.2], 1e9))
+    assert judged_truth(truth).longest_gap_s == pytest.approx(longest_s)
+    group, asked_ns = np.zeros(asked_ns.size, np.int64), asked_ns.astype(np.int64)
+    instant, before, after = known_at(truth, group, asked_ns, longest_gap_s=longest_s)
+    order = np.argsort(instant)
+    got = interpolated(truth, before[order], after[order], asked_ns[instant[order]])
+    np.testing.assert_allclose(got.time_ns * 1e-9, known_s)
+    np.testing.assert_allclose(got.position[:, 0], 10.0 * np.array(known_s), atol=1e-9)
+    np.testing.assert_allclose(got.speed, 2.0 * np.array(known_s), atol=1e-9)
 
 
 def test_groups_know_nothing_of_each_others_instants():
-    """One group is in frames, the other is not; a result of the first is judged at the truth's own instants."""
+    """One group is in frames, the other is not."""
     one = of_one(np.arange(10) / 4, group=1)
     others = [of_one(np.arange(10) / 4 + offset, group=2, track_id=name) for offset, name in ((0.0, "a"), (0.125, "b"))]
-    truth = Tracks.concatenate([one, *others])
-    judged = judged_truth(truth, [asked_at(np.arange(8) / 4, group=1)])
-    assert not judged.at_results
+    judged = judged_truth(Tracks.concatenate([one, *others]))
     assert np.bincount(judged.tracks.group).tolist() == [0, 10, 20 + 18]  # of each other's 10 instants 9 are within
-    assert judged_truth(truth, [asked_at([0.05], group=1)]).at_results
-    assert not judged_truth(truth, [asked_at([0.05], group=3), asked_at([-1.0, 0.0], group=1)]).at_results
 
 
-def test_results_that_are_scored_together_are_judged_at_the_instants_of_all():
+def row_of(times_s, direction, **columns):
+    times_s = np.asarray(times_s, np.float64)
+    return TrackedRows(
+        track_id=np.full(times_s.size, "t"), time_ns=np.rint(times_s * 1e9).astype(np.int64), direction=direction,
+        position=np.column_stack([10.0 * times_s, -times_s]), **columns,
+    )  # fmt: skip
+
+
+def test_rows_of_a_tracker_are_interpolated_within_its_own_interval():
+    """Direction turns the shorter way round; a covariance is the mean of both; 0.5 s without a row are a silence."""
+    covariance = np.array([1.0, 3.0, 3.0, 3.0, 5.0, 5.0])[:, None, None] * np.eye(2)
+    rows = row_of([0.0, 0.2, 0.4, 0.6, 1.1, 1.3], [3.0, -3.0, 3.0, 3.0, 0.0, 0.0], covariance=covariance)
+    found, n_interpolated, left_out = judged_rows(rows, judged_truth(of_one(np.arange(13) / 10)).tracks)
+    np.testing.assert_allclose(found.time_ns * 1e-9, [0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 1.1, 1.2])
+    np.testing.assert_allclose(found.position[:, 0], found.time_ns * 1e-8)
+    np.testing.assert_allclose(found.direction[:4], [3.0, np.pi, -3.0, np.pi])
+    np.testing.assert_allclose(
+        found.covariance[[0, 1, 2, 8]], np.array([1.0, 2.0, 3.0, 5.0])[:, None, None] * np.eye(2)
+    )
+    assert (n_interpolated, left_out) == (4, 1)
+
+
+def test_times_that_were_rounded_are_those_of_the_truth():
+    truth = of_one(np.arange(31) / 30)
+    found, n_interpolated, left_out = judged_rows(row_of(np.round(np.arange(31) / 30, 3), np.zeros(31)), truth)
+    assert (found.time_ns.tolist(), n_interpolated, left_out) == (truth.time_ns.tolist(), 0, 0)
+
+
+@pytest.mark.parametrize("step_ms", [100, 200, 400])
+@pytest.mark.parametrize("phase_ms", [0, 30, 50])
+def test_a_tracker_is_judged_alone_whatever_its_clock_and_who_stands_beside_it(step_ms, phase_ms):
+    """Its rate costs it nothing but the ends of its tracks; what it leaves out does."""
     truth = truth_of()
-    one, other = (tracked_at(np.arange(2, 70) * STEP_NS + shift) for shift in (30_000_000, 60_000_000))
-    both = table_of(one, truth, other=other)
-    assert (both.n_instants, [of.n_instants for of in both.scores]) == (136, [68, 68])
-    alone = table_of(one, truth).scores[0].report
-    assert both.scores[0].report.reported == pytest.approx(0.5 * alone.reported, rel=1e-9)
-    assert both.scores[0].report.rmse == pytest.approx(alone.rmse)
+    others = {"fast": tracked_at(np.arange(7, 600) * 13_000_000), "same": tracked_at(np.arange(N) * STEP_NS)}
+    times_ns = np.arange(phase_ms, 7901, step_ms) * 1_000_000
+    rows = tracked_at(times_ns)
+    alone, beside = (table_of(rows, truth, **more) for more in ({}, others))
+    assert repr(alone.scores[0]) == repr(beside.scores[0])
+    assert alone.n_rows == beside.n_rows == len(truth)
+    every = beside.scores[2].report
+    lost = 2 * -(-max(step_ms, phase_ms) // 100) / N  # at most at both ends
+    np.testing.assert_allclose(figures(alone.scores[0].report), figures(every), atol=0.03 + 1.5 * lost)
+    silent = rows[np.random.default_rng(0).random(times_ns.size * N_VEHICLES)[: len(rows)] > 0.3]
+    report = table_of(silent, truth).scores[0].report
+    assert report.reported < alone.scores[0].report.reported - 0.2
+    assert report.hota < alone.scores[0].report.hota - 0.07
 
 
 def test_an_interpolated_row_is_hidden_where_both_its_neighbours_are():
