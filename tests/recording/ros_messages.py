@@ -27,21 +27,23 @@ _PLAIN = {f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)} 
 ROS = get_typestore(Stores.ROS2_JAZZY)
 
 
-def definition(name):
-    """Of package/Name alone."""
+def definition(name, changed=None):
+    """Of package/Name alone; `changed` are those of another version."""
+    if changed and name in changed:
+        return changed[name]
     if name in DEFINITIONS:
         return DEFINITIONS[name]
     return ROS.generate_msgdef(name.replace("/", "/msg/"), ros_version=2)[0].partition("=" * 80)[0].rstrip()
 
 
-def full_definition(name):
+def full_definition(name, changed=None):
     """The ros2msg definition of package/Name with all that it depends on, as rosbag2 writes it."""
     pending, parts = [name], {}
     while pending:
         one = pending.pop(0)
         if one in parts:
             continue
-        parts[one] = definition(one)
+        parts[one] = definition(one, changed)
         for line in parts[one].splitlines():
             kind = line.split()[0].partition("[")[0]
             if kind.partition("<")[0] not in _PLAIN and "=" not in line:
@@ -50,14 +52,17 @@ def full_definition(name):
     return parts[name] + rest
 
 
-def write_ros2_log(path, messages):
-    """A log of (topic, log time, package/msg/Name, message as a dictionary), by mcap-ros2-support's writer."""
+def write_ros2_log(path, messages, changed=None):
+    """A log of (topic, log time, package/msg/Name, message as a dictionary), by mcap-ros2-support's writer.
+
+    `changed` are definitions of another version by package/Name.
+    """
     with path.open("wb") as file:
         writer = Writer(file)
         schemas: dict[str, Any] = {}
         for topic, time_ns, name, message in messages:
             if name not in schemas:
-                schemas[name] = writer.register_msgdef(name, full_definition(name.replace("/msg/", "/")))
+                schemas[name] = writer.register_msgdef(name, full_definition(name.replace("/msg/", "/"), changed))
             writer.write_message(topic, schemas[name], message, log_time=time_ns, publish_time=time_ns)
         writer.finish()
     return path

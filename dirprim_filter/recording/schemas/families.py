@@ -4,22 +4,33 @@ ROS 2. `nav_msgs/Odometry` and `foxglove.Odometry` have pose and covariance in t
 the axes of the body, whose frame is the vehicle's name. Poses have neither velocity nor name: one to a message they
 are named after the topic, several after their places in it. A marker that adds or changes a cube, sphere, cylinder or
 mesh is an object, `namespace/id`; of a mesh the scale is a factor, so its size is unknown. Boxes of `vision_msgs`
-keep their `id` where the detector tracks. CARLA's bridge and radar drivers write `derived_object_msgs`, whose twist
+keep their `id` (`tracking_id` before version 3) where the detector tracks; class and covariance are those of the result
+with the highest score. CARLA's bridge and radar drivers write `derived_object_msgs`, whose twist
 is in the header's frame. A transform is, where its topic is named, an object: the child, in the axes of its parent.
 
 Autoware. The pose is that of the shape's centre. `orientation_availability` 0 is an unknown heading; a detection's
 twist and covariance count where `has_twist` and `has_position_covariance` say so.
 
-Satellite fixes are degrees on WGS 84; covariances of an unknown type mean nothing.
+Satellite fixes are degrees on WGS 84; covariances of an unknown type mean nothing. `GPSFix` has course and speed too,
+and where its covariance is unknown the horizontal error at 95 %. The velocity of radar tracks is relative to the radar,
+so it is not read.
 
-Sources: https://docs.ros.org; https://github.com/ros-perception/vision_msgs, version 4;
+Sources: https://docs.ros.org; https://github.com/ros-perception/vision_msgs, versions 0 to 4, and radar_msgs;
 https://github.com/astuff/astuff_sensor_msgs and carla_ros_bridge; https://github.com/autowarefoundation/autoware_msgs
 (before 2024 autoware_auto_perception_msgs); the Foxglove SDK's schemas; dirprim.proto.
 """
 
 from __future__ import annotations
 
+from typing import Any
+
+import numpy as np
+
+from dirprim_filter.arrays import BoolArray, IntArray
+from dirprim_filter.columns import is_covariance
+from dirprim_filter.recording.decoding.field_columns import FieldColumns
 from dirprim_filter.recording.schemas import osi
+from dirprim_filter.recording.schemas.attitude import STANDING_SPEED
 from dirprim_filter.recording.schemas.family import AS_BOX, Family, Shape, family
 from dirprim_filter.recording.schemas.scene_update import SCENE_UPDATE
 
@@ -35,6 +46,8 @@ FOOTPRINTS: dict[int, Shape] = {0: AS_BOX, 1: ((0, 0, 2), (1.0, 1.0, 1.0)), 2: (
 _UPRIGHT: Shape = ((1, 1, 0), (2.0, 2.0, 1.0))
 SOLIDS: dict[int, Shape] = {1: AS_BOX, 2: ((0, 0, 0), (2.0, 2.0, 2.0)), 3: _UPRIGHT, 4: _UPRIGHT}
 """SolidPrimitive.msg: box, sphere (radius), cylinder and cone (height and radius)."""
+CHI2_95 = -2 * np.log(0.05)
+"""Of an error in the plane, in variances of an axis: 95 % of the squares are less."""
 BODIES, ADD = (1, 2, 3, 10), 0
 """Of Marker.msg: CUBE, SPHERE, CYLINDER, MESH_RESOURCE; and the action."""
 
@@ -69,12 +82,31 @@ def _derived(schema: str, *, pose: str = "", twist: str = "") -> Family:
     )  # fmt: skip
 
 
-def _fix(schemas: str, *, at: str = "", time: str = ".timestamp") -> Family:
+def _fix(schemas: str, paths: str = "time=@.timestamp", *, at: str = "", **more: Any) -> Family:
     return family(
         schemas,
-        f"time=@{time} longitude=@.longitude latitude=@.latitude z=@.altitude status=@.status.status "
+        f"{paths} longitude=@.longitude latitude=@.latitude z=@.altitude status=@.status.status "
         "is_measured=@.position_covariance_type covariance3=@.position_covariance",
-        at=at, names="topic",
+        at=at, names="topic", **more,
+    )  # fmt: skip
+
+
+def _of_receiver(columns: FieldColumns, _: IntArray, known: dict[str, Any]) -> BoolArray:
+    """Who stands has no course; and of an unknown covariance the radius within which 95 % of the errors are."""
+    radius, p = columns.numbers("radius95"), known["covariance"]
+    stated = ~is_covariance(p) & (radius > 0)
+    known["covariance"] = np.where(stated[:, None, None], np.multiply.outer(radius**2 / CHI2_95, np.eye(2)), p)
+    known["direction"] = np.where(known["speed"] < STANDING_SPEED, np.nan, known["direction"])
+    return np.ones(radius.size, np.bool_)
+
+
+def _boxes(schema: str, *, at: str = "", box: str = ".bbox") -> Family:
+    return family(
+        f"vision_msgs/msg/{schema}",
+        f"header=.header id=@.id|@.tracking_id pose=@{box}.center size=@{box}.size "
+        "label=@.results[].hypothesis.class_id|@.results[].hypothesis.id|@.results[].id "
+        "score=@.results[].hypothesis.score|@.results[].score covariance6=@.results[].pose.covariance",
+        at=at,
     )  # fmt: skip
 
 
@@ -104,11 +136,12 @@ KINDS: tuple[tuple[Family, ...], ...] = (
         _autoware("PredictedObjects", "initial_"),
         _autoware("DetectedObjects"),
         family(
-            "vision_msgs/msg/Detection3DArray",
-            "header=.header id=@.id pose=@.bbox.center size=@.bbox.size label=@.results[].hypothesis.class_id "
-            "score=@.results[].hypothesis.score",
-            at=".detections[]",
+            "radar_msgs/msg/RadarTracks",
+            "header=.header id=@.uuid.uuid position=@.position covariance2=@.position_covariance size=@.size "
+            "label=@.classification", at=".tracks[]", labels=("", "static", "dynamic"),
         ),
+        _boxes("Detection3DArray", at=".detections[]"), _boxes("Detection3D"),
+        _boxes("BoundingBox3DArray", at=".boxes[]", box=""),
     ),
     (
         family(
@@ -135,9 +168,15 @@ KINDS: tuple[tuple[Family, ...], ...] = (
         family("geometry_msgs/msg/PoseArray", "header=.header pose=.poses[]", names="place"),
     ),
     (
+        _fix(
+            "gps_msgs/msg/GPSFix gps_common/msg/GPSFix",
+            "time=.header.stamp course_deg=.track speed=.speed radius95=.err_horz", amend=_of_receiver,
+        ),
+    ),
+    (
         _fix(_both("LocationFix")),
         _fix(_both("LocationFixes"), at=".fixes[]"),
-        _fix("sensor_msgs/msg/NavSatFix", time=".header.stamp"),
+        _fix("sensor_msgs/msg/NavSatFix", "time=.header.stamp"),
     ),
 )  # fmt: skip
 """Schemas of one kind hold the same; the first kind that a log has holds the most."""

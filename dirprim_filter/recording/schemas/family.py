@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import combinations
 from typing import Any, Literal
 
 import numpy as np
@@ -25,15 +26,16 @@ from dirprim_filter.recording.schemas.attitude import course, heading, rotated
 
 NAMES = (
     "x", "y", "z", "latitude", "longitude", "id", "time", "time_s", "frame", "vx", "vy", "vz", "speed", "speed_kmh",
-    "direction", "direction_deg", "heading", "heading_deg", "qx", "qy", "qz", "qw", "cxx", "cxy", "cyy", "group",
-    "label", "length", "width", "height",
+    "direction", "direction_deg", "course_deg", "heading", "heading_deg", "qx", "qy", "qz", "qw", "cxx", "cxy", "cyy",
+    "group", "label", "length", "width", "height",
 )  # fmt: skip
 """What `--fields` may name.
 
 x, y, z are metres in the axes of `frame`, latitude and longitude degrees on WGS 84, to be projected to a plane. The
 `time` is the header's, seconds and nanoseconds or whole nanoseconds. vx, vy, vz are the velocity over ground in that
 frame, m/s; the direction is the course, the heading the yaw of the body, radians counter-clockwise from x unless the
-name ends in `_deg`; qx to qw are the quaternion that turns the body; cxx, cxy, cyy the covariance of x and y.
+name ends in `_deg`; course_deg is clockwise from north, the y axis; qx to qw are the quaternion that turns the body;
+cxx, cxy, cyy the covariance of x and y.
 """
 GROUPS: dict[str, dict[str, str]] = {
     "header": {"time": ".stamp", "frame": ".frame_id"},
@@ -46,11 +48,17 @@ GROUPS: dict[str, dict[str, str]] = {
     "size": {"length": ".x", "width": ".y", "height": ".z"},
     "covariance6": {"cxx": "[0]", "cxy": "[1]", "cyy": "[7]"},
     "covariance3": {"cxx": "[0]", "cxy": "[1]", "cyy": "[4]"},
+    "covariance2": {"cxx": "[0]", "cxy": "[1]", "cyy": "[3]"},
 }
 """Names that stand for several below one path."""
 _DEG = np.pi / 180
-UNITS = {"speed": ("speed_kmh", 1 / 3.6), "direction": ("direction_deg", _DEG), "heading": ("heading_deg", _DEG)}
-"""What else a name may be given as, and by which factor."""
+UNITS = {
+    "speed_kmh": ("speed", 1 / 3.6, 0.0), "direction_deg": ("direction", _DEG, 0.0),
+    "course_deg": ("direction", -_DEG, np.pi / 2), "heading_deg": ("heading", _DEG, 0.0), "time_s": ("time", 1e9, 0.0),
+}  # fmt: skip
+"""What else may be given: for which name, by which factor, and what is added."""
+OLDER = "|"
+"""Between the paths of a name, newest first: the first that a schema has counts; and behind the names of older ones."""
 _KINDS: dict[str, Kind] = {
     **dict.fromkeys(("id", "frame", "label", "space", "key", "value", "host", "mover"), "name"),
     **dict.fromkeys(("time", "measured"), "time"),
@@ -169,10 +177,11 @@ def family(schemas: str, paths: str, *, at: str = "", required: bool = False, **
     kinds = _KINDS | ({"label": "number"} if more.get("labels") else {})
     fields = {}
     for part in paths.split():
-        group, _, path = part.partition("=")
+        group, _, all_paths = part.partition("=")
         for name, below in GROUPS.get(group, {group: ""}).items():
-            optional = not (required or name in REQUIRED)
-            fields[name] = Field(path=path.replace("@", at) + below, kind=kinds.get(name, "number"), optional=optional)
+            optional, kind = not (required or name in REQUIRED), kinds.get(name, "number")
+            for i, path in enumerate(all_paths.replace("@", at).split(OLDER)):
+                fields[name + i * OLDER] = Field(path=path + below, kind=kind, optional=optional)
     return Family(schemas=tuple(schemas.split()), fields=fields, **more)
 
 
@@ -193,8 +202,8 @@ class FieldMapping:
         for path in self.paths.values():
             steps_of(path)
         names = self.family().fields.keys()
-        for one, other in (("time", "time_s"), *((name, other) for name, (other, _) in UNITS.items())):
-            if one in names and other in names:
+        for one, other in combinations(names, 2):
+            if UNITS.get(one, (one,))[0] == UNITS.get(other, (other,))[0]:
                 raise ValueError(f"fields: expected one of {one} and {other}, got both")
         for whole in ({"vx", "vy"}, {*QUATERNION}, {*COVARIANCE}):
             if names & whole not in (set(), whole):
@@ -226,6 +235,10 @@ class _Objects:
 
     def __init__(self, columns: FieldColumns) -> None:
         self._columns = columns
+        self._best: dict[str, tuple[IntArray, IntArray]] = {}
+        for older in sorted((name for name in columns.fields if name.endswith(OLDER)), key=len, reverse=True):
+            if older in columns.columns:
+                columns.columns.setdefault(older[:-1], columns.columns[older])
         self._place = next(columns.fields[name] for name in (GLOBE[0], "x") if name in columns.fields)
         self.message = columns.message_of(self._place.table)
 
@@ -245,8 +258,10 @@ class _Objects:
                 else columns.numbers
             )
             return self._spread(name, read(name), none)
-        other, factor = UNITS.get(name, ("", 1.0))
-        return self.read(other) * factor if other in self else np.broadcast_to(none, self.message.shape)
+        for other, (same, factor, zero) in UNITS.items():
+            if same == name and other in self:
+                return zero + factor * self.read(other)
+        return np.broadcast_to(none, self.message.shape)
 
     def vectors(self, names: Sequence[str]) -> FloatArray:
         """(n, k) beside each other."""
@@ -270,22 +285,22 @@ class _Objects:
         return values
 
     def labels(self, words: Sequence[str]) -> AnyArray:
-        """(n,) str; of several guesses at an object, in a table below, that of the highest `score`."""
-        table = self._columns.fields["label"].table
-        read = self._columns.names("label") if not words else label_names(
-            self._columns.integers("label", default=UNLABELLED), words
-        )  # fmt: skip
-        if len(table) <= len(self._place.table) or not table.startswith(self._place.table):
-            return np.asarray(self._spread("label", read, ""))
-        of = self._columns.parent_of(table)
-        first = np.arange(of.size)
-        if not (np.diff(of) > 0).all():  # else one guess at each, as is usual
-            order = np.lexsort((-np.nan_to_num(self._columns.numbers("score")), of))
-            of, first = np.unique(of[order], return_index=True)
-            first = order[first]
-        found = np.full(self.message.size, "", dtype=read.dtype)
-        found[of] = read[first]
-        return found
+        """(n,) str; numbers by their words."""
+        if not words:
+            return np.asarray(self.read("label", ""))
+        return np.asarray(self._spread("label", label_names(self._columns.integers("label", UNLABELLED), words), ""))
+
+    def _guesses(self, table: str) -> tuple[IntArray, IntArray]:
+        """Of guesses at objects, in a table below, the rows of the highest `score`, and of which object each is."""
+        if table not in self._best:
+            of = self._columns.parent_of(table)
+            best = np.arange(of.size)
+            if not (np.diff(of) > 0).all():  # else one guess at each, as is usual
+                order = np.lexsort((-np.nan_to_num(self._columns.numbers("score")), of))
+                of, first = np.unique(of[order], return_index=True)
+                best = order[first]
+            self._best[table] = of, best
+        return self._best[table]
 
     def _spread(self, name: str, values: Any, none: object) -> Any:
         """Values of the name's table, one for each row of the place; messages where they do not fit fail."""
@@ -294,6 +309,11 @@ class _Objects:
             return values
         if one.table == "":
             return values[self.message]
+        if one.table.startswith(self._place.table) and "score" in self:
+            of, best = self._guesses(one.table)
+            out = np.full(self.message.size, none, dtype=values.dtype)
+            out[of] = values[best]
+            return out
         of = columns.message_of(one.table)
         if np.array_equal(of, self.message):
             return values

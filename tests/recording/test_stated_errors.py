@@ -1,0 +1,172 @@
+"""What schemas state of errors and identities is read, in each of their versions; and what is left is known."""
+
+import json
+
+import numpy as np
+import pytest
+from mcap_files import write_log
+from ros_messages import definition, write_ros2_log
+from rosbags.typesys import TypesysError
+from test_ros2_schemas import N_TIMES, NAMES, SCENE, START_NS, STEP_NS, array_log, detection, header, point
+
+from dirprim_filter.detections import Detections
+from dirprim_filter.recording.errors import NoTracksError
+from dirprim_filter.recording.reader import FieldMapping, read_tracks, stream_detections
+from dirprim_filter.recording.schemas.families import FAMILIES
+
+
+def detections(path, **options):
+    return Detections.concatenate(list(stream_detections(path, **options)))
+
+
+def json_log(path, schema, make):
+    """A log of one topic, /car, in JSON."""
+    sent = [("/car", START_NS + k * STEP_NS, json.dumps(make(k)).encode()) for k in range(N_TIMES)]
+    return write_log(path, sent, (schema, "jsonschema", b"{}"), "json")
+
+
+def result(class_id, score, xx, xy=0.0, yy=None):
+    covariance = [xx, xy, *[0.0] * 4, xy, xx if yy is None else yy, *[0.0] * 28]
+    pose = {"pose": SCENE.pose(0, 0), "covariance": covariance}
+    return {"hypothesis": {"class_id": class_id, "score": score}, "pose": pose}
+
+
+@pytest.mark.parametrize("xx", [-1.0, 0.0])
+def test_the_covariance_of_a_detection_is_that_of_its_likeliest_result(tmp_path, xx):
+    def items(k, _):
+        return [
+            detection(k, 0) | {"results": [result("cat", 0.2, 9.0), result("car", 0.8, 0.25, 0.1, 0.5)]},
+            detection(k, 1) | {"results": [result("car", 0.5, 0.04)]},
+            detection(k, 2) | {"results": [result("car", 0.5, xx)] * (k % 2)},  # unknown, as ROS says it; or no result
+        ]
+
+    path = array_log(tmp_path, "vision_msgs/msg/Detection3DArray", items)
+    seen = detections(path).covariance.reshape(N_TIMES, 3, 2, 2)
+    np.testing.assert_array_equal(seen[:, 0], [[[0.25, 0.1], [0.1, 0.5]]] * N_TIMES)
+    np.testing.assert_array_equal(seen[:, 1], [0.04 * np.eye(2)] * N_TIMES)
+    assert np.isnan(seen[:, 2]).all()
+
+
+FLAT = "{} id\nfloat64 score\ngeometry_msgs/PoseWithCovariance pose"
+SOURCE = "std_msgs/Header header\nObjectHypothesisWithPose[] results\nvision_msgs/BoundingBox3D bbox\n"
+NESTED = "vision_msgs/ObjectHypothesis hypothesis\ngeometry_msgs/PoseWithCovariance pose"
+VERSIONS = {  # definitions by name; of a result; of a detection
+    "4": ({}, lambda one: one, lambda name: {"id": name}),
+    "3": (
+        {"vision_msgs/ObjectHypothesis": "string id\nfloat64 score", "vision_msgs/Detection3D": SOURCE + "string id"},
+        lambda one: one | {"hypothesis": {"id": "car", "score": 0.8}}, lambda name: {"id": name},
+    ),
+    "2": (
+        {
+            "vision_msgs/ObjectHypothesisWithPose": FLAT.format("string"),
+            "vision_msgs/Detection3D": SOURCE + "bool is_tracking\nstring tracking_id",
+        },
+        lambda one: {"id": "car", "score": 0.8, "pose": one["pose"]},
+        lambda name: {"is_tracking": True, "tracking_id": name},
+    ),
+    "0": (
+        {"vision_msgs/ObjectHypothesisWithPose": FLAT.format("int64"), "vision_msgs/Detection3D": SOURCE},
+        lambda one: {"id": 7, "score": 0.8, "pose": one["pose"]}, lambda name: {},
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_each_version_of_vision_msgs_is_read(tmp_path, version):
+    changed, of_result, named = VERSIONS[version]
+    messages = []
+    for k in range(N_TIMES):
+        boxes = [
+            {key: value for key, value in detection(k, i).items() if key != "id"}
+            | {"results": [of_result(result("car", 0.8, 0.04))]} | named(NAMES[i])
+            for i in range(3)
+        ]  # fmt: skip
+        now = START_NS + k * STEP_NS
+        messages.append(
+            ("/objects", now, "vision_msgs/msg/Detection3DArray", {"header": header(now), "detections": boxes})
+        )
+    path = write_ros2_log(tmp_path / "log.mcap", messages, changed)
+    seen = detections(path, labels="7" if version == "0" else "car")
+    np.testing.assert_array_equal(seen.covariance[:, 0, 0], [0.04] * 3 * N_TIMES)
+    assert set(seen.track_id.tolist()) == ({""} if version == "0" else set(NAMES))
+    if version != "0":
+        assert read_tracks(path).n_tracks == 3
+
+
+def fix(k, **more):
+    """North at 10 m/s, by degrees clockwise from there."""
+    stamp = header(START_NS + k * STEP_NS)
+    return {
+        "header": stamp, "status": {"status": 0}, "latitude": 48 + k / 111_194.9, "longitude": 11.0, "altitude": 0.0,
+        "track": 0.0, "speed": 10.0, "position_covariance": [0.25, 0.1, 0, 0.1, 0.5, 0, 0, 0, 4],
+        "position_covariance_type": 3, "err_horz": 4.9,
+    } | more  # fmt: skip
+
+
+def test_a_gps_fix_has_a_course_from_north_a_speed_and_errors(tmp_path):
+    pytest.importorskip("pyproj", reason="the extra geo is not installed")
+    path = json_log(tmp_path / "log.mcap", "gps_msgs/msg/GPSFix", fix)
+    tracks = read_tracks(path)
+    np.testing.assert_allclose(tracks.speed, 10.0)
+    np.testing.assert_allclose(tracks.direction, np.pi / 2)
+    np.testing.assert_allclose(detections(path).covariance, [[[0.25, 0.1], [0.1, 0.5]]] * N_TIMES)
+    json_log(path, "gps_msgs/msg/GPSFix", lambda k: fix(k, position_covariance_type=0, track=90.0 + k))
+    np.testing.assert_allclose(read_tracks(path).direction, -np.deg2rad(np.arange(N_TIMES)), atol=1e-12)
+    seen = detections(path).covariance  # 95 % of the errors are within 4.9 m
+    within = np.linalg.norm(np.random.default_rng(0).multivariate_normal([0, 0], seen[0], 100_000), axis=1) < 4.9
+    assert abs(within.mean() - 0.95) < 0.004
+    json_log(path, "gps_msgs/msg/GPSFix", lambda k: fix(k, status={"status": -1}))
+    with pytest.raises(NoTracksError):  # no fix
+        detections(path)
+    by_name = "latitude=.latitude,longitude=.longitude,time=.header.stamp,course_deg=.track,speed=.speed"
+    json_log(path, "acme.Fix", lambda k: fix(k, track=90.0))
+    np.testing.assert_allclose(read_tracks(path, mapping=FieldMapping.parse(by_name)).direction, 0.0, atol=1e-12)
+
+
+def test_radar_tracks_state_the_upper_triangle(tmp_path):
+    def make(k):
+        one = {
+            "uuid": {"uuid": "a"}, "position": point(k, 2, 0), "velocity": point(-9, 0, 0), "size": point(4, 2, 1),
+            "classification": 2, "position_covariance": [0.25, 0.1, 0.0, 0.5, 0.0, 1.0],
+        }  # fmt: skip
+        return {"header": header(START_NS + k * STEP_NS), "tracks": [one]}
+
+    path = json_log(tmp_path / "log.mcap", "radar_msgs/msg/RadarTracks", make)
+    np.testing.assert_array_equal(detections(path, labels="dynamic").covariance, [[[0.25, 0.1], [0.1, 0.5]]] * N_TIMES)
+    np.testing.assert_allclose(read_tracks(path).speed, 10.0)  # not -9 m/s, which is relative to the radar
+
+
+ERRORS = ("covariance", "rmse", "err_", "std", "probability", "score", "certainty", "availability", "has_")
+KNOWINGLY_NOT = {
+    "velocities and what follows": "twist_with_covariance acceleration_with_covariance .twist.covariance "
+    "velocity_covariance accel.covariance has_twist_covariance",
+    "how sure that it exists": "existence_probability classification_certainty",
+}
+"""The filter measures positions; `Detections` have no confidence yet."""
+
+
+@pytest.mark.parametrize("name", [name for name in FAMILIES if "/msg/" in name])
+def test_what_a_ros_schema_states_of_errors_is_read_or_knowingly_not(name):
+    try:
+        stated = list(_leaves(name.replace("/msg/", "/")))
+    except TypesysError:
+        pytest.skip("tests have no definition of it")
+    paths = [one.path.replace("[]", "") for one in FAMILIES[name].fields.values()]
+    left = " ".join(KNOWINGLY_NOT.values()).split()
+    for leaf in stated:
+        if any(word in leaf for word in ERRORS):
+            assert any(name in leaf for name in left) or any(path.startswith(leaf) for path in paths), leaf
+
+
+def _leaves(name, at=""):
+    """Paths of all fields, without brackets."""
+    for line in definition(name).splitlines():
+        kind, _, field = line.partition("#")[0].strip().partition(" ")
+        if not field or "=" in field:
+            continue
+        kind, field = kind.partition("[")[0].partition("<")[0], field.strip()
+        path = f"{at}.{field}"
+        yield path
+        if kind[0].islower() and "/" not in kind:
+            continue
+        yield from _leaves(kind if "/" in kind else f"{name.partition('/')[0]}/{kind}", path)
