@@ -39,6 +39,8 @@ class Rows(ArrayValue):
         direction: (n,) course over ground, radians; NaN where unknown.
         speed: (n,) over ground, m/s; NaN where unknown.
         climb: (n,) velocity along the third axis, m/s; 0 where unknown.
+        other_axes: (n,) by how much the course turns, radians, if the velocity is not in the axes that its schema says,
+            the body's or the frame's, but in the other ones; NaN where this cannot be.
         group: (n,) int64; 0 where the source knows no groups.
         covariance: (n, 2, 2) of the position's error, square metres; NaN where unknown.
         label: (n,) str, what the object is in the words of its source; empty where unknown.
@@ -58,6 +60,7 @@ class Rows(ArrayValue):
     direction: FloatArray = LEFT_OUT
     speed: FloatArray = LEFT_OUT
     climb: FloatArray = LEFT_OUT
+    other_axes: FloatArray = LEFT_OUT
     group: IntArray = LEFT_OUT
     covariance: FloatArray = LEFT_OUT
     label: AnyArray = LEFT_OUT
@@ -67,8 +70,9 @@ class Rows(ArrayValue):
 
     NOTHING: ClassVar[Mapping[str, Any]] = {
         "track_id": "", "message": np.int64(0), "stamp_ns": np.int64(NO_TIME), "time_ns": np.int64(NO_TIME),
-        "frame_id": "", "height": 0.0, "direction": np.nan, "speed": np.nan, "climb": 0.0, "group": np.int64(0),
-        "covariance": [[np.nan] * 2] * 2, "label": "", "size": [np.nan] * 3, "heading": np.nan, "cue": [np.nan] * 2,
+        "frame_id": "", "height": 0.0, "direction": np.nan, "speed": np.nan, "climb": 0.0, "other_axes": np.nan,
+        "group": np.int64(0), "covariance": [[np.nan] * 2] * 2, "label": "", "size": [np.nan] * 3, "heading": np.nan,
+        "cue": [np.nan] * 2,
     }  # fmt: skip
 
     def __post_init__(self) -> None:
@@ -156,7 +160,7 @@ class TrackResult:
     frame: str = ""
 
 
-OF_MESSAGES = ("message", "stamp_ns", "frame_id", "height", "climb", "covariance", "label", "cue")
+OF_MESSAGES = ("message", "stamp_ns", "frame_id", "height", "climb", "other_axes", "covariance", "label", "cue")
 """Columns that tracks do not hold."""
 
 

@@ -13,7 +13,7 @@ from mcap_files import CHUNK, records, transform, write_protobuf_log
 from ros_messages import header, write_ros2_log
 from scipy.spatial.transform import Rotation
 from test_osi_sensor_data import homogeneous
-from test_ros2_schemas import carla, point, quaternion
+from test_ros2_schemas import ARRAYS, carla, point, quaternion
 
 from dirprim_filter.recording.container.log import Log
 from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError, MissingTransformError
@@ -238,6 +238,34 @@ def test_a_slash_before_a_frame_is_no_part_of_its_name(tmp_path, of_objects, of_
     own = read_tracks(path, frame="/base_link").position
     for asked in (None, "map", "/map"):
         np.testing.assert_allclose(read_tracks(path, frame=asked).position, own + np.array([5.0, 0.0]), atol=1e-9)
+
+
+@pytest.mark.parametrize("schema", ["derived_object_msgs/msg/ObjectArray", "vision_msgs/msg/Detection3DArray"])
+@pytest.mark.parametrize(
+    ("headers", "is_reported"),
+    [
+        ((header(0, ""), header(START_NS, "base_link")), False),
+        ((header(START_NS, "base_link"), header(0, "")), False),
+        ((header(START_NS, "map"), header(START_NS, "base_link")), True),
+        ((header(START_NS, "base_link"), header(0, "map")), True),  # not filled in
+        ((header(0, "base_link"), header(START_NS, "")), False),
+    ],
+)
+def test_an_objects_own_header_counts_where_it_is_filled_in(tmp_path, caplog, schema, headers, is_reported):
+    field, make = ARRAYS[schema]
+    still = ros_transform(START_NS, "map", "base_link", (5.0, 0, 0), 0)
+    messages = [("/tf_static", START_NS, "tf2_msgs/msg/TFMessage", {"transforms": [still]})]
+    for k in range(N):
+        stamped = [of | ({"stamp": header(k * STEP_NS + START_NS)["stamp"]} if of["stamp"]["sec"] else {})
+                   for of in headers]  # fmt: skip
+        array = {"header": stamped[0], field: [make(k, 1) | {"header": stamped[1]}]}
+        messages.append(("/objects", START_NS + k * STEP_NS + 7, schema, array))
+    tracks = read_tracks(write_ros2_log(tmp_path / "log.mcap", messages))
+    reported = [make(k, 1).get("pose") or make(k, 1)["bbox"]["center"] for k in range(N)]
+    expected = [[of["position"]["x"] + 5.0, of["position"]["y"]] for of in reported]
+    np.testing.assert_allclose(tracks.position, expected)
+    np.testing.assert_array_equal(tracks.time_ns, START_NS + np.arange(N) * STEP_NS)
+    assert caplog.text.count("another frame or stamp than their message") == is_reported
 
 
 def broken_transform(k):

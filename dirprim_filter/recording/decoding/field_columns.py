@@ -168,6 +168,7 @@ class FieldColumns:
         columns: by label.
         data: (n_bytes,) uint8, where texts stand.
         failures: by number of the message, why it cannot be read.
+        notes: what is odd, but was read.
     """
 
     fields: Mapping[str, Field]
@@ -176,6 +177,7 @@ class FieldColumns:
     columns: dict[str, Column]
     data: AnyArray
     failures: dict[int, str] = field(default_factory=dict)
+    notes: set[str] = field(default_factory=set)
 
     def message_of(self, table: str) -> IntArray:
         """(n,) the message of each row; none where the schema lacks the table."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -18,11 +19,14 @@ from dirprim_filter.recording.decoding.field_columns import MAX_NAME_LENGTH, NO_
 from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError
 from dirprim_filter.recording.losses import BACKWARD, FAR, INVALID, REPEATED, UNPLACED, UNTIMED, Losses
 from dirprim_filter.recording.objects.options import ReadOptions
+from dirprim_filter.recording.objects.twist_axes import TwistAxes
 from dirprim_filter.recording.rows import Rows
 from dirprim_filter.recording.schemas.decoders import Decoders, batches, by_schema
 from dirprim_filter.recording.transforms.frame_change import FrameChange
 from dirprim_filter.recording.transforms.geodesy import FARTHEST_M
 from dirprim_filter.track_ids import repeated_rows, vehicle_numbers
+
+logger = logging.getLogger(__name__)
 
 RUNS_ON_NS = 10_000_000_000
 """A clock that begins at most so long after 0 may have begun at 0."""
@@ -43,6 +47,7 @@ class Observations:
         self._frame = FrameChange(
             scan.log, options.frame, options.origin, meets=options.meets, strict=options.strict
         )  # fmt: skip
+        self._axes = TwistAxes(scan.path)
         topics = {c.topic for c in scan.log.channels() if scan.is_wanted(c.topic) and self._decoders.reads(c)}
         self._are_several = len(topics) > 1
         self._first_stamp: dict[str, int] = {}  # of each topic; `NO_TIME` where its first messages have none
@@ -69,15 +74,17 @@ class Observations:
         """
         columns = self._scan.columns()
         self.losses.damage = self._scan.damage
-        held: list[Rows] = []
+        held: list[tuple[Rows, IntArray]] = []
         for batch in batches(columns, self._decoders, at_once=self._scan.log.is_live):
             self._check_intact()
             held.append(self._timed(batch))
-            if not self._frame.waits(held[-1]):
+            if not self._frame.waits(held[-1][0]):
                 yield from self._placed(held)
                 held = []
         yield from self._placed(held)
         self._frame.check()
+        for note in sorted(self._decoders.notes):
+            logger.warning("%s: %s", self._scan.path, note)
         if self._frame.tree is not None:
             self._frame.tree.losses.damage = [
                 broken for broken in self._frame.tree.losses.damage if broken not in self._scan.damage
@@ -89,8 +96,8 @@ class Observations:
         if self._options.strict and self.losses.damage:
             raise DamagedRecordingError(self._scan.path, self.losses.damage)
 
-    def _timed(self, batch: MessageColumns) -> Rows:
-        """The valid objects of a batch within the wanted time, in their own frames."""
+    def _timed(self, batch: MessageColumns) -> tuple[Rows, IntArray]:
+        """The valid objects of a batch within the wanted time, in their own frames, and (n,) their topics' numbers."""
         parts = []
         for places, messages in by_schema(batch):
             rows, failures = self._decoders.rows(messages)
@@ -103,18 +110,19 @@ class Observations:
         rows = Rows.concatenate(parts)
         if len(parts) > 1:
             rows = rows[np.argsort(rows.message, kind="stable")]
-        return rows[self._wanted(rows)]
+        rows = rows[self._wanted(rows)]
+        return rows, batch.by_channel(lambda channel: self._axes.topics[channel.topic])[rows.message]
 
-    def _placed(self, held: list[Rows]) -> Iterator[Rows]:
+    def _placed(self, held: list[tuple[Rows, IntArray]]) -> Iterator[Rows]:
         """The same objects in one frame, but for those that are not to be had there."""
-        for rows in held:
+        for rows, topic in held:
             with np.errstate(all="ignore"):  # transforms of any origin; what is not finite is left out below
                 found, placed = self._frame.apply(rows)
             self.losses.drop(UNPLACED, ~placed)
             near = _is_near(found.position)
             self.losses.drop(INVALID if self.origin is None else FAR, placed & ~near)
             if len(good := found[placed & near]):
-                yield good
+                yield self._axes.apply(good, topic[placed & near])
 
     def _times(self, messages: MessageColumns, rows: Rows) -> IntArray:
         """(n,) the time of each row; `NO_TIME` where it has none that fits into int64."""

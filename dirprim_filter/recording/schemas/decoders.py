@@ -57,11 +57,15 @@ class Decoders:
     """The plans of one log, made when first needed, one for each schema.
 
     With a mapping every schema is read by that which has its fields, without one the schemas of `FAMILIES`.
+
+    Attributes:
+        notes: what was odd so far, but read.
     """
 
     def __init__(self, mapping: FieldMapping | None = None) -> None:
         self._mapped = mapping.family() if mapping else None
         self._plans: dict[tuple[str, Schema], Plan | SchemaError] = {}
+        self.notes = set[str]()
 
     def reads(self, channel: Channel) -> bool:
         """Whether the channel's messages can be read as objects; without a mapping a broken definition counts."""
@@ -107,6 +111,7 @@ class Decoders:
                 return Rows.concatenate(()), dict.fromkeys(range(len(messages)), str(columns))
             with np.errstate(all="ignore"):  # numbers of any origin; where rows are checked, only finite ones stay
                 rows = self._family(own.first_channel).objects(columns, own.topic)
+            self.notes |= columns.notes
             if columns.failures:
                 rows = rows[~np.isin(rows.message, list(columns.failures))]
                 failures |= {first + message: reason for message, reason in columns.failures.items()}

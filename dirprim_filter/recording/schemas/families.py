@@ -75,7 +75,7 @@ def _autoware(kind: str, initial: str = "") -> Family:
 def _derived(schema: str, *, pose: str = "", twist: str = "") -> Family:
     return family(
         f"derived_object_msgs/msg/{schema}",
-        f"header=.header id=@.id label=@.classification pose=@.pose{pose} covariance6=@.pose.covariance "
+        f"header=.header own=@.header id=@.id label=@.classification pose=@.pose{pose} covariance6=@.pose.covariance "
         f"velocity=@.twist{twist}.linear shape=@.shape.type length=@.shape.dimensions[0] width=@.shape.dimensions[1] "
         "height=@.shape.dimensions[2]",
         at=".objects[]", labels=DERIVED, shapes=SOLIDS,
@@ -103,7 +103,7 @@ def _of_receiver(columns: FieldColumns, _: IntArray, known: dict[str, Any]) -> B
 def _boxes(schema: str, *, at: str = "", box: str = ".bbox") -> Family:
     return family(
         f"vision_msgs/msg/{schema}",
-        f"header=.header id=@.id|@.tracking_id pose=@{box}.center size=@{box}.size "
+        f"header=.header own=@.header id=@.id|@.tracking_id pose=@{box}.center size=@{box}.size "
         "label=@.results[].hypothesis.class_id|@.results[].hypothesis.id|@.results[].id "
         "score=@.results[].hypothesis.score|@.results[].score covariance6=@.results[].pose.covariance",
         at=at,
@@ -146,14 +146,14 @@ KINDS: tuple[tuple[Family, ...], ...] = (
     (
         family(
             "nav_msgs/msg/Odometry",
-            "header=.header id=.child_frame_id pose=.pose.pose covariance6=.pose.covariance moves=.twist "
-            "velocity=.twist.twist.linear",
+            "header=.header id=.child_frame_id axes=.child_frame_id pose=.pose.pose covariance6=.pose.covariance "
+            "moves=.twist velocity=.twist.twist.linear",
             in_body=True, names="topic",
         ),
         family(
             _both("Odometry"),
-            "foxglove= id=.body_frame_id pose=.pose covariance6=.pose_covariance moves=.linear_velocity "
-            "velocity=.linear_velocity",
+            "foxglove= id=.body_frame_id axes=.body_frame_id pose=.pose covariance6=.pose_covariance "
+            "moves=.linear_velocity velocity=.linear_velocity",
             in_body=True, names="topic",
         ),
     ),

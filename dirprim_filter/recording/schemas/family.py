@@ -39,6 +39,7 @@ cxx, cxy, cyy the covariance of x and y.
 """
 GROUPS: dict[str, dict[str, str]] = {
     "header": {"time": ".stamp", "frame": ".frame_id"},
+    "own": {"own_time": ".stamp", "own_frame": ".frame_id"},
     "foxglove": {"time": ".timestamp", "frame": ".frame_id"},
     "position": {"x": ".x", "y": ".y", "z": ".z"},
     "quaternion": {"qx": ".x", "qy": ".y", "qz": ".z", "qw": ".w"},
@@ -60,8 +61,8 @@ UNITS = {
 OLDER = "|"
 """Between the paths of a name, newest first: the first that a schema has counts; and behind the names of older ones."""
 _KINDS: dict[str, Kind] = {
-    **dict.fromkeys(("id", "frame", "label", "space", "key", "value", "host", "mover"), "name"),
-    **dict.fromkeys(("time", "measured"), "time"),
+    **dict.fromkeys(("id", "frame", "own_frame", "axes", "label", "space", "key", "value", "host", "mover"), "name"),
+    **dict.fromkeys(("time", "own_time", "measured"), "time"),
     **dict.fromkeys(("placed", "moves", "turned", "faces", "cube", "cylinder", "model"), "presence"),
 }  # fmt: skip
 REQUIRED = frozenset({"x", "y", "longitude", "latitude", "time", "frame", "placed"})
@@ -90,7 +91,8 @@ class Family:
     Attributes:
         schemas: names, of whatever encoding.
         fields: what is wanted of a message, by the names of `NAMES` and some more.
-        in_body: the velocity is in the axes of the body, else in those of the frame.
+        in_body: the velocity is in the axes of the body, else in those of the frame; as where the frame that `axes`
+            names is that of the position.
         names: where an object's name is: in `id` alone; the topic, where that is empty; or the topic and the place of
             the object in its message.
         labels: the words for the numbers in `label`.
@@ -115,20 +117,20 @@ class Family:
         A size that is not positive is unknown, as a field that was not set reads as 0.
         """
         of = _Objects(columns)
-        is_geodetic, size = GLOBE[0] in of, of.vectors(SIZE)
+        is_geodetic, size, (frame, stamp_ns) = GLOBE[0] in of, of.vectors(SIZE), of.header()
         facing = of.known("heading", heading(of.vectors(QUATERNION)) if "qw" in of else of.read("heading"))
         known: dict[str, Any] = {
             "place": of.vectors((*GLOBE, "z") if is_geodetic else ("x", "y", "z")),
             "track_id": self._names(of, topics),
-            "stamp_ns": of.times(),
-            "frame_id": np.full(of.message.size, GEODETIC) if is_geodetic else of.read("frame", ""),
+            "stamp_ns": stamp_ns,
+            "frame_id": np.full(of.message.size, GEODETIC) if is_geodetic else frame,
             "group": of.read("group", 0),
             "covariance": of.known("covariance", matrices(of.vectors(COVARIANCE))) if "cxx" in of else LEFT_OUT,
             "label": of.labels(self.labels) if "label" in of else LEFT_OUT,
             "size": shaped(size, of.read("shape", 0), self.shapes) if self.shapes else size,
             "cue": of.vectors(CUE),
             "heading": facing,
-            **self._motion(of, facing),
+            **self._motion(of, facing, frame),
         }
         if is_geodetic:
             _forget_no_fixes(known["place"], of.read("status", 0))
@@ -141,17 +143,22 @@ class Family:
         rows = Rows(message=of.message, position=place[:, :2].copy(), height=finite(place[:, 2], 0.0), **known)
         return rows[kept]
 
-    def _motion(self, of: _Objects, facing: FloatArray) -> dict[str, FloatArray]:
+    def _motion(self, of: _Objects, facing: FloatArray, frame: AnyArray) -> dict[str, FloatArray]:
         """Stated course and speed go before those of the velocity; the heading is the course of who stands."""
         direction, speed, climb = of.read("direction"), of.read("speed"), np.broadcast_to(0.0, of.message.shape)
+        other = np.broadcast_to(np.nan, of.message.shape)
         if "vx" in of:
-            velocity = of.vectors(VELOCITY)
-            if self.in_body:
-                velocity = rotated(of.vectors(QUATERNION), velocity)
+            velocity, in_body = of.vectors(VELOCITY), np.full(of.message.size, self.in_body)
+            if "axes" in of:
+                axes = np.strings.lstrip(of.read("axes", ""), "/")
+                in_body &= (axes == "") | (axes != np.strings.lstrip(frame, "/"))
+            if in_body.any():
+                velocity = np.where(in_body[:, None], rotated(of.vectors(QUATERNION), velocity), velocity)
             moving, over_ground = course(velocity, facing)
+            other = np.where(np.isnan(direction), np.where(in_body, -facing, facing), np.nan)
             speed = np.where(np.isfinite(speed), speed, over_ground)
             direction, climb = np.where(np.isfinite(direction), direction, moving), velocity[:, 2]
-        motion = {"direction": direction, "speed": speed, "climb": climb}
+        motion = {"direction": direction, "speed": speed, "climb": climb, "other_axes": other}
         return {name: of.known("motion", values) for name, values in motion.items()}
 
     def _names(self, of: _Objects, topics: AnyArray) -> AnyArray:
@@ -269,10 +276,26 @@ class _Objects:
             return np.full((self.message.size, len(names)), np.nan)
         return np.stack([self.read(name) for name in names], axis=-1)
 
-    def times(self) -> IntArray:
+    def header(self) -> tuple[AnyArray, IntArray]:
+        """(n,) the frame, and (n,) the stamp: the object's own where it states them, else those of its message.
+
+        A frame in a header of its own that has no stamp was not filled in, unless the message's is empty.
+        """
+        frame, stamp_ns = self.read("frame", ""), self.times()
+        if "own_frame" not in self:
+            return frame, stamp_ns
+        own, own_ns = self.read("own_frame", ""), self.times("own_time")
+        has_stamp = (own_ns != NO_TIME) & (own_ns != 0)
+        differs = (own != "") & (frame != "") & (own != frame)
+        if (differs | (has_stamp & (stamp_ns != NO_TIME) & (stamp_ns != 0) & (own_ns != stamp_ns))).any():
+            self._columns.notes.add("objects have another frame or stamp than their message; theirs counts if stamped")
+        frame = np.where((own != "") & (has_stamp | ~differs), own, frame)
+        return frame, np.where(has_stamp, own_ns, stamp_ns)
+
+    def times(self, name: str = "time") -> IntArray:
         """(n,) the header's, `NO_TIME` where unknown."""
-        if "time" in self:
-            return np.asarray(self._spread("time", self._columns.times("time"), NO_TIME))
+        if name in self:
+            return np.asarray(self._spread(name, self._columns.times(name), NO_TIME))
         seconds = self.read("time_s")
         fits = np.abs(seconds) < FARTHEST_S
         return np.where(fits, np.round(np.where(fits, seconds, 0.0) * 1e9).astype(np.int64), NO_TIME)

@@ -1,0 +1,94 @@
+"""In which axes velocities are: those that their schema says, or by the way between positions the other ones.
+
+Source: nav_msgs/Odometry.msg (the twist is in `child_frame_id`), which many drivers fill in the axes of `frame_id`.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from dirprim_filter.arrays import FloatArray, IntArray
+from dirprim_filter.detections import NO_ID
+from dirprim_filter.distributions.angles import wrap
+from dirprim_filter.recording.rows import Rows
+from dirprim_filter.recording.schemas.attitude import STANDING_SPEED
+from dirprim_filter.track_ids import Numbers
+
+logger = logging.getLogger(__name__)
+
+SPAN_NS, LONGEST_NS = 500_000_000, 2_000_000_000
+"""Courses are compared with the way to the first row so much later, unless a pause is too long."""
+LEAST_WAY_M = 1.0
+LEAST_TURN = np.pi / 6
+"""Rows whose courses differ less between the two axes decide nothing: who drives east is alike in both."""
+LEAST_ROWS, LEAST_SHARE = 10, 0.9
+FITS = np.pi / 9
+"""So far are courses from the way at most, in the median, where the axes are right."""
+
+
+class TwistAxes:
+    """Judges each topic by the first rows that decide it, and turns the courses of those in other axes.
+
+    Attributes:
+        topics: the number of each.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.topics = Numbers()
+        self._path = path
+        self._is_other: dict[int, bool] = {}  # by topic, once known
+
+    def apply(self, rows: Rows, topic: IntArray) -> Rows:
+        """The n rows, in one frame and of (n,) topics, with courses as their velocities are meant."""
+        moves = (rows.speed >= STANDING_SPEED) & np.isfinite(rows.other_axes) & np.isfinite(rows.direction)
+        if not moves.any():
+            return rows
+        direction, turned, names = rows.direction.copy(), [], list(self.topics)
+        for i in np.unique(topic[moves]).tolist():
+            here = np.flatnonzero((topic == i) & moves)
+            if i not in self._is_other and (found := _is_other(rows[here])) is not None:
+                self._is_other[i] = found
+                turned += [names[i]] if found else []
+            if self._is_other.get(i):
+                direction[here] = wrap(direction[here] + rows.other_axes[here])
+        if turned:
+            logger.warning(
+                "%s: the twist of %s is not in the axes that its schema says, of the body or of the frame: read in the "
+                "other ones, courses are those of the way from position to position, so it is read in those",
+                self._path, ", ".join(turned),
+            )  # fmt: skip
+        return replace(rows, direction=direction)
+
+
+def _is_other(rows: Rows) -> bool | None:
+    """Whether the rows of a topic go where courses lead in the other axes; None where they do not decide it."""
+    rows = rows[(np.abs(rows.other_axes) > LEAST_TURN) & (rows.track_id != NO_ID)]
+    if len(rows) < LEAST_ROWS:
+        return None
+    vehicle = np.unique(rows.track_id, return_inverse=True)[1]
+    rows = rows[order := np.lexsort((rows.time_ns, rows.group, vehicle))]
+    breaks = (np.diff(vehicle[order]) != 0) | (np.diff(rows.group) != 0)
+    run = np.append(0, np.cumsum(breaks | (np.diff(rows.time_ns) > LONGEST_NS)))
+    since_ns = np.append(0, np.cumsum(np.where(breaks, LONGEST_NS, np.minimum(np.diff(rows.time_ns), LONGEST_NS))))
+    later = np.minimum(np.searchsorted(since_ns, since_ns + SPAN_NS), len(rows) - 1)
+    way = rows.position[later] - rows.position
+    goes = (run[later] == run) & (np.hypot(way[:, 0], way[:, 1]) >= LEAST_WAY_M)
+    if np.count_nonzero(goes) < LEAST_ROWS:
+        return None
+    course = np.arctan2(way[:, 1], way[:, 0])
+    stated, other = (
+        _apart(course, between, between[later])[goes] for between in (rows.direction, rows.direction + rows.other_axes)
+    )
+    for is_other, right, wrong in ((False, stated, other), (True, other, stated)):
+        if np.mean(right < wrong) >= LEAST_SHARE and np.median(right) < FITS:
+            return is_other
+    return None
+
+
+def _apart(course: FloatArray, first: FloatArray, last: FloatArray) -> FloatArray:
+    """(n,) radians between a course and the mean of those at the two ends of the way."""
+    return np.asarray(np.abs(wrap(course - first - 0.5 * wrap(last - first))))
