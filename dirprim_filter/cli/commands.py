@@ -78,7 +78,9 @@ def checked(command: Callable[..., Result]) -> Callable[..., Result]:
                 known, got = ", ".join(FORMATS), path.suffix or "no suffix"
                 raise ValueError(f"{path}: expected a name that ends in {known}, got {got}")
         mend_cache()
-        with compiling_notice():
+        from dirprim_filter.recording.container.source import copied_once  # not for `--help`
+
+        with compiling_notice(), copied_once():
             return command(*positional, **given)
 
     return check

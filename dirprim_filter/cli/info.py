@@ -102,7 +102,7 @@ def _whole(path: Path, reading: Reading) -> tuple[LogSummary, list[str]]:
 
 
 def _lines(summary: LogSummary, faults: list[str], *, of_table: bool = False) -> list[str]:
-    from dirprim_filter.recording.container.errors import unread_encodings
+    from dirprim_filter.recording.container.records import unread_encodings
 
     lines = []
     if not summary.is_checked:

@@ -96,8 +96,8 @@ def map_text(learned: PrimitiveMap) -> str:
 
 def _is_store(path: Path) -> bool:
     """Whether it is no log: a folder that rosbag2 did not record, or a URL that a store is under."""
+    from dirprim_filter.recording.container.remote_file import as_url
     from dirprim_filter.recording.container.ros_bags import METADATA
-    from dirprim_filter.recording.container.source import as_url
     from dirprim_filter.recording.errors import RecordingError
 
     if as_url(str(path)) is None:

@@ -13,10 +13,9 @@ from dirprim_filter.recording.container.errors import (
     NotMcapError,
     Path,
     RecordingError,
-    unread_encodings,
 )
 from dirprim_filter.recording.container.message_columns import MessageColumns
-from dirprim_filter.recording.container.records import Channel
+from dirprim_filter.recording.container.records import Channel, unread_encodings
 
 __all__ = [
     "DamagedRecordingError", "DecodeError", "MissingExtraError", "MissingTransformError", "NoRoomError",

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from dirprim_filter.recording.container.source import drop_copy
+from dirprim_filter.recording.container.source import copied_once
 from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.losses import ALONE
 from dirprim_filter.recording.reader import TrackResult, read_track_logs
@@ -149,13 +149,12 @@ def _written(log: LogFile, *, path: str, config: StoreConfig) -> Receipt:
         RecordingError: the store cannot be written.
     """
     try:
-        read = _read(log, config)
+        with copied_once():
+            read = _read(log, config)
         rows = Rows.of(read.tracks)
     except (RecordingError, OSError, ValueError) as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         return Receipt(log, [], "", reason if log.url in reason else f"{log.url}: {reason}")
-    finally:
-        drop_copy(log.url)
     status = "damaged" if read.losses.damage or set(read.losses.dropped) - {ALONE} else "whole"
     files = Store(path, config, read.frame).write(rows, log=log.url, mark=log.version, status=status)
     return Receipt(log, files, read.frame, "")

@@ -17,7 +17,7 @@ from mcap_files import log_bytes
 from dirprim_filter import read_estimates, read_tracks, save_map, write_tracks
 from dirprim_filter.cli.main import run
 from dirprim_filter.detections import Detections
-from dirprim_filter.recording.container import log_file, message_columns, source
+from dirprim_filter.recording.container import mcap_file, message_columns, temporary_copy
 from dirprim_filter.recording.container.errors import without_secrets
 from dirprim_filter.recording.container.log import Log, Scan
 from dirprim_filter.recording.container.message_columns import SHORT_BYTES
@@ -39,9 +39,9 @@ def test_pipes_are_read_as_files(tmp_path):
     os.mkfifo(fifo)
     writer = threading.Thread(target=fifo.write_bytes, args=(log_bytes(SENT),))
     writer.start()
-    assert rows(scan(fifo)) == SENT
+    with scan(fifo) as log:
+        assert rows(log) == rows(log) == SENT  # a pipe gives its bytes once; the copy stays while it is open
     writer.join()
-    assert rows(scan(fifo)) == SENT  # a pipe gives its bytes once; the copy stays
     done = subprocess.run(
         [sys.executable, "-m", "dirprim_filter.cli", "info", "-"],
         input=log_bytes(SENT),
@@ -108,8 +108,8 @@ def test_filters_give_what_filtering_afterwards_would_and_leave_chunks_closed(
     path.write_bytes(log_bytes(SENT, chunk_size=500, compression=compression))
     log = scan(path, **asked)
     opened = []
-    read = log_file.read_contents
-    monkeypatch.setattr(log_file, "read_contents", lambda file, chunk: opened.append(chunk) or read(file, chunk))
+    read = mcap_file.read_contents
+    monkeypatch.setattr(mcap_file, "read_contents", lambda file, chunk: opened.append(chunk) or read(file, chunk))
     start_ns, end_ns = asked.get("start_ns", 0), asked.get("end_ns", 1 << 62)
     wanted = [m for m in SENT if start_ns <= m[1] < end_ns and asked.get("topics", bool)(m[0])]
     assert rows(log) == wanted
@@ -167,14 +167,13 @@ def test_a_copy_that_finds_no_room_blames_the_disk_and_not_the_pipe(tmp_path, mo
     """And of a copy nothing is left when the process is killed: it has no name."""
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(log_bytes(SENT))))
-    assert rows(scan("-")) == rows(scan("-")) == SENT
-    assert not any(tmp_path.iterdir())
-    source.drop_copy("-")
+    with scan("-") as log:
+        assert rows(log) == rows(log) == SENT
+        assert not any(tmp_path.iterdir())
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(log_bytes(SENT))))
-    monkeypatch.setattr(source.tempfile, "TemporaryFile", lambda **_: io.FileIO("/dev/full", "w"))
+    monkeypatch.setattr(temporary_copy.tempfile, "TemporaryFile", lambda **_: io.FileIO("/dev/full", "w"))
     with pytest.raises(NoRoomError, match=r"-: expected to copy it to .*: No space left .* TMPDIR"):
         scan("-")
-    assert not source._kept
     monkeypatch.setattr(message_columns, "HELD_BYTES", 100)
     overlapping = log_bytes([("/a", i % 3, b"x" * 90) for i in range(90)], chunk_size=500)
     (tmp_path / "overlapping.mcap").write_bytes(overlapping)
@@ -218,9 +217,9 @@ def opened(tmp_path, ring, ring_map, monkeypatch):
     Path("cut.mcap").write_bytes(Path("log.mcap").read_bytes()[:-30])
     save_map(ring_map, "map.mcap")
     monkeypatch.setattr("dirprim_filter.recording.load_map", lambda _: ring_map)
-    read, outline, seen = log_file.read_contents, log_file.Outline, []
-    monkeypatch.setattr(log_file, "read_contents", lambda file, chunk: seen.append(chunk.offset) or read(file, chunk))
-    monkeypatch.setattr(log_file, "Outline", lambda file: seen.append("outline") or outline(file))
+    read, outline, seen = mcap_file.read_contents, mcap_file.Outline, []
+    monkeypatch.setattr(mcap_file, "read_contents", lambda file, chunk: seen.append(chunk.offset) or read(file, chunk))
+    monkeypatch.setattr(mcap_file, "Outline", lambda file: seen.append("outline") or outline(file))
     return seen
 
 

@@ -9,7 +9,7 @@ from foxglove_schemas_protobuf.Grid_pb2 import Grid
 from mcap_files import scene, write_protobuf_log
 
 from dirprim_filter.detections import Detections
-from dirprim_filter.recording.container import log_file as scans
+from dirprim_filter.recording.container import mcap_file as scans
 from dirprim_filter.recording.errors import DecodeError, NoTracksError
 from dirprim_filter.recording.losses import BACKWARD, INVALID, REPEATED, UNDECODABLE, UNTIMED
 from dirprim_filter.recording.reader import read_estimates, read_track_logs, read_tracks, stream_detections

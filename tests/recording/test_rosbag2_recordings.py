@@ -2,6 +2,8 @@
 
 import json
 import sqlite3
+import tempfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +14,6 @@ from rosbags.typesys import Stores, get_typestore
 
 from dirprim_filter import read_tracks
 from dirprim_filter.cli.main import run
-from dirprim_filter.recording.container import source
 from dirprim_filter.recording.container.recovery import recover
 from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.scan import scan
@@ -157,16 +158,42 @@ def test_a_bag_reads_whatever_its_storage(bag, tmp_path, capsys):
     assert read_tracks(file).position.tolist() == tracks.position.tolist()
 
 
-def test_a_bag_of_ros_1_reads_as_one_of_ros_2(tmp_path):
-    """Its headers have a number more, and its messages another encoding."""
-    store, path = get_typestore(Stores.ROS1_NOETIC), tmp_path / "old.bag"
+def write_old_bag(path, *, n):
+    store = get_typestore(Stores.ROS1_NOETIC)
+    path.unlink(missing_ok=True)
     with OldWriter(path) as bag:
         topic = bag.add_connection("/odom", "nav_msgs/msg/Odometry", typestore=store)
-        for k in range(20):
+        for k in range(n):
             bag.write(topic, k * 100_000_000, store.serialize_ros1(odometry(store, k, seq=k), topic.msgtype))
+    return path
+
+
+def test_a_bag_is_read_as_it_is_now_and_nothing_of_it_stays(tmp_path, monkeypatch):
+    """Rewritten, or of the same name in another folder; 30 of them leave neither an open file nor a copy."""
+    copies, n_rows = tmp_path / "copies", []
+    for folder in ("here", "there", "copies"):
+        (tmp_path / folder).mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(copies))
+    for folder, n in (("here", 3), ("here", 5), ("there", 4), ("here", 5)):
+        monkeypatch.chdir(tmp_path / folder)
+        write_old_bag(Path("a.bag"), n=n)
+        n_rows.append(len(read_tracks("a.bag")))
+    assert n_rows == [3, 5, 4, 5]
+    descriptors = Path("/proc/self/fd")
+    before = len([*descriptors.iterdir()]) if descriptors.exists() else 0
+    for k in range(30):
+        log = scan(write_old_bag(tmp_path / f"{k}.bag", n=2))
+        assert len(list(log)) == 2
+        log.close()
+    assert not descriptors.exists() or len([*descriptors.iterdir()]) == before
+    assert not [*copies.iterdir()]
+
+
+def test_a_bag_of_ros_1_reads_as_one_of_ros_2(tmp_path):
+    """Its headers have a number more, and its messages another encoding."""
+    path = write_old_bag(tmp_path / "old.bag", n=20)
     check_drive(read_tracks(path))
     path.write_bytes(path.read_bytes()[:-200])
-    source.drop_copy(path)
     with pytest.raises(RecordingError, match=r"old\.bag: expected a bag that rosbags can read.*rosbag reindex"):
         read_tracks(path)
 

@@ -10,7 +10,7 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType
 from mcap_files import CHUNK, DATA, log_bytes, records
 
-from dirprim_filter.recording.container import source
+from dirprim_filter.recording.container import file_bytes
 from dirprim_filter.recording.scan import scan
 
 CONFORMANCE = DATA / "mcap_conformance"
@@ -124,7 +124,6 @@ def test_conformance_files_read_to_what_their_json_says_streamed_and_sought(monk
             for a in attached
         ], path.name
         assert [_as_row(message) for message in log] == expected, path.name
-        monkeypatch.setattr(source, "_kept", {})
         monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(path.with_suffix(".mcap").read_bytes())))
         assert [_as_row(message) for message in scan("-")] == expected, path.name
         middle = [row for row in expected if 3 <= row[0] < 7]
@@ -177,7 +176,7 @@ def _described(parts):
 @pytest.mark.parametrize("layout", [{"chunk_size": 900}, {"chunk_size": 1 << 20}, {"use_chunking": False}])
 def test_a_log_reads_alike_through_any_window(log_file, monkeypatch, window, layout):
     """Message indexes, runs of bare messages and chunks' headers that reach beyond what is held of the file."""
-    monkeypatch.setattr(source, "WINDOW_BYTES", window)
+    monkeypatch.setattr(file_bytes, "WINDOW_BYTES", window)
     sent = [(f"/{i % 7}", i, bytes(i % 90)) for i in range(900)]
     log = scan(log_file(log_bytes(sent, **layout)))
     assert [(m.topic, m.log_time_ns, m.data) for m in log] == sent

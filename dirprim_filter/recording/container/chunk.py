@@ -21,6 +21,7 @@ import zstandard
 from mcap.opcode import Opcode
 
 from dirprim_filter.recording.container.errors import Damage, DamageKind
+from dirprim_filter.recording.container.file_bytes import BLOCK_BYTES, FileBytes
 from dirprim_filter.recording.container.records import (
     CHUNK,
     KINDS,
@@ -34,7 +35,6 @@ from dirprim_filter.recording.container.records import (
     parse_known,
     record_end,
 )
-from dirprim_filter.recording.container.source import BLOCK_BYTES, FileBytes
 
 MAX_CHUNK_BYTES, SMALL_BYTES, MOST_TIMES = 1 << 30, 1 << 26, 1000
 """No chunk is decompressed beyond the first, nor beyond the second and so many times its data: writers close chunks

@@ -6,12 +6,10 @@ Each error is one line that names the file, the place and the way out.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike, fspath
 from typing import Literal
-
-from dirprim_filter.recording.container.records import ENCODINGS
 
 DamageKind = Literal[
     "magic",  # the opening or closing magic is wrong or missing
@@ -78,16 +76,6 @@ OTHER_FORMATS = {
 def other_format(opening: bytes) -> tuple[str, str] | None:
     """The name of the format of a file that begins with these bytes, and what to do; None where it is not known."""
     return next((known for begin, known in OTHER_FORMATS.items() if opening.startswith(begin)), None)
-
-
-def unread_encodings(encodings: Iterable[str]) -> str | None:
-    """Why messages are not read, and the way out, where none has an encoding that is."""
-    found = sorted(set(encodings))
-    if not found or set(found) & set(ENCODINGS):
-        return None
-    why = f"messages encoded as {', '.join(found)} are not read, but {', '.join(ENCODINGS)}"
-    ros1 = "; give the ROS 1 bag itself, a file named .bag" if "ros1" in found else ""
-    return why + ros1
 
 
 Path = str | PathLike[str]

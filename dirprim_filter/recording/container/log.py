@@ -21,7 +21,7 @@ from mcap.records import Attachment
 
 from dirprim_filter.recording.container.chunk import Chunk
 from dirprim_filter.recording.container.errors import Damage
-from dirprim_filter.recording.container.log_file import LogFile
+from dirprim_filter.recording.container.mcap_file import McapFile
 from dirprim_filter.recording.container.message_columns import MessageColumns, TimeMerge
 from dirprim_filter.recording.container.records import Channel, Message, parse
 from dirprim_filter.recording.container.source import log_files
@@ -78,7 +78,7 @@ class Log(AbstractContextManager["Log"]):
         numbers: dict[Channel, int] = {}
         files = log_files(path, live=live)
         self.files = [
-            LogFile(file.name if len(files) > 1 else "", bytes_of, channels, numbers) for file, bytes_of in files
+            McapFile(file.name if len(files) > 1 else "", bytes_of, channels, numbers) for file, bytes_of in files
         ]
         self.is_live = any(file.bytes_of.is_live for file in self.files)
         if self.is_live:
@@ -237,7 +237,7 @@ class Scan(AbstractContextManager["Scan"]):
                 merge.hold(self._messages(file, chunk, damage, position))
         yield from merge.release(None)
 
-    def _messages(self, file: LogFile, chunk: Chunk, damage: list[Damage], position: int = 0) -> MessageColumns:
+    def _messages(self, file: McapFile, chunk: Chunk, damage: list[Damage], position: int = 0) -> MessageColumns:
         """Those of wanted topics and times."""
         columns, broken = file.messages(chunk, position)
         damage += map(file.named, broken)
@@ -248,7 +248,7 @@ class Scan(AbstractContextManager["Scan"]):
             wanted &= (columns.log_time_ns >= self._times[0]) & (columns.log_time_ns < self._times[1])
         return columns if wanted.all() else columns[wanted]
 
-    def _is_beside(self, file: LogFile, chunk: Chunk) -> bool:
+    def _is_beside(self, file: McapFile, chunk: Chunk) -> bool:
         """Whether nothing in a chunk is wanted, by what both it and the log's index say of it."""
         summary = file.outline.summary
         said = summary.chunks.get(chunk.offset)

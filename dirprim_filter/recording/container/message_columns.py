@@ -18,7 +18,7 @@ import numpy as np
 from dirprim_filter.arrays import AnyArray
 from dirprim_filter.recording.container._kernels import gather
 from dirprim_filter.recording.container.records import Channel, Message
-from dirprim_filter.recording.container.source import Copy
+from dirprim_filter.recording.container.temporary_copy import Copy
 
 SHORT_BYTES = 1 << 11
 """Messages longer than this on average are not copied to be read: that would cost more than it saves."""

@@ -17,6 +17,7 @@ from mcap.opcode import Opcode
 from dirprim_filter.recording.container._kernels import MESSAGE_HEAD, MIN_MESSAGE, message_run
 from dirprim_filter.recording.container.chunk import Chunk, Resync, chunk_at, indexes_after
 from dirprim_filter.recording.container.errors import Damage, DamageKind
+from dirprim_filter.recording.container.file_bytes import FileBytes
 from dirprim_filter.recording.container.records import (
     CHUNK,
     MAGIC,
@@ -34,7 +35,6 @@ from dirprim_filter.recording.container.records import (
     parse_schema,
     record_end,
 )
-from dirprim_filter.recording.container.source import FileBytes
 from dirprim_filter.recording.container.summary_section import Summary, read_summary
 
 RUN_BYTES = 1 << 22

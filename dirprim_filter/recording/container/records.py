@@ -7,7 +7,7 @@ length of 64 bits, and that many bytes; strings and maps carry a length of 32 bi
 from __future__ import annotations
 
 import struct
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, cast
 
@@ -19,7 +19,7 @@ from mcap.well_known import MessageEncoding
 from mcap.writer import MCAP0_MAGIC
 
 if TYPE_CHECKING:
-    from dirprim_filter.recording.container.source import FileBytes
+    from dirprim_filter.recording.container.file_bytes import FileBytes
 
 Bytes: TypeAlias = "bytes | FileBytes"
 
@@ -177,3 +177,13 @@ def parse_channel(buffer: Bytes, at: int, schemas: Mapping[int, Schema]) -> tupl
         raise UndefinedSchemaError(f"channel {said.id} ({said.topic}) names schema {said.schema_id}, not defined")
     metadata = tuple(said.metadata.items())
     return said.id, Channel(topic=said.topic, message_encoding=said.message_encoding, schema=schema, metadata=metadata)
+
+
+def unread_encodings(encodings: Iterable[str]) -> str | None:
+    """Why messages are not read, and the way out, where none has an encoding that is."""
+    found = sorted(set(encodings))
+    if not found or set(found) & set(ENCODINGS):
+        return None
+    why = f"messages encoded as {', '.join(found)} are not read, but {', '.join(ENCODINGS)}"
+    ros1 = "; give the ROS 1 bag itself, a file named .bag" if "ros1" in found else ""
+    return why + ros1

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from dirprim_filter.recording.container.errors import RecordingError
 from dirprim_filter.recording.container.mcap_writer import McapWriter
 from dirprim_filter.recording.container.records import Channel, Schema
+from dirprim_filter.recording.container.temporary_copy import Copy
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
@@ -62,8 +63,8 @@ def files_of(folder: Path) -> list[Path]:
     return [] if storage == "sqlite3" else files
 
 
-def write_mcap(bag: Path, file: Any) -> None:
-    """Write the messages of a folder, or of a single file, as an MCAP log; those of ROS 1 as ROS 2 has them.
+def copied(bag: Path) -> Copy:
+    """The messages of a folder, or of a single file, as an MCAP log; those of ROS 1 as ROS 2 has them.
 
     Raises:
         RecordingError: rosbags cannot read it.
@@ -72,7 +73,8 @@ def write_mcap(bag: Path, file: Any) -> None:
     from rosbags import rosbag1, rosbag2  # noqa: PLC0415
 
     is_old = bag.suffix == ROS_1
-    writer = McapWriter(file, profile="ros2", library="rosbags")
+    copy = Copy(str(bag))
+    writer = McapWriter(copy, profile="ros2", library="rosbags")
     try:
         with (rosbag1 if is_old else rosbag2).Reader(bag) as reader:
             streams = {}
@@ -87,6 +89,7 @@ def write_mcap(bag: Path, file: Any) -> None:
         way = f"of a broken one {'`rosbag reindex` makes its index anew' if is_old else way}"
         raise RecordingError(f"{bag}: expected a bag that rosbags can read, got {error}; {way}") from error
     writer.finish()
+    return copy
 
 
 def _bytes(cell: Any) -> bytes:

@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 from mcap.opcode import Opcode
 from mcap.records import AttachmentIndex, ChunkIndex, MetadataIndex, Statistics
 
+from dirprim_filter.recording.container.file_bytes import FileBytes
 from dirprim_filter.recording.container.records import (
     KINDS,
     MAGIC,
@@ -31,7 +32,6 @@ from dirprim_filter.recording.container.records import (
     parse_schema,
     record_end,
 )
-from dirprim_filter.recording.container.source import FileBytes
 
 FOOTER_SIZE = RECORD_HEADER_SIZE + 20
 MOST_BYTES = 1 << 28

@@ -13,6 +13,7 @@ from dirprim_filter.arrays import AnyArray
 from dirprim_filter.recording.container._kernels import read_records
 from dirprim_filter.recording.container.chunk import Chunk, read_contents
 from dirprim_filter.recording.container.errors import Damage
+from dirprim_filter.recording.container.file_bytes import FileBytes
 from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.container.outline import Outline
 from dirprim_filter.recording.container.records import (
@@ -23,7 +24,6 @@ from dirprim_filter.recording.container.records import (
     parse_channel,
     parse_schema,
 )
-from dirprim_filter.recording.container.source import FileBytes
 
 KEPT_BYTES = 1 << 24
 """Of a file's contents, while it is open: its topics, transforms and objects are passes of their own."""
@@ -31,7 +31,7 @@ UNKNOWN = -1
 """The number of a channel that is defined nowhere."""
 
 
-class LogFile:
+class McapFile:
     """An open file.
 
     Args:
