@@ -60,7 +60,7 @@ class RemoteFile(Copy):
         return FileBytes(os.dup(self.file.fileno()), self._need, is_remote=True)
 
 
-def remote_copy(name: str, url: str) -> Copy:
+def remote_copy(url: str) -> Copy:
     """Fetched in parts; all of it where a server does not send parts.
 
     Raises:
@@ -70,15 +70,15 @@ def remote_copy(name: str, url: str) -> Copy:
     with _asking(url) as fsspec:
         files, place = fsspec.core.url_to_fs(url)
         try:
-            remote = RemoteFile(name, files.open(place, "rb", block_size=FETCHED_BYTES, cache_type="none"))
+            remote = RemoteFile(url, files.open(place, "rb", block_size=FETCHED_BYTES, cache_type="none"))
             end = len(ending := remote.bytes_of(live=False))
             ending.read(end - 1, end)  # the start comes of any server
         except FileNotFoundError:
             raise
         except (OSError, ValueError, TypeError, RecordingError) as error:  # no parts, or no length
-            logger.info("%s", one_line(f"{name}: copied whole: {error}"))
-            with files.open(place, "rb", block_size=0) as stream, _trying(f"{name}: expected all of it"):
-                return Copy(name, iter(partial(stream.read, FETCHED_BYTES), b""))
+            logger.info("%s", one_line(f"{url}: copied whole: {error}"))
+            with files.open(place, "rb", block_size=0) as stream, _trying(f"{url}: expected all of it"):
+                return Copy(url, iter(partial(stream.read, FETCHED_BYTES), b""))
         return remote
 
 

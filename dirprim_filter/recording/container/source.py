@@ -56,7 +56,7 @@ def open_files(path: str | PathLike[str], *, live: bool = False) -> list[tuple[P
     if name == STDIN:
         return [(file, _copy(file, _standard_input).bytes_of(live=live))]
     if url := as_url(name):
-        return [(file, _copy(file, lambda: remote_copy(name, url)).bytes_of(live=live))]
+        return [(file, _copy(file, lambda: remote_copy(url)).bytes_of(live=live))]
     if file.is_dir() or file.suffix in BAGS:
         from dirprim_filter.recording.container import ros_bags  # noqa: PLC0415 - `dirprim info` does without
 
