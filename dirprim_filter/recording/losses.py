@@ -25,7 +25,15 @@ FAR = (
     "times 1e7, or another place"
 )
 REPEATED = "that repeat a vehicle and a time"
-BACKWARD = "out of order in time"
+STRAY = (
+    "with a stamp far from the usual offset of their topic's stamps to log time (--time-source log does without stamps)"
+)
+BACKWARD = (
+    "later than all those that could be kept in memory to be put in order (--time-source log takes them in order)"
+)
+TOO_LATE = (
+    "more than 0.1 s later than others, which a live pipe does not wait for (--time-source log, or track the file)"
+)
 UNPLACED = "of a time for which no transform of their frame is known"
 ALONE = "alone in time, so that no velocity can be derived"
 

@@ -17,11 +17,22 @@ from dirprim_filter.recording.container.log import Scan
 from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.decoding.field_columns import MAX_NAME_LENGTH, NO_TIME, signed
 from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError
-from dirprim_filter.recording.losses import BACKWARD, FAR, INVALID, REPEATED, UNPLACED, UNTIMED, Losses
+from dirprim_filter.recording.losses import (
+    BACKWARD,
+    FAR,
+    INVALID,
+    REPEATED,
+    STRAY,
+    TOO_LATE,
+    UNPLACED,
+    UNTIMED,
+    Losses,
+)
 from dirprim_filter.recording.objects.options import ReadOptions
+from dirprim_filter.recording.objects.stamps import Stamps
 from dirprim_filter.recording.objects.twist_axes import TwistAxes
 from dirprim_filter.recording.rows import Rows
-from dirprim_filter.recording.schemas.decoders import Decoders, batches, by_schema
+from dirprim_filter.recording.schemas.decoders import Decoders, batches, by_schema, joined
 from dirprim_filter.recording.transforms.frame_change import FrameChange
 from dirprim_filter.recording.transforms.geodesy import FARTHEST_M
 from dirprim_filter.track_ids import repeated_rows, vehicle_numbers
@@ -51,6 +62,7 @@ class Observations:
         topics = {c.topic for c in scan.log.channels() if scan.is_wanted(c.topic) and self._decoders.reads(c)}
         self._are_several = len(topics) > 1
         self._first_stamp: dict[str, int] = {}  # of each topic; `NO_TIME` where its first messages have none
+        self._stamps, self._open = Stamps(), list[MessageColumns]()  # messages whose stamps are not judged yet
 
     @property
     def origin(self) -> Origin | None:
@@ -75,9 +87,9 @@ class Observations:
         columns = self._scan.columns()
         self.losses.damage = self._scan.damage
         held: list[tuple[Rows, IntArray]] = []
-        for batch in batches(columns, self._decoders, at_once=self._scan.log.is_live):
+        for read in self._read(batches(columns, self._decoders, at_once=self._scan.log.is_live)):
             self._check_intact()
-            held.append(self._timed(batch))
+            held.append(read)
             if not self._frame.waits(held[-1][0]):
                 yield from self._placed(held)
                 held = []
@@ -96,7 +108,13 @@ class Observations:
         if self._options.strict and self.losses.damage:
             raise DamagedRecordingError(self._scan.path, self.losses.damage)
 
-    def _timed(self, batch: MessageColumns) -> tuple[Rows, IntArray]:
+    def _read(self, read: Iterator[MessageColumns]) -> Iterator[tuple[Rows, IntArray]]:
+        for batch in read:
+            yield self._timed(joined([*self._open, batch]), is_last=False)
+        for batch in self._open:
+            yield self._timed(batch, is_last=True)
+
+    def _timed(self, batch: MessageColumns, *, is_last: bool) -> tuple[Rows, IntArray]:
         """The valid objects of a batch within the wanted time, in their own frames, and (n,) their topics' numbers."""
         parts = []
         for places, messages in by_schema(batch):
@@ -104,14 +122,30 @@ class Observations:
             if self._options.strict and failures:
                 raise DecodeError.of(self._scan.path, messages, failures)
             self.losses.fail(failures.values())
-            time_ns = self._times(messages, rows)
             names = _by_topic(messages, rows) if self._are_several else rows.track_id
-            parts.append(replace(rows, time_ns=time_ns, track_id=names, message=places[rows.message]))
+            parts.append(replace(rows, track_id=names, message=places[rows.message]))
         rows = Rows.concatenate(parts)
         if len(parts) > 1:
             rows = rows[np.argsort(rows.message, kind="stable")]
+        rows = replace(rows, time_ns=self._times(batch, rows))
+        if self._options.time_source == "header":
+            rows = self._usual(batch, rows, is_last=is_last)
         rows = rows[self._wanted(rows)]
         return rows, batch.by_channel(lambda channel: self._axes.topics[channel.topic])[rows.message]
+
+    def _usual(self, batch: MessageColumns, rows: Rows, *, is_last: bool) -> Rows:
+        """The rows whose stamps can be, and those without; messages of which more must be known come again."""
+        stamped = np.flatnonzero((rows.time_ns == rows.stamp_ns) & (rows.time_ns != NO_TIME))
+        usual, is_open = self._stamps.judge(batch, rows.message[stamped], rows.time_ns[stamped], is_last=is_last)
+        if usual.all():
+            self._open = []
+            return rows
+        later, kept = np.unique(rows.message[stamped[is_open]]), np.ones(len(rows), np.bool_)
+        self._open = [batch[later]] if later.size else []
+        kept[stamped] = usual
+        given_later = np.isin(rows.message, later)
+        self.losses.drop(STRAY, ~kept & ~given_later)
+        return rows[kept & ~given_later]
 
     def _placed(self, held: list[tuple[Rows, IntArray]]) -> Iterator[Rows]:
         """The same objects in one frame, but for those that are not to be had there."""
@@ -164,10 +198,11 @@ def _is_near(position: FloatArray) -> BoolArray:
     return np.asarray((np.abs(position[:, 0]) <= FARTHEST_M) & (np.abs(position[:, 1]) <= FARTHEST_M))
 
 
-LATEST_NS = 1_000_000_000
-"""So much later than others of later stamps may messages be logged: sensors are late by different times."""
+HELD_BYTES, ROW_BYTES = 1 << 24, 1 << 8
+"""So much of a log waits to be put in order of time, as sensors are late by different times: a row takes `ROW_BYTES`
+and its id, so 50,000 rows."""
 LIVE_LATEST_NS = 100_000_000
-"""Of a live pipe, whose estimates are as much later."""
+"""So much later than others of later stamps may messages of a live pipe come, whose estimates are as much later."""
 SHARPEST = 1e6
 """Of a cue's concentration: a thousandth of a radian."""
 
@@ -185,8 +220,6 @@ class DetectionStream:
         self._options = options
         self.topics = topics
         self._motion = motion
-        latest_ns = LIVE_LATEST_NS if scan.log.is_live else LATEST_NS
-        self._late_ns = 0 if options.time_source == "log" else latest_ns
         self.losses = Losses()
 
     @property
@@ -204,20 +237,26 @@ class DetectionStream:
         """
         observations = Observations(self._scan, self._options)
         self.losses = observations.losses
-        came_ns = -(1 << 63) + LATEST_NS
-        rest = Detections.none()
+        done_ns, rest = -(1 << 63), Detections.none()
         for batch in observations:
-            latest_ns = np.maximum.accumulate(np.maximum(batch.time_ns, came_ns))
-            in_order = batch.time_ns >= latest_ns - self._late_ns
-            self.losses.drop(BACKWARD, ~in_order)
-            came_ns = int(latest_ns[-1])
-            own = self._detections(batch)[in_order].on_plane(observations.origin)
-            seen = self._without_repeats(Detections.concatenate([rest, own]))
-            is_whole = seen.time_ns < came_ns - self._late_ns
+            in_order = batch.time_ns >= done_ns
+            self.losses.drop(TOO_LATE if self._scan.log.is_live else BACKWARD, ~in_order)
+            seen = self._without_repeats(Detections.concatenate([rest, self._detections(batch)[in_order]]))
+            done_ns = max(done_ns, self._known_until(seen))
+            is_whole = seen.time_ns < done_ns
             yield from seen[is_whole].frames()
             rest = seen[~is_whole]  # what follows may be earlier, or of the last instant too
         yield from rest.frames()
         self.losses.log(self._scan.path)
+
+    def _known_until(self, seen: Detections) -> int:
+        """Before which time nothing is waited for."""
+        if not len(seen):
+            return -(1 << 63)
+        if self._scan.log.is_live:
+            return int(seen.time_ns.max()) - LIVE_LATEST_NS
+        n_ready = len(seen) - HELD_BYTES // (ROW_BYTES + seen.track_id.itemsize)
+        return int(np.partition(seen.time_ns, n_ready)[n_ready]) if n_ready > 0 else int(seen.time_ns.min())
 
     def _detections(self, rows: Rows) -> Detections:
         """What of a batch may be used: covariances that are none, or of zeros, leave the filter its own noise."""

@@ -1,0 +1,108 @@
+"""Which stamps of a log can be: those about as far from log time as others near them on their topic.
+
+Clocks may be of any epoch, differ from topic to topic, drift, be set anew or run at another rate than log time; several
+sensors of a topic may be late by different times. A stamp that hardly any of its neighbours agrees with is wrong, and
+one that is years ahead would end the tracking of all that follows.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from typing import NamedTuple
+
+import numpy as np
+
+from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
+from dirprim_filter.recording.container.message_columns import MessageColumns
+
+NEIGHBOURS = 50
+"""So many messages of the topic before a stamp, and as many after it, are asked."""
+AGREEING = 0.25
+"""Share of them that must agree."""
+NEAR_S = 10.0
+"""Offsets that differ by less agree; where those of a topic spread, by less than all but so many at both ends do."""
+FEWEST = 3
+"""Of fewer stamps nobody can say which is wrong; nor where no two agree."""
+
+
+class Verdict(NamedTuple):
+    """About stamps (k,), or what carries them.
+
+    Attributes:
+        is_usual: they can be.
+        is_open: they cannot so far, but messages to come may agree.
+    """
+
+    is_usual: BoolArray
+    is_open: BoolArray
+
+
+class Stamps:
+    """The stamps of a log, as they come."""
+
+    def __init__(self) -> None:
+        self._topics: defaultdict[str, _TopicStamps] = defaultdict(_TopicStamps)
+
+    def judge(self, batch: MessageColumns, message: IntArray, stamp_ns: IntArray, *, is_last: bool) -> Verdict:
+        """Whether stamps can be, that of most rows of a message for all of it.
+
+        Args:
+            batch: messages that were left open, which are given again, then new ones.
+            message: (k,) of the batch that each stamp is of, ascending,
+            stamp_ns: (k,) and the stamp.
+            is_last: no more messages come, so nothing stays open.
+        """
+        offset_s = (stamp_ns - batch.log_time_ns[message].astype(np.float64)) * 1e-9
+        begin = np.flatnonzero(np.diff(message, prepend=-1))
+        if not begin.size:
+            return Verdict(*np.zeros((2, 0), np.bool_))
+        count, order = np.diff(begin, append=message.size), np.arange(message.size)
+        spread_s = np.maximum.reduceat(offset_s, begin) - np.minimum.reduceat(offset_s, begin)
+        if (spread_s > NEAR_S).any():
+            order = np.lexsort((offset_s, message))
+        middle_s = offset_s[order[begin + (count - 1) // 2]]
+        numbers: dict[str, int] = {}
+        topic = batch.by_channel(lambda channel: numbers.setdefault(channel.topic, len(numbers)))[message[begin]]
+        usual, left_open, near_s = np.zeros(begin.size, np.bool_), np.zeros(begin.size, np.bool_), np.zeros(begin.size)
+        for name, number in numbers.items():
+            own = topic == number
+            usual[own], left_open[own] = self._topics[name].judge(middle_s[own], is_last=is_last)
+            near_s[own] = self._topics[name].near_s
+        usual, left_open, middle_s, near_s = (np.repeat(of, count) for of in (usual, left_open, middle_s, near_s))
+        return Verdict(usual & (np.abs(offset_s - middle_s) <= near_s), left_open)
+
+
+class _TopicStamps:
+    """Those of one topic, by their offsets to log time."""
+
+    def __init__(self) -> None:
+        self._offset_s, self._is_open = np.empty(0), np.empty(0, np.bool_)  # of the last `NEIGHBOURS`
+        self.near_s = NEAR_S
+
+    def judge(self, offset_s: FloatArray, *, is_last: bool) -> Verdict:
+        """As of all, by (k,) seconds from log time to the stamps: first of those left open, then of new ones."""
+        n_open = int(self._is_open.sum())
+        offset_s = np.concatenate([self._offset_s, offset_s[n_open:]])
+        asked = np.concatenate([self._is_open, np.ones(offset_s.size - self._offset_s.size, np.bool_)])
+        is_usual = self._is_usual(offset_s, is_last=is_last)
+        is_late = np.arange(offset_s.size) >= offset_s.size - NEIGHBOURS
+        is_open = asked & ~is_usual & is_late & (not is_last)
+        self._offset_s, self._is_open = offset_s[-NEIGHBOURS:], is_open[-NEIGHBOURS:]
+        return Verdict(is_usual[asked], is_open[asked])
+
+    def _is_usual(self, offset_s: FloatArray, *, is_last: bool) -> BoolArray:
+        n = offset_s.size
+        if n < FEWEST:
+            return np.full(n, is_last)
+        if np.ptp(offset_s) <= NEAR_S:
+            return np.ones(n, np.bool_)
+        sorted_s, tail = np.sort(offset_s), int(np.ceil(AGREEING * (n - 1)))
+        self.near_s = max(NEAR_S, float(sorted_s[n - 1 - tail] - sorted_s[tail]))
+        n_agreeing, n_asked = np.zeros((2, n))
+        for step in range(1, min(NEIGHBOURS, n - 1) + 1):
+            agrees = np.abs(offset_s[step:] - offset_s[:-step]) <= self.near_s
+            for one in (slice(step, None), slice(None, -step)):
+                n_agreeing[one] += agrees
+                n_asked[one] += 1
+        usual = np.asarray(n_agreeing >= np.maximum(AGREEING * n_asked, 1))
+        return usual | (is_last and not usual.any())

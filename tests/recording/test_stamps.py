@@ -1,0 +1,144 @@
+"""Stamps that cannot be are left out and counted; honest clocks, whatever they do, lose nothing."""
+
+import numpy as np
+import pytest
+from mcap_files import write_log
+
+from dirprim_filter.cli.main import run
+from dirprim_filter.recording.losses import BACKWARD, STRAY, UNTIMED
+from dirprim_filter.recording.objects import observations
+from dirprim_filter.recording.objects.stamps import _TopicStamps
+from dirprim_filter.recording.reader import FieldMapping, read_track_logs, stream_detections
+
+N, STEP_NS, START_NS = 200, 100_000_000, 1_700_000_000_000_000_000
+SECOND_NS, HOUR_NS, YEAR_NS = 10**9, 3600 * 10**9, 365 * 86_400 * 10**9
+LOG_NS = START_NS + STEP_NS * np.arange(N)
+FIELDS = FieldMapping.parse("id=.id,x=.x,y=.y,time=.t")
+
+
+def log_of(folder, stamp_ns, *, log_ns=LOG_NS, topics=("/objects",), name="log.mcap"):
+    """One vehicle on each topic at 5 m/s; messages take turns."""
+    sent = [
+        (topics[i % len(topics)], int(at), b'{"id": "a", "x": %f, "y": 0, "t": %d}' % (0.5 * i, stamp))
+        for i, (at, stamp) in enumerate(zip(log_ns, stamp_ns, strict=True))
+    ]
+    return write_log(folder / name, sent, ("Object", "jsonschema", b'{"type": "object"}'), "json")
+
+
+def streamed(path, **options):
+    """The times of all detections, and what was left out."""
+    stream = stream_detections(path, mapping=FIELDS, **options)
+    return [int(frame.time_ns[0]) for frame in stream for _ in frame.time_ns], dict(stream.losses.dropped)
+
+
+def wrong(at, by_ns):
+    stamps = LOG_NS.copy()
+    stamps[at] += by_ns
+    return stamps
+
+
+RNG = np.random.default_rng(0)
+WRONG = {
+    "a year ahead": (wrong([10], YEAR_NS), [10]),
+    "an hour back": (wrong([10, 40, 41, 150], -HOUR_NS), [10, 40, 41, 150]),
+    "the first": (wrong([0], YEAR_NS), [0]),
+    "the first two, differently": (wrong([0, 1], np.array([YEAR_NS, -HOUR_NS])), [0, 1]),
+    "the last": (wrong([N - 1], 60 * SECOND_NS), [N - 1]),
+    "one in twenty, all by an hour": (wrong(slice(7, None, 20), HOUR_NS), [*range(7, N, 20)]),
+    "ten in a row": (wrong(slice(60, 70), 30 * SECOND_NS), [*range(60, 70)]),
+    "negative": (wrong([50], -START_NS - 7 * 10**9), [50]),
+    "random": (wrong([3, 77, 140], RNG.integers(-START_NS, 7 * 10**18, 3)), [3, 77, 140]),
+    "in simulated time": (wrong([50], YEAR_NS) - START_NS, [50]),
+}
+
+
+@pytest.mark.parametrize(("stamps", "bad"), WRONG.values(), ids=WRONG)
+def test_stamps_far_from_the_usual_offset_are_left_out_and_the_others_are_kept(tmp_path, stamps, bad):
+    path, good = log_of(tmp_path, stamps), np.delete(stamps, bad)
+    assert streamed(path) == (good.tolist(), {STRAY: len(bad)})
+    read = read_track_logs(path, mapping=FIELDS)
+    assert (read.tracks.time_ns.tolist(), dict(read.losses.dropped)) == (good.tolist(), {STRAY: len(bad)})
+    assert streamed(path, time_source="log") == (LOG_NS.tolist(), {})
+
+
+LATE = np.where(np.arange(N) % 2, 0, 20 * SECOND_NS)
+RARELY_LATE = np.where(np.arange(N) % 3, 0, 15 * SECOND_NS)
+HONEST = {
+    "another epoch": LOG_NS - START_NS,
+    "drift": LOG_NS + np.arange(N) * 30_000_000,
+    "a leap of 18 s": LOG_NS - np.where(np.arange(N) < N // 2, 0, 18 * SECOND_NS),
+    "a clock that is set": LOG_NS - np.where(np.arange(N) < N // 2, 0, START_NS),
+    "two sensors, one 20 s late": LOG_NS - LATE,
+    "another, a third of the rows": LOG_NS - RARELY_LATE,
+    "swapped": wrong([20, 21, 90, 91], STEP_NS * np.array([1, -1, 1, -1])),
+    "ten times as fast": START_NS + (LOG_NS - START_NS) * 10,
+    "delays of minutes": LOG_NS - RNG.integers(0, 300 * SECOND_NS, N),
+}
+
+
+@pytest.mark.parametrize("stamps", HONEST.values(), ids=HONEST)
+def test_honest_clocks_lose_nothing(tmp_path, stamps):
+    stamps = stamps + np.arange(N) % 7 * 1000  # no two alike
+    stamps = stamps + (np.arange(N) // 7)
+    assert streamed(log_of(tmp_path, stamps)) == (np.sort(stamps).tolist(), {})
+
+
+@pytest.mark.parametrize("every_s", [0.1, 60.0, 3600.0])
+def test_log_times_that_say_nothing_judge_no_stamp(tmp_path, every_s):
+    """A converter gives all its messages one log time, or that of the conversion."""
+    stamps = START_NS + (np.arange(N) * every_s * 1e9).astype(np.int64)
+    for log_ns in (np.full(N, 5), START_NS + np.arange(N)):
+        assert streamed(log_of(tmp_path, stamps, log_ns=log_ns)) == (stamps.tolist(), {})
+    for few in (1, 2, 3, 4):
+        got = streamed(log_of(tmp_path, stamps[:few], log_ns=np.full(few, 5)))
+        assert got == (stamps[:few].tolist(), {})
+
+
+def test_topics_have_clocks_of_their_own(tmp_path):
+    stamps = LOG_NS - np.where(np.arange(N) % 2, START_NS, 0)
+    stamps[30] += YEAR_NS
+    times, dropped = streamed(log_of(tmp_path, stamps, topics=("/a", "/b")), topics="/[ab]")
+    assert (times, dropped) == (sorted(np.delete(stamps, 30).tolist()), {STRAY: 1})
+
+
+def test_stamps_that_were_not_set_or_do_not_fit_are_counted_as_such(tmp_path):
+    stamps = LOG_NS.astype(object)
+    stamps[[5, 60]], stamps[100] = 0, 1 << 63
+    times, dropped = streamed(log_of(tmp_path, stamps))
+    assert (len(times), dropped) == (N - 3, {UNTIMED: 3})
+
+
+def test_rows_too_late_to_be_put_in_order_are_counted(tmp_path, monkeypatch):
+    stamps = LOG_NS - np.where(np.arange(N) % 2, 0, 5 * SECOND_NS)
+    monkeypatch.setattr(
+        observations, "batches", lambda columns, *_, **__: (b[[i]] for b in columns for i in range(len(b)))
+    )
+    path = log_of(tmp_path, stamps + np.arange(N) % 2)
+    assert len(streamed(path)[0]) == N
+    monkeypatch.setattr(observations, "HELD_BYTES", 1 << 12)
+    times, dropped = streamed(path)
+    assert (dropped, times) == ({BACKWARD: N - len(times)}, sorted(times))
+
+
+@pytest.mark.parametrize("n_at_once", [1, 3, 200])
+@pytest.mark.parametrize("stamps", [*HONEST.values(), *(of for of, _ in WRONG.values())])
+def test_verdicts_do_not_depend_on_how_many_stamps_come_at_once(stamps, n_at_once):
+    """What is open waits for others; nothing is judged twice."""
+    offset_s = (stamps - LOG_NS) * 1e-9
+    judged, waiting = np.full(N, -1), np.empty(0, np.int64)
+    topic = _TopicStamps()
+    for begin in range(0, N, n_at_once):
+        asked = np.r_[waiting, begin : min(begin + n_at_once, N)]
+        usual, is_open = topic.judge(offset_s[asked], is_last=False)
+        judged[asked[~is_open]], waiting = usual[~is_open], asked[is_open]
+        assert waiting.size <= 50
+    judged[waiting] = topic.judge(offset_s[waiting], is_last=True)[0]
+    at_once = _TopicStamps().judge(offset_s, is_last=True)[0]
+    assert (judged != at_once).sum() <= 2
+
+
+def test_a_stamp_a_year_ahead_costs_tracking_one_row(tmp_path, capfd):
+    path = log_of(tmp_path, WRONG["a year ahead"][0])
+    out, fields = tmp_path / "map.mcap", ["--set", "fields=id=.id,x=.x,y=.y,time=.t"]
+    assert run(["learn", str(path), "-o", str(out), "--tessellation", "grid", *fields]) == 3
+    assert "left out 1 rows with a stamp far from" in capfd.readouterr().err
