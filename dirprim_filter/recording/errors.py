@@ -60,12 +60,13 @@ class DecodeError(RecordingError):
 
 
 class MissingTransformError(RecordingError):
-    """Nothing joins an object's frame to the one that is asked for."""
+    """Nothing joins an object's frame to the one that is asked for; `why` is what there is instead."""
 
-    def __init__(self, path: Path, *, frame: str, target: str, time_ns: int) -> None:
+    def __init__(self, path: Path, *, frame: str, target: str, time_ns: int, why: str) -> None:
+        self.why = why
         super().__init__(
-            f"{fspath(path)}: expected a transform from frame {frame!r} to frame {target!r} at {time_ns} ns, the log "
-            "has none; choose another by --set frame=..., other topics, or a log with its transforms"
+            f"{fspath(path)}: expected a transform from frame {frame!r} to frame {target!r} at {time_ns} ns, but "
+            f"{why}; choose another by --set frame=..., other topics, or a log with its transforms"
         )
 
 

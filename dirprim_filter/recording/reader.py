@@ -28,6 +28,7 @@ from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
 from dirprim_filter.recording.schemas.dirprim import decode_estimates
 from dirprim_filter.recording.schemas.family import FieldMapping
 from dirprim_filter.recording.summary import LogSummary, TopicSummary
+from dirprim_filter.recording.transforms.transform_tree import SharedTransforms
 from dirprim_filter.track_ids import repeated_rows
 from dirprim_filter.tracks import Tracks
 
@@ -72,9 +73,18 @@ def read_track_logs(
     options: ReadOptions = EVERYTHING,
     *,
     progress: Callable[[int, int], None] | None = None,
+    beside: Sequence[PathOrText] = (),
     **changes: Any,
 ) -> TrackResult:
-    """As `read_tracks`, with what was lost; `progress` gets how many of how many seconds are read."""
+    """As `read_tracks`, with what was lost.
+
+    Args:
+        source: a log or table, or several.
+        options: what is read, and how.
+        progress: gets how many of how many seconds are read.
+        beside: logs whose transforms serve where a log has none, as do those of the others in `source`.
+        changes: fields of `ReadOptions` by name.
+    """
     sources: Sequence[LogSource] = [source] if isinstance(source, str | PathLike | Log) else list(source)
     if not sources:
         raise ValueError("source: expected at least one log, got none")
@@ -83,6 +93,7 @@ def read_track_logs(
     names: list[str] = []
     frame = ""
     options = replace(options, **changes)
+    shared = SharedTransforms(one for one in (*sources, *beside) if not is_table(one))
     for one in sources:
         if is_table(one):
             from dirprim_filter.recording.tables.named_columns import read_table  # noqa: PLC0415 - logs do without Arrow
@@ -99,7 +110,7 @@ def read_track_logs(
         with opened(one) as log:
             own = options.of_log(log.start_ns)
             scan = _wanted(log, choose_topics(log, own), own)
-            observations = Observations(scan, own)
+            observations = Observations(scan, own, shared)
             rows = observations if progress is None else _reporting(observations, scan.end_ns, progress)
             read = rows_of_log(rows)
             repeated = repeated_rows(read.track_id, read.time_ns)
@@ -109,13 +120,14 @@ def read_track_logs(
             observations.losses.log(log.path)
         losses += observations.losses
         frame = observations.frame
-        options = _of_first(one, options, observations.origin)
+        options = _of_first(one, options, observations.origin, observations.target)
     tracks = rows_of_logs(parts, names).to_tracks(losses).on_plane(options.origin)
     return TrackResult(tracks=tracks, losses=losses, frame=tracks.origin.frame if tracks.origin else frame)
 
 
-def _of_first(one: LogSource, options: ReadOptions, origin: Origin | None) -> ReadOptions:
-    """The options for further logs: all are of the plane of the first, unless another was asked for."""
+def _of_first(one: LogSource, options: ReadOptions, origin: Origin | None, frame: str = "") -> ReadOptions:
+    """The options for further logs: all are of the frame and plane of the first, unless another was asked for."""
+    options = replace(options, frame=options.frame or frame or None)
     if options.origin is not None or options.meets:
         return options
     return replace(options, origin=origin, meets=str(one.path if isinstance(one, Log) else one))

@@ -173,9 +173,19 @@ def test_a_missing_transform_names_both_frames_and_the_time(tmp_path):
     [("lidar_top", None, True), ("lidar_top", "lidar_top", False), ("map", None, False), ("world", None, False)],
 )
 def test_positions_in_a_frame_that_may_be_a_sensors_are_reported(tmp_path, caplog, frame, asked, is_reported):
-    path = write_ros(tmp_path / "log.mcap", [(frame, [carla(k, 1)]) for k in range(N)])
+    path = write_ros2_log(
+        tmp_path / "log.mcap",
+        [("/objects", START_NS + k * STEP_NS, "derived_object_msgs/msg/ObjectArray",
+          {"header": header(START_NS + k * STEP_NS, frame), "objects": [carla(k, 1)]}) for k in range(N)],
+    )  # fmt: skip
     assert len(read_tracks(path, frame=asked)) == N
     assert (f"--set frame={frame} says that this is meant" in caplog.text) == is_reported
+    among = write_ros(tmp_path / "among.mcap", [(frame, [carla(k, 1)]) for k in range(N)])
+    if is_reported:  # the log has a map, but this sensor is not placed in it
+        with pytest.raises(MissingTransformError, match=r"'lidar_top' to frame 'map'.*'base_link' in 'odom'"):
+            read_tracks(among)
+    else:
+        assert len(read_tracks(among, frame=asked)) == N
 
 
 def test_objects_of_a_time_without_transforms_are_counted(tmp_path, caplog):

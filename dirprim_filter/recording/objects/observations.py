@@ -35,6 +35,7 @@ from dirprim_filter.recording.rows import Rows
 from dirprim_filter.recording.schemas.decoders import Decoders, batches, by_schema, joined
 from dirprim_filter.recording.transforms.frame_change import FrameChange
 from dirprim_filter.recording.transforms.geodesy import FARTHEST_M
+from dirprim_filter.recording.transforms.transform_tree import SharedTransforms
 from dirprim_filter.track_ids import repeated_rows, vehicle_numbers
 
 logger = logging.getLogger(__name__)
@@ -46,17 +47,22 @@ RUNS_ON_NS = 10_000_000_000
 class Observations:
     """Reads the objects of one log once through, and counts what it leaves out.
 
+    Args:
+        scan: the messages.
+        options: which of them, and how.
+        shared: the transforms of logs that are read beside it.
+
     Attributes:
         losses: what was damaged, left out or odd so far.
     """
 
-    def __init__(self, scan: Scan, options: ReadOptions) -> None:
+    def __init__(self, scan: Scan, options: ReadOptions, shared: SharedTransforms | None = None) -> None:
         self.losses = Losses()
         self._scan = scan
         self._options = options
         self._decoders = Decoders(options.mapping)
         self._frame = FrameChange(
-            scan.log, options.frame, options.origin, meets=options.meets, strict=options.strict
+            scan.log, options.frame, options.origin, meets=options.meets, strict=options.strict, shared=shared
         )  # fmt: skip
         self._axes = TwistAxes(scan.path)
         topics = {c.topic for c in scan.log.channels() if scan.is_wanted(c.topic) and self._decoders.reads(c)}
@@ -68,6 +74,11 @@ class Observations:
     def origin(self) -> Origin | None:
         """Of the plane on which satellite positions were put; None where none was needed or given."""
         return self._frame.origin
+
+    @property
+    def target(self) -> str:
+        """The frame that positions in metres were brought into; empty where none is named."""
+        return self._frame.target
 
     @property
     def frame(self) -> str:

@@ -16,6 +16,8 @@ from dirprim_filter.origin import Origin
 from dirprim_filter.recording.container.log import Log
 from dirprim_filter.recording.errors import MissingTransformError, RecordingError
 from dirprim_filter.recording.rows import Rows
+from dirprim_filter.recording.schemas.decoders import family_of
+from dirprim_filter.recording.schemas.families import TRANSFORMS
 from dirprim_filter.recording.schemas.family import GEODETIC
 from dirprim_filter.recording.transforms.geodesy import (
     FIXES,
@@ -25,15 +27,13 @@ from dirprim_filter.recording.transforms.geodesy import (
     needing_pyproj,
     on_plane,
 )
-from dirprim_filter.recording.transforms.transform_tree import Placement, TransformTree
+from dirprim_filter.recording.transforms.transform_tree import FIXED, Placement, SharedTransforms, TransformTree
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
 logger = logging.getLogger(__name__)
 
-FIXED = ("map", "world", "odom")
-"""Frames that stand still on the ground by name: without a transform they may be the map."""
 MOVING = ("base_link", "base_footprint")
 """Frames that go with a vehicle."""
 MAP = "map"
@@ -49,9 +49,12 @@ class FrameChange:
     """
 
     def __init__(
-        self, log: Log, target: str | None, origin: Origin | None = None, *, meets: str = "", strict: bool = False
-    ) -> None:
+        self, log: Log, target: str | None, origin: Origin | None = None, *, meets: str = "", strict: bool = False,
+        shared: SharedTransforms | None = None,
+    ) -> None:  # fmt: skip
         self.target = (target or "").lstrip("/")
+        self._shared = shared  # until they were lent
+        self._reported: set[str] = set()
         self.origin = origin
         self.tree: TransformTree | None = None
         self._meets, self._is_stated = meets, origin is not None and not meets
@@ -87,6 +90,7 @@ class FrameChange:
             is_geodetic = plane is not None or frame == GEODETIC
             self._check_kind(is_geodetic=is_geodetic)
             if frame in ("", self.target) and not is_geodetic:
+                self._report_unnamed(frame)
                 continue
             here = np.flatnonzero(rows.frame_id == name)
             if is_geodetic:
@@ -110,10 +114,28 @@ class FrameChange:
         """
         if self._first_lost is not None:
             frame, time_ns = self._first_lost
+            missing = self._missing(frame, self.target, time_ns)
             if self._placed == 0:
-                raise MissingTransformError(self._log.path, frame=frame, target=self.target, time_ns=time_ns)
-            where = (frame, self.target, time_ns)
-            logger.warning("%s: no transform from %r to %r at %d ns, and at other times", self._log.path, *where)
+                raise missing
+            what = (frame, self.target, time_ns, missing.why)
+            logger.warning("%s: no transform from %r to %r at %d ns or later: %s", self._log.path, *what)
+
+    def _missing(self, frame: str, target: str, time_ns: int) -> MissingTransformError:
+        tree = self.tree or TransformTree({})
+        why = tree.why_not(frame, target, time_ns)
+        return MissingTransformError(self._log.path, frame=frame, target=target, time_ns=time_ns, why=why)
+
+    def _report_unnamed(self, frame: str) -> None:
+        """Say once that positions of a frame without a name are read as they are, where the log has transforms."""
+        if frame or frame in self._reported or self.target:
+            return
+        self._reported.add(frame)
+        topics = [channel.topic for channel in self._log.channels() if family_of(channel) in TRANSFORMS]
+        if topics:
+            logger.warning(
+                "%s: the frame of objects has no name, so positions are read as they are, though %s has transforms: "
+                "are they a vehicle's? --set frame=map says that they are not", self._log.path, topics[0],
+            )  # fmt: skip
 
     def _check_kind(self, *, is_geodetic: bool) -> None:
         """All positions of a log, and of what it meets, are of the Earth, or none is; unless the origin is stated."""
@@ -145,19 +167,39 @@ class FrameChange:
         """A frame in the target; None where they are the same."""
         if self.tree is None:
             self.tree = TransformTree.of_log(self._log, strict=self._strict)
+            self._own = frozenset(self.tree.edges)
+        found = self.tree.placement(frame, self.target or self.tree.root_of(frame), time_ns)
+        is_whole = found is not None and found.known.all() and (self.target or self.tree.root_of(frame) in FIXED)
+        if not is_whole and self._shared is not None:
+            self.tree, self._shared = self.tree.lent(self._shared.beside(self._log)), None
+            return self._find(frame, time_ns)
         self.target = self.target or self._root(self.tree, frame, int(time_ns[0]))
         if frame == self.target:
             return None
-        found = self.tree.placement(frame, self.target, time_ns)
         if found is None:
-            raise MissingTransformError(self._log.path, frame=frame, target=self.target, time_ns=int(time_ns[0]))
+            raise self._missing(frame, self.target, int(time_ns[0]))
+        self._report(frame)
         return found
+
+    def _report(self, frame: str) -> None:
+        """Say once what is odd with the transforms of a frame."""
+        if self.tree is None or frame in self._reported:
+            return
+        self._reported.add(frame)
+        up, down = self.tree.between(frame, self.target) or ([], [])
+        for name in (*up, *down):
+            note = self.tree.edges[name].note
+            if name not in self._own:
+                note = f"is placed in {self.tree.edges[name].parent!r} by the other logs, as this one does not"
+            if note:
+                logger.warning("%s: frame %r %s", self._log.path, name, note)
 
     def _root(self, tree: TransformTree, frame: str, time_ns: int) -> str:
         """The frame that all objects are brought into: where those of `frame` have come as far as the log says."""
-        root = tree.root_of(frame)
-        if root in MOVING:
-            raise MissingTransformError(self._log.path, frame=root, target=MAP, time_ns=time_ns)
+        root, parents = tree.root_of(frame), {edge.parent for edge in tree.edges.values()}
+        fixed = next(filter(parents.__contains__, FIXED), "")
+        if root in MOVING or (fixed and root not in FIXED):
+            raise self._missing(root, fixed or MAP, time_ns)
         if root not in FIXED:
             logger.warning(
                 "%s: positions are read as they stand in frame %r, which the log places in no other; --set frame=%s "

@@ -11,15 +11,16 @@ Source: REP 105 (`earth` is geocentric, so no plane); tf2's `lookupTransform`.
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
-from dirprim_filter.recording.container.log import Log, Scan
+from dirprim_filter.recording.container.log import Log, LogSource, Scan, opened
 from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.decoding.field_columns import NO_TIME, FieldColumns, SchemaError, signed
 from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError
@@ -42,6 +43,16 @@ MAX_EXTRAPOLATION_NS = 100_000_000
 GEOCENTRIC = "earth"
 STATIC = "tf_static"
 """How topics of transforms end that hold from then on, at all times: of a frame the latest one, as in tf2."""
+FIXED = ("world", "map", "odom")
+"""Frames that stand still on the ground by name, those further up first: without a transform they may be the map."""
+JUMP_M, JUMP_SHARE = 0.5, 0.1
+"""Frames do not go so far back and forth between one transform and the next, and do so for so many of them."""
+OTHER_CLOCK_S = 3600.0
+"""No log is so long that its transforms are of the same clock."""
+SHOWN = 4
+"""Frames in one line."""
+SAME = 1e-6
+"""Metres, and parts of quaternions, by which transforms are alike."""
 
 
 ROW = np.dtype([
@@ -49,6 +60,10 @@ ROW = np.dtype([
     ("rotation", np.float64, 4), ("is_static", np.bool_),
 ])  # fmt: skip
 """A transform: the pose of the child's frame in its parent's, frames by number, the rotation a unit quaternion."""
+
+
+COLUMNS = ("time_ns", "translation", "rotation")
+"""Of these, what an edge holds."""
 
 
 class Placement(NamedTuple):
@@ -75,15 +90,40 @@ class Edge:
 
     Attributes:
         parent: name of the frame that it is in.
+        is_static: it holds at all times.
         time_ns: (n,) ascending, no time twice.
         translation: (n, 3) metres.
         rotation: (n, 4) unit quaternions.
+        note: what is odd with it.
     """
 
     parent: str
+    is_static: bool
     time_ns: IntArray
     translation: FloatArray
     rotation: FloatArray
+    note: str = ""
+
+    def is_like(self, other: Edge) -> bool:
+        """Whether the last transforms are the same."""
+        ours, theirs = (np.append(edge.translation[-1], edge.rotation[-1]) for edge in (self, other))
+        return self.parent == other.parent and bool((np.abs(ours - theirs) <= SAME).all())
+
+    def continued(self, other: Edge) -> Edge:
+        """With the transforms of another log, if these come all before or all after, as in splits of one recording."""
+        first, last = sorted((self, other), key=lambda edge: int(edge.time_ns[0]))
+        if self.is_static or other.is_static or self.parent != other.parent or first.time_ns[-1] >= last.time_ns[0]:
+            return self
+        time_ns, translation, rotation = (np.concatenate([getattr(e, of) for e in (first, last)]) for of in COLUMNS)
+        return replace(self, time_ns=time_ns, translation=translation, rotation=rotation)
+
+    def span(self, time_ns: int) -> str:
+        """The parent, and which times are known, beside one that is not."""
+        first, last = self.time_ns[[0, -1]].tolist()
+        away_s = max(first - time_ns, time_ns - last) * 1e-9
+        clocks = f", {away_s:.0f} s away: do the clocks differ, one simulated?" * (away_s > OTHER_CLOCK_S)
+        pause = f", with pauses of more than {MAX_GAP_NS * 1e-9:g} s" * (away_s <= 0)
+        return f"{self.parent!r} is known from {first} to {last} ns{clocks}{pause}"
 
     def at(self, time_ns: IntArray) -> Placement:
         """The frame in its parent at (n,) times; one whose transforms are all the same is there at any time."""
@@ -155,6 +195,21 @@ class TransformTree:
         losses.damage = scan.damage
         return cls(_edges(log.path, np.concatenate(parts), list(frames)), losses)
 
+    def lent(self, others: Iterable[TransformTree]) -> TransformTree:
+        """This, and what other logs know beside it: frames that this one does not place, and times around its own.
+
+        A frame that two of them place differently at all times is left out.
+        """
+        edges, unlike = dict(self.edges), set[str]()
+        for name, edge in ((name, edge) for tree in others for name, edge in tree.edges.items()):
+            if name not in edges:
+                edges[name] = edge
+            elif name in self.edges or not edge.is_static:
+                edges[name] = edges[name].continued(edge)
+            elif not edge.is_like(edges[name]):
+                unlike.add(name)
+        return TransformTree({name: edge for name, edge in edges.items() if name not in unlike}, self.losses)
+
     def chain(self, frame: str) -> list[str]:
         """The frame, its parent, and so on up to the root."""
         chain = [frame]
@@ -167,15 +222,31 @@ class TransformTree:
         chain = self.chain(frame)
         return chain[-2] if chain[-1] == GEOCENTRIC and len(chain) > 1 else chain[-1]
 
+    def between(self, frame: str, target: str) -> tuple[list[str], list[str]] | None:
+        """The frames from each of the two up to where they meet, that one left out; None where they do not."""
+        up, down = self.chain(frame), self.chain(target)
+        joint = next(filter(set(down).__contains__, up), None)
+        return None if joint is None else (up[: up.index(joint)], down[: down.index(joint)])
+
     def placement(self, frame: str, target: str, time_ns: IntArray) -> Placement | None:
         """`frame` in `target` at (n,) times; None where nothing joins the two."""
-        up, down = self.chain(frame), self.chain(target)
-        joint = next((name for name in up if name in down), None)
-        if joint is None:
+        if (frames := self.between(frame, target)) is None:
             return None
-        return (
-            self._climb(down[: down.index(joint)], time_ns).inverse().after(self._climb(up[: up.index(joint)], time_ns))
-        )
+        up, down = (self._climb(names, time_ns) for names in frames)
+        return down.inverse().after(up)
+
+    def why_not(self, frame: str, target: str, time_ns: int) -> str:
+        """Why `frame` cannot be placed in `target` at a time, by what there is."""
+        for names in (self.chain(frame), self.chain(target)):
+            if names[-1] in names[:-1]:
+                loop = names[names.index(names[-1]) + 1 :]
+                return f"{_listed(loop[:SHOWN])} are each other's parent"
+        if (frames := self.between(frame, target)) is None:
+            placed = [f"{name!r} in {edge.parent!r}" for name, edge in self.edges.items()]
+            more = f" and {len(placed) - SHOWN} more" if len(placed) > SHOWN else ""
+            return f"the log places {_listed(placed[:SHOWN])}{more}" if placed else "the log has no transforms"
+        lost = (name for name in chain(*frames) if not self.edges[name].at(np.array([time_ns])).known[0])
+        return ", ".join(f"that of {name!r} in {self.edges[name].span(time_ns)}" for name in lost)
 
     def _climb(self, frames: Iterable[str], time_ns: IntArray) -> Placement:
         from scipy.spatial.transform import Rotation  # noqa: PLC0415 - logs in one frame do without
@@ -187,13 +258,34 @@ class TransformTree:
         return placed
 
 
+def _listed(names: Sequence[str]) -> str:
+    return " and ".join(names)
+
+
+class SharedTransforms:
+    """The transforms of logs that are read together, each read once, when another log first needs it."""
+
+    def __init__(self, logs: Iterable[LogSource]) -> None:
+        self._logs = {Path(log.path if isinstance(log, Log) else log): log for log in logs}
+        self._trees: dict[Path, TransformTree] = {}
+
+    def beside(self, log: Log) -> Iterator[TransformTree]:
+        """Those of the other logs."""
+        for path, source in self._logs.items():
+            if path != log.path:
+                if path not in self._trees:
+                    with opened(source) as other:
+                        self._trees[path] = TransformTree.of_log(other)
+                yield self._trees[path]
+
+
 def _rows(columns: FieldColumns, messages: MessageColumns, frames: Numbers) -> AnyArray:
-    """Those of messages of one schema, as `ROW`; frames without the slash that names began with in ROS 1."""
+    """Those of messages of one schema, as `ROW`, frames as they are written."""
     message = columns.message_of(columns.fields["id"].table)
     rows, stamp_ns = np.empty(message.size, ROW), columns.times("time")
     rows["time_ns"] = np.where((stamp_ns != NO_TIME) & (stamp_ns != 0), stamp_ns, signed(messages.log_time_ns)[message])
     for end, label in (("parent", "frame"), ("child", "id")):
-        rows[end] = frames.of(np.strings.lstrip(columns.names(label), "/").tolist())
+        rows[end] = frames.of(columns.names(label).tolist())
     rows["translation"], rotation = columns.vectors(("x", "y", "z")), columns.vectors(QUATERNION)
     with np.errstate(all="ignore"):
         rows["rotation"] = rotation / np.linalg.norm(rotation, axis=1, keepdims=True)
@@ -207,21 +299,63 @@ def _are_valid(rows: AnyArray) -> BoolArray:
     return np.asarray(is_pose & (rows["child"] != rows["parent"]) & (np.abs(rows["time_ns"] // 2) < 1 << 61))
 
 
-def _edges(path: Path, rows: AnyArray, names: list[str]) -> dict[str, Edge]:
-    """The frames in the first parent that the log gives them: static ones as of the last, the others over time."""
-    edges: dict[str, Edge] = {}
+def _edges(path: Path, rows: AnyArray, written: list[str]) -> dict[str, Edge]:
+    """The frames in the first parent that the log gives them: static ones as of the last, the others over time.
+
+    The slash that names began with in ROS 1 is no part of them.
+    """
+    frames = Numbers()
+    number = frames.of([name.lstrip("/") for name in written])
+    names, edges = list(frames), dict[str, Edge]()
+    if len(names) < len(written):
+        twice = {name.lstrip("/") for name in written if name.startswith("/")} & set(written)
+        logger.warning("%s: frames with and without a leading slash are the same: %s", path, _listed(sorted(twice)))
+    rows["child"], rows["parent"] = number[rows["child"]], number[rows["parent"]]
     order = np.argsort(rows["child"], kind="stable")
     for here in np.split(order, np.flatnonzero(np.diff(rows["child"][order])) + 1) if order.size else ():
-        own = rows[here]
-        name, parent = names[own["child"][0]], own["parent"][0]
-        if own["is_static"].any():
-            own = own[np.flatnonzero(own["is_static"])[-1:]]
-            parent = own["parent"][0]
-        elif (own["parent"] != parent).any():
-            logger.warning("%s: frame %r has several parents; that in %r is taken", path, name, names[parent])
-            own = own[own["parent"] == parent]
-        own = own[np.argsort(own["time_ns"], kind="stable")]
-        own = own[np.append(np.diff(own["time_ns"]) > 0, True)]  # of one time the last
-        columns = {of: np.ascontiguousarray(own[of]) for of in ("time_ns", "translation", "rotation")}
-        edges[name] = Edge(parent=names[parent], **columns)
+        name = names[rows["child"][here[0]]]
+        edges[name] = _edge(rows[here], names)
+    for root in FIXED:
+        up = TransformTree(edges).chain(root)
+        if root in up[1:]:
+            loop = up[: up.index(root, 1)]
+            note = f"and {_listed(loop[:-1][:SHOWN])} are each other's parent: {root!r} is taken for the root"
+            edges[loop[-1]] = replace(edges[loop[-1]], note=note)
+            del edges[root]
     return edges
+
+
+def _edge(own: AnyArray, names: list[str]) -> Edge:
+    """One frame by all its transforms, and what was chosen of several."""
+    notes, is_static = [], own["is_static"]
+    if is_static.any() and not is_static.all():
+        moves = not _are_alike(own[~is_static])
+        if moves or not _are_alike(own):
+            which = "the latter count, as they move" if moves else "the static ones count, as the others stand too"
+            notes.append(f"has transforms that are static and others over time: {which}")
+        own = own[is_static != moves]
+    parents = [names[i] for i in dict.fromkeys(own["parent"].tolist())]
+    if own["is_static"][0]:
+        notes += ["has several static transforms: the last counts"] if not _are_alike(own) else []
+        own = own[-1:]
+    elif len(parents) > 1:
+        parent = next(filter(parents.__contains__, FIXED), parents[0])
+        notes.append(f"has several parents, {_listed(parents[:SHOWN])}: that in {parent!r} is taken")
+        own = own[own["parent"] == names.index(parent)]
+    own = own[np.argsort(own["time_ns"], kind="stable")]
+    step = np.diff(own["translation"], axis=0)
+    far = np.linalg.norm(step, axis=1) > JUMP_M
+    is_back = far[1:] & far[:-1] & ((step[1:] * step[:-1]).sum(axis=1) < 0)
+    if is_back.mean() > JUMP_SHARE if is_back.size else False:
+        notes.append("jumps back and forth: two nodes that disagree, or a clock that began again? All count")
+    own = own[np.append(np.diff(own["time_ns"]) > 0, True)]  # of one time the last
+    columns = {of: np.ascontiguousarray(own[of]) for of in COLUMNS}
+    first = own[0]
+    return Edge(parent=names[first["parent"]], is_static=bool(first["is_static"]), note="; it ".join(notes), **columns)
+
+
+def _are_alike(rows: AnyArray) -> bool:
+    """Whether transforms are the same, but for their times."""
+    return (rows["parent"] == rows["parent"][0]).all() and all(
+        (np.abs(rows[of] - rows[of][0]) <= SAME).all() for of in ("translation", "rotation")
+    )

@@ -1,0 +1,137 @@
+"""Frames of several logs, and transforms that contradict each other: joined, or reported in one line, never guessed."""
+
+import numpy as np
+import pytest
+from ros_messages import header, write_ros2_log
+from test_ros2_schemas import carla, point, quaternion
+from test_transforms import START_NS, STEP_NS, ros_transform
+
+from dirprim_filter.recording.errors import MissingTransformError
+from dirprim_filter.recording.reader import read_track_logs, read_tracks, stream_detections
+
+N = 20
+SPEED = 12.0
+
+
+def car(k, place, frame, stamp=None):
+    one = carla(0, 0) | {"header": header(0, "")}
+    one["pose"] = {"position": point(*place, 0), "orientation": quaternion(0, 0, 0)}
+    time_ns = START_NS + k * STEP_NS
+    array = {"header": header(time_ns if stamp is None else stamp, frame), "objects": [one]}
+    return "/objects", time_ns, "derived_object_msgs/msg/ObjectArray", array
+
+
+def placed(time_ns, parent, child, place, *, topic="/tf", stamp=None):
+    one = ros_transform(time_ns if stamp is None else stamp, parent, child, (*place, 0.0), 0)
+    return topic, time_ns, "tf2_msgs/msg/TFMessage", {"transforms": [one]}
+
+
+def moving(times=range(N), parent="map", child="base_link", off=(0.0, 0.0), **given):
+    """A vehicle's frame, that drives east."""
+    return [placed(START_NS + k * STEP_NS, parent, child, (off[0] + SPEED * 0.1 * k, off[1]), **given) for k in times]
+
+
+def parked(times=range(N), frame="base_link", ahead=0.0):
+    """A car that stands at (50, 3) of the map, in the axes of the vehicle, or of a sensor ahead in it."""
+    return [car(k, (50.0 - ahead - SPEED * 0.1 * k, 3.0), frame) for k in times]
+
+
+MOUNTED = placed(START_NS, "base_link", "lidar", (2.0, 0.0), topic="/tf_static")
+
+
+def log(path, *messages):
+    return write_ros2_log(path, sorted(messages, key=lambda message: message[1]))
+
+
+def stands(tracks, n=N):
+    np.testing.assert_allclose(tracks.position, np.broadcast_to([50.0, 3.0], (n, 2)), atol=1e-6)
+
+
+def splits(tmp_path, first=range(N // 2), second=range(N // 2, N), every=1):
+    return (
+        log(tmp_path / "bag_0.mcap", MOUNTED, *moving(first[::every]), *parked(first, "lidar", 2.0)),
+        log(tmp_path / "bag_1.mcap", *moving(second[every - 1 :: every]), *parked(second, "lidar", 2.0)),
+    )
+
+
+def test_splits_that_are_given_one_by_one_share_their_transforms(tmp_path, caplog):
+    bags = splits(tmp_path)
+    for order in (bags, bags[::-1]):
+        caplog.clear()
+        stands(read_tracks(order))
+        assert caplog.text.count("bag_1.mcap: frame 'lidar' is placed in 'base_link' by the other logs") == 1
+    stands(read_track_logs(bags[1], beside=bags).tracks, N // 2)
+    with pytest.raises(MissingTransformError, match=r"'lidar' to frame 'map'.*'base_link' in 'map'"):
+        read_tracks(bags[1])
+    with pytest.raises(MissingTransformError, match="'lidar' to frame 'map'"):
+        list(stream_detections(bags[1]))
+
+
+def test_transforms_around_the_boundary_of_splits_are_interpolated(tmp_path):
+    """At one transform in half a second; alone, the second split cannot place what comes before its first."""
+    bags = splits(tmp_path, every=5)
+    alone = read_track_logs(bags[0])
+    assert alone.losses.dropped.total() > 0
+    both = read_track_logs(bags)
+    assert both.losses.dropped.total() < alone.losses.dropped.total() + 1
+    stands(both.tracks, len(both.tracks))
+
+
+def test_logs_that_place_a_sensor_differently_lend_it_to_none(tmp_path):
+    bags = splits(tmp_path)
+    other = placed(START_NS, "base_link", "lidar", (2.5, 0.0), topic="/tf_static")
+    third = log(tmp_path / "van.mcap", other, *moving(), *parked(range(N), "lidar", 2.5))
+    with pytest.raises(MissingTransformError, match=r"bag_1\.mcap.*'lidar' to frame 'map'"):
+        read_tracks([bags[0], third, bags[1]])
+
+
+def test_logs_in_frames_that_nothing_joins_are_not_merged(tmp_path):
+    one = log(tmp_path / "one.mcap", *parked(frame="map"))
+    two = log(tmp_path / "two.mcap", *parked(frame="lidar"))
+    for order, frames in (((one, two), "'lidar' to frame 'map'"), ((two, one), "'map' to frame 'lidar'")):
+        with pytest.raises(MissingTransformError, match=frames):
+            read_tracks(order)
+    unnamed = log(tmp_path / "unnamed.mcap", *parked(frame=""))
+    assert read_tracks([one, unnamed]).n_tracks == 2
+
+
+@pytest.mark.parametrize(
+    ("more", "reported"),
+    [
+        ([placed(START_NS + k * STEP_NS, "base_link", "map", (-SPEED * 0.1 * k, 0.0)) for k in range(N)],
+         " are each other's parent: 'map' is taken for the root"),
+        ([placed(START_NS, "map", "base_link", (7.0, 7.0), topic="/tf_static")], "static and others over time"),
+        (moving(parent="odom", off=(9.0, 9.0)), "several parents, "),
+        ([placed(START_NS, "/map", "/far", (7.0, 7.0))], "with and without a leading slash"),
+    ],
+)  # fmt: skip
+def test_transforms_that_contradict_each_other_are_reported(tmp_path, caplog, more, reported):
+    """The frame that moves counts, in the one that is known to stand; what was chosen is said once."""
+    stands(read_tracks(log(tmp_path / "log.mcap", *more, *moving(), *parked())))
+    assert caplog.text.count(reported) == len(caplog.records) == 1
+
+
+def test_two_nodes_that_disagree_are_reported(tmp_path, caplog):
+    two = [placed(START_NS + k * STEP_NS + 7, "map", "base_link", (SPEED * 0.1 * k, 30.0)) for k in range(N)]
+    read_tracks(log(tmp_path / "log.mcap", *moving(), *two, *parked()))
+    assert caplog.text.count("jumps back and forth") == 1
+
+
+def test_a_missing_transform_says_what_there_is(tmp_path):
+    clocks = [placed(START_NS + k, "map", "base_link", (k, 0.0), stamp=400 * 10**9 + k * STEP_NS) for k in range(N)]
+    path = log(tmp_path / "clocks.mcap", *clocks, *parked())
+    with pytest.raises(MissingTransformError, match=r"known from 400000000000 to .* do the clocks differ"):
+        read_tracks(path)
+    loop = [placed(START_NS + k * STEP_NS, *of, (k, 0.0)) for k in range(N) for of in (("a", "b"), ("b", "a"))]
+    with pytest.raises(MissingTransformError, match=r"[ab] and [ab] are each other's parent"):
+        read_tracks(log(tmp_path / "loop.mcap", *loop, *moving(), *parked(frame="b")))
+
+
+def test_a_frame_without_a_name_is_reported_where_there_are_transforms(tmp_path, caplog):
+    path = log(tmp_path / "log.mcap", *moving(), *parked(frame=""))
+    read_tracks(path)
+    assert caplog.text.count("the frame of objects has no name") == 1
+    caplog.clear()
+    read_tracks(path, frame="map")
+    read_tracks(log(tmp_path / "none.mcap", *parked(frame="")))
+    assert not caplog.records
