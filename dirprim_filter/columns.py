@@ -108,8 +108,18 @@ class ArrayTable(ArrayValue):
         return some
 
     def on_plane(self, origin: Origin | None) -> Self:
-        """The same rows, as of the plane of this origin; not validated again."""
-        same = ArrayTable.__getitem__(self, slice(None))
+        """The same rows on the plane of an origin; without one of their own they are taken to be there.
+
+        Raises:
+            ValueError: they have another, too far away.
+            ImportError: they have another, and pyproj is not installed.
+        """
+        if origin is None:
+            return self
+        same, own = ArrayTable.__getitem__(self, slice(None)), self.origin
+        if own is not None and not own.is_of(origin):
+            place = origin.to_plane(own.to_globe(getattr(self, "position")))  # noqa: B009 (not all tables have one)
+            same._set({"position": as_floats(f"origin: from {own} to {origin}: position", place, "n 2")})
         same._set({"origin": origin})
         return same
 

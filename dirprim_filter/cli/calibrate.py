@@ -42,7 +42,8 @@ def calibrate(
     stream = reading.detections(log)
     seen = Detections.concatenate(stream)
     reading.require_frames(len(seen), log, stream.losses)
-    known = reading.only("time_source", "frame", "origin", "strict").tracks([truth])
+    of_truth = reading.only("time_source", "frame", "origin", "strict").on_plane_of(log, seen.origin)
+    known = of_truth.tracks([truth])
     with working(f"measuring {log.name}"):
         measured = measure(seen, known.tracks)
     save_sensor(measured.sensor, output, force=force)

@@ -91,7 +91,8 @@ def map_text(learned: PrimitiveMap) -> str:
     """How many cells, of what size, and their modes."""
     size_m = float(learned.tessellation.area.mean()) ** 0.5
     n_modes = float((learned.own_weight > 0).sum(axis=1).mean())
-    return f"{counted(learned.tessellation.n_cells, 'cell')} of {size_m:.3g} m, {n_modes:.1f} modes each"
+    origin = "" if learned.origin is None else f", origin {learned.origin}"
+    return f"{counted(learned.tessellation.n_cells, 'cell')} of {size_m:.3g} m, {n_modes:.1f} modes each{origin}"
 
 
 def _is_store(path: Path) -> bool:

@@ -45,10 +45,11 @@ def plot(
     box = None if extent is None else np.reshape(extent, (2, 2))
     if box is not None and not (np.isfinite(box).all() and (box[0] < box[1]).all()):
         raise typer.BadParameter(f"expected west south east north, metres, got {extent}", param_hint="--extent")
-    read, lost = None if log is None else read_track_logs(log), Losses()
+    learned, lost = load_map(map_file), Losses()
+    read = None if log is None else read_track_logs(log, origin=learned.origin, meets=str(map_file))
     drawn = map_figure(
-        load_map(map_file), tracks=read.tracks if read else None, extent=box,
-        estimates=None if estimates is None else read_estimates(estimates, losses=lost),
+        learned, tracks=read.tracks if read else None, extent=box,
+        estimates=None if estimates is None else read_estimates(estimates, losses=lost).on_plane(learned.origin),
     )  # fmt: skip
     save_figure(drawn, output, force=force)
     typer.echo(f"{output}")

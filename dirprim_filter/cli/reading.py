@@ -18,8 +18,10 @@ import typer
 
 from dirprim_filter.cli.options import End, Start, Strict, Topics, time_ns
 from dirprim_filter.cli.settings import READING, assignments, deal
+from dirprim_filter.cli.texts import say
 
 if TYPE_CHECKING:
+    from dirprim_filter.origin import Origin
     from dirprim_filter.recording.errors import RecordingError
     from dirprim_filter.recording.losses import Losses
     from dirprim_filter.recording.reader import DetectionStream, ReadOptions, TrackResult
@@ -50,11 +52,14 @@ ASKED = {"start": "--start ", "end": "--end ", "labels": "labels=", "group": "gr
 class Reading:
     """Which of a log's messages are read, and how: `OPTIONS` and the settings `READING`, where they are given.
 
+    What a log `meets` is a map, or another log, of whose plane it is to be.
+
     Raises:
         BadParameter: the group is no number.
     """
 
     given: Mapping[str, Any] = field(default_factory=dict)
+    meets: str = ""
 
     def __post_init__(self) -> None:
         group = self.given.get("group")
@@ -69,6 +74,22 @@ class Reading:
     def only(self, *names: str) -> Self:
         """The same with no more than these options."""
         return type(self)({name: value for name, value in self.given.items() if name in names})
+
+    def on_plane_of(self, other: Path, origin: Origin | None) -> Self:
+        """The same for logs that meet another log or a map, whose origin is printed and holds unless one is stated.
+
+        Raises:
+            ValueError: another origin is stated.
+        """
+        from dirprim_filter.origin import Origin
+
+        if (stated := self.given.get("origin")) is not None:
+            if origin is not None and not origin.is_of(Origin.parse(stated)):
+                raise ValueError(f"--set origin={stated}: expected {origin}, the origin of {other}; leave it out")
+            return self
+        if origin is not None:
+            say(f"{other}: origin {origin}, of the logs that it meets too", err=True)
+        return type(self)({**self.given, **({} if origin is None else {"origin": str(origin)})}, str(other))
 
     def tracks(self, logs: list[Path]) -> TrackResult:
         """The tracks of logs, and what was lost; reports implausible units. On a terminal, a bar for each log.
@@ -130,7 +151,7 @@ class Reading:
         start, end, fields, origin = (given.pop(name, None) for name in ("start", "end", "fields", "origin"))
         return ReadOptions(
             mapping=FieldMapping.parse(fields) if fields else None, origin=Origin.parse(origin) if origin else None,
-            start_ns=time_ns(start), end_ns=time_ns(end), **given | {"group": self.group},
+            start_ns=time_ns(start), end_ns=time_ns(end), meets=self.meets, **given | {"group": self.group},
         )  # fmt: skip
 
 

@@ -48,6 +48,7 @@ def smooth(
     """
     import numpy as np
 
+    from dirprim_filter.cli.coverage import Coverage
     from dirprim_filter.cli.progress import working
     from dirprim_filter.cli.results import provenance
     from dirprim_filter.detections import NO_ID, Detections
@@ -59,11 +60,13 @@ def smooth(
 
     primitive_map = load_map(map_file)
     config, tracking = read_filter(None, settings, n_particles=particles, noise_m=noise)
+    reading = reading.on_plane_of(map_file, primitive_map.origin)
     stream = reading.detections(estimates)
     rows = Detections.concatenate(list(stream))
     reading.require_frames(len(rows), estimates, stream.losses)
     if (rows.track_id == NO_ID).any():
         raise RecordingError(f"{estimates}: expected tracks with ids, got detections; `dirprim track` makes tracks")
+    Coverage(primitive_map, map_file, estimates).check(rows.position)
     said = provenance(
         "smooth", inputs=[estimates, map_file], config=config, seed=seed,
         tracking=json.dumps(asdict(tracking), sort_keys=True), **reading.said(),

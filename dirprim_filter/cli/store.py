@@ -61,9 +61,10 @@ def add(
     for line in failures(added):
         typer.echo(f"error: {line}", err=True)
     done = [receipt for receipt in added.receipts if not receipt.error]
+    origin = f"; origin {added.store.origin}" if added.store and added.store.origin else ""
     typer.echo(
         f"{shown(folder)}: added {counted(len(done), 'log')}, {counted(sum(r.n_rows for r in done), 'row')}; "
-        f"{added.known} known, {len(added.receipts) - len(done)} failed"
+        f"{added.known} known, {len(added.receipts) - len(done)} failed{origin}"
     )
     if len(done) < len(added.receipts):
         return exit_codes.FAILED

@@ -34,17 +34,15 @@ from dirprim_filter.cli.settings import Settings, taken
 from dirprim_filter.cli.texts import counted, say
 
 if TYPE_CHECKING:
+    from dirprim_filter.cli.coverage import Coverage
     from dirprim_filter.config import FilterConfig, TrackingConfig
-    from dirprim_filter.estimates import EstimateSink, TrackedFrame
+    from dirprim_filter.estimates import EstimateSink
     from dirprim_filter.filtering import GroupTracker
-    from dirprim_filter.primitives.primitive_map import PrimitiveMap
     from dirprim_filter.recording.writer import EstimateWriter
     from dirprim_filter.sensor import Sensor
     from dirprim_filter.viewer.sink import RerunSink
 
 SLOWEST_HZ, FASTEST_HZ = 1e-3, 1e3
-MOST_LOST = 0.5
-"""Share of the rows with an estimate below which a log counts as lost."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,6 +117,7 @@ def track(
     """
     import numpy as np
 
+    from dirprim_filter.cli.coverage import Coverage
     from dirprim_filter.cli.progress import with_progress
     from dirprim_filter.cli.results import provenance
     from dirprim_filter.cli.view import exit_code, open_viewer
@@ -137,15 +136,15 @@ def track(
     own, primitive_map = taken(Own, settings), load_map(map_file)
     by_map = primitive_map.without_places() if own.without_map else primitive_map
     filtering, association = read_filter(config, settings, n_particles=particles, noise_m=noise)
-    is_live = lag is not None and (str(log) == "-" or log.is_fifo())
+    reading, is_live = reading.on_plane_of(map_file, primitive_map.origin), is_pipe(log) and lag is not None
     stream = reading.detections(log, motion=own.motion, live=is_live)
+    coverage, lost = Coverage(primitive_map, map_file, log, is_needed=not own.without_map), Losses()
     sensing, frames = sensor_of(
-        sensor, stream, log=log, is_stated=noise is not None or config is not None, is_live=is_live,
-        with_ids=not no_ids, seed=seed,
+        sensor, coverage.begun(stream, reading), log=log, is_stated=noise is not None or config is not None,
+        is_live=is_live, with_ids=not no_ids, seed=seed,
     )  # fmt: skip
     sensing, filtering, association = _configured(sensing, settings, filtering, association)
-    watched, coverage, lost = bool(save or spawn or connect), Coverage(primitive_map), Losses()
-    smoother = Smoother(lag_s=lag) if smooth or lag is not None else None
+    watched, smoother = bool(save or spawn or connect), Smoother(lag_s=lag) if smooth or lag is not None else None
     said = provenance(
         "track", inputs=[map_file] if is_live else [log, map_file], config=filtering, seed=seed,
         without_map=own.without_map, no_ids=no_ids, motion=own.motion, smooth=smooth, lag_s=lag,
@@ -185,37 +184,19 @@ def track(
         if forecast > 0:
             drawn, rng = [shown.write_forecast for shown in outputs], np.random.default_rng([seed, 1])
             sinks.append(Forecaster(by_map, drawn, horizon_s=forecast, config=filtering, rng=rng))
-        seen = (frame.without_ids() for frame in frames) if no_ids else frames
-        shown_frames = with_progress(seen, what=f"tracking {log.name}", end_ns=stream.end_ns)
-        n_frames = replay(shown_frames, trackers, sinks, rate_hz=own.rate_hz or None)
+        seen = with_progress(
+            (frame.without_ids() for frame in frames) if no_ids else frames, what=f"tracking {log.name}",
+            end_ns=stream.end_ns,
+        )  # fmt: skip
+        n_frames = replay(seen, trackers, sinks, rate_hz=own.rate_hz or None)
         reading.require_frames(n_frames, log, stream.losses)
     _say(trackers, f"{output}: {counted(n_frames, 'frame')} of {', '.join(sorted(stream.topics))}", coverage)
     return exit_code(viewer, exit_codes.INPUT_LOST if coverage.is_poor else exit_codes.of_losses(stream.losses, lost))
 
 
-class Coverage:
-    """An `EstimateSink` that counts which of a log's rows are outside of the map, and which have no estimate."""
-
-    def __init__(self, primitive_map: PrimitiveMap) -> None:
-        self._cells = primitive_map.tessellation
-        self._n_rows = self._n_outside = self._n_estimated = 0
-
-    def write(self, frame: TrackedFrame) -> None:
-        """Count the rows of a frame."""
-        self._n_rows += len(frame.detections)
-        self._n_outside += int((self._cells.cell_of(frame.detections.position) < 0).sum())
-        self._n_estimated += int((frame.estimates.unseen_s == 0).sum())
-
-    def text(self) -> str:
-        """Both shares."""
-        outside, missing = self._n_outside / max(self._n_rows, 1), 1.0 - self._n_estimated / max(self._n_rows, 1)
-        shares = f"; {missing:.1%} of {counted(self._n_rows, 'row')} without an estimate, {outside:.1%} outside the map"
-        return shares if self._n_rows else ""
-
-    @property
-    def is_poor(self) -> bool:
-        """Whether most rows have no estimate: the log has hardly been tracked."""
-        return self._n_estimated < MOST_LOST * self._n_rows
+def is_pipe(log: Path) -> bool:
+    """Whether it can be read once, and may be written while it is."""
+    return str(log) == "-" or log.is_fifo()
 
 
 def _configured(
@@ -234,6 +215,7 @@ def _configured(
 
 
 def _say(trackers: GroupTracker, what: str, coverage: Coverage) -> None:
+    coverage.check()
     if trackers.recoveries:
         say(f"{trackers.recoveries} beliefs reinitialised, as they did not explain their measurements", err=True)
     groups = f", {counted(trackers.n_groups, 'group')}, each by itself" if trackers.n_groups > 1 else ""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -11,7 +12,7 @@ from typing import NamedTuple
 from dirprim_filter.recording.container.source import copied_once
 from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.losses import ALONE
-from dirprim_filter.recording.reader import TrackResult, read_track_logs
+from dirprim_filter.recording.reader import ReadOptions, TrackResult, read_track_logs
 from dirprim_filter.store.config import StoreConfig
 from dirprim_filter.store.delta import address_of
 from dirprim_filter.store.files import Contents, File
@@ -133,16 +134,18 @@ def _receipts(
     path: str | Path, store: Store | None, config: StoreConfig, logs: list[LogFile], workers: Workers
 ) -> Iterator[Receipt]:
     """Of all logs, as they are done; those of this process come until one could be read, and says the frame."""
-    work, rest = partial(_written, path=address_of(path), config=config), list(logs)
+    there, rest = store or Store(address_of(path), config, ""), list(logs)
     while rest and store is None:
-        receipt = work(rest.pop(0))
+        receipt = _written(rest.pop(0), store=there, reading=config.reading)
         yield receipt
         if receipt.files:
+            there = replace(there, frame=receipt.frame)
             break
+    work = partial(_written, store=there, reading=there.reading)
     yield from workers.each(work, rest, [f"add-{log.url}-{log.version}-{time.time_ns()}" for log in rest])
 
 
-def _written(log: LogFile, *, path: str, config: StoreConfig) -> Receipt:
+def _written(log: LogFile, *, store: Store, reading: ReadOptions) -> Receipt:
     """The files of a log; what is wrong with it, the receipt says, and stops no other.
 
     Raises:
@@ -150,18 +153,18 @@ def _written(log: LogFile, *, path: str, config: StoreConfig) -> Receipt:
     """
     try:
         with copied_once():
-            read = _read(log, config)
+            read = _read(log, reading)
         rows = Rows.of(read.tracks)
     except (RecordingError, OSError, ValueError) as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         return Receipt(log, [], "", reason if log.url in reason else f"{log.url}: {reason}")
     status = "damaged" if read.losses.damage or set(read.losses.dropped) - {ALONE} else "whole"
-    files = Store(path, config, read.frame).write(rows, log=log.url, mark=log.version, status=status)
+    files = store.write(rows, log=log.url, mark=log.version, status=status)
     return Receipt(log, files, read.frame, "")
 
 
-def _read(log: LogFile, config: StoreConfig) -> TrackResult:
-    read = read_track_logs(log.url, config.reading)
+def _read(log: LogFile, reading: ReadOptions) -> TrackResult:
+    read = read_track_logs(log.url, reading)
     if not len(read.tracks):
         raise RecordingError(f"{log.url}: expected moving objects, got none; left out: {read.losses}")
     return read

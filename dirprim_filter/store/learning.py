@@ -9,7 +9,7 @@ import hashlib
 import json
 from collections import defaultdict
 from collections.abc import Callable, Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -168,8 +168,8 @@ def _learned(store: Store, contents: Contents, recipe: Recipe, workers: Workers,
     digest = hashlib.sha256(json.dumps([[entry.recording, *sorted(f.digest for f in entry.files)] for entry in entries])
                             .encode()).hexdigest()  # fmt: skip
     return Learned(
-        joined(maps), len(blocks), sum(each.fitted for each in done), len(contents.entries), sum(n_rows.values()),
-        digest,
+        replace(joined(maps), origin=store.origin), len(blocks), sum(each.fitted for each in done),
+        len(contents.entries), sum(n_rows.values()), digest,
         sorted({*contents.damaged, *(line for each in done for line in each.damaged)}),
     )  # fmt: skip
 

@@ -58,7 +58,7 @@ class Rows:
         if (np.abs(kept.position) > FARTHEST_M).any() or (kept.speed > FASTEST).any():
             raise ValueError(
                 f"position, speed: expected at most {FARTHEST_M:g} m from the origin and {FASTEST:g} m/s; choose "
-                "another --origin or --frame"
+                "another --set origin=... or frame=..."
             )
         group_of = np.empty(tracks.n_tracks, np.int64)
         group_of[tracks.vehicle] = np.unique(tracks.group, return_inverse=True)[1]

@@ -12,7 +12,7 @@ import hashlib
 import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
@@ -20,7 +20,9 @@ from uuid import uuid4
 
 import numpy as np
 
+from dirprim_filter.origin import Origin
 from dirprim_filter.recording.errors import RecordingError
+from dirprim_filter.recording.reader import ReadOptions
 from dirprim_filter.store.blocks import Block, blocks_near
 from dirprim_filter.store.config import StoreConfig
 from dirprim_filter.store.delta import address_of, asked, shown
@@ -111,6 +113,16 @@ class Store:
     def __str__(self) -> str:
         return shown(self.path)
 
+    @property
+    def reading(self) -> ReadOptions:
+        """How its logs are read, on the plane of its positions, if it has an origin."""
+        return replace(self.config.reading, origin=self.origin, meets="" if self.config.origin else str(self))
+
+    @property
+    def origin(self) -> Origin | None:
+        """Of the plane that positions are on."""
+        return Origin.of_frame(self.frame)
+
     def check_config(self, config: StoreConfig) -> None:
         """Whether logs read so can be added.
 
@@ -119,7 +131,8 @@ class Store:
         """
         for field in fields(StoreConfig):
             ours, theirs = getattr(self.config, field.name), getattr(config, field.name)
-            if ours != theirs:
+            same = field.name == "origin" and theirs and Origin.parse(theirs).is_of(self.origin)
+            if ours != theirs and not same:
                 raise ValueError(f"{self}: expected {field.name} {ours}, as its logs are read, got {theirs}")
 
     def check_frame(self, log: str, frame: str) -> None:
@@ -128,10 +141,11 @@ class Store:
         Raises:
             ValueError: they are not.
         """
-        if frame != self.frame:
+        other = Origin.of_frame(frame)
+        if frame != self.frame and not (other and other.is_of(self.origin)):
             raise ValueError(
                 f"{log}: expected positions in frame {self.frame!r} as in the rest of the store, got {frame!r}; use "
-                "another store, or another --frame or --origin for this one from its first log on"
+                "another store, or another --set frame=... or origin=... for this one from its first log on"
             )
 
     def contents(self) -> Contents:

@@ -17,11 +17,6 @@ from dirprim_filter.cli.texts import counted, figure_lines, number
 if TYPE_CHECKING:
     from dirprim_filter.evaluation.tracking import TrackingTable
     from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
-    from dirprim_filter.primitives.primitive_map import PrimitiveMap
-    from dirprim_filter.tracks import Tracks
-
-MOST_OUTSIDE = 0.9
-"""Share of a log's rows outside of a map's cells, beyond which it is a map of another place."""
 
 
 @reads_logs("those of an experiment", "fields of FilterConfig and TrackingConfig")
@@ -51,15 +46,20 @@ def tracking(
 
     Example: dirprim evaluate tracking recordings/roundabout_learn.mcap --gap 3 --seeds 2
     """
+    from dirprim_filter.cli.coverage import Coverage
     from dirprim_filter.cli.progress import step_progress
     from dirprim_filter.evaluation.tracking import evaluate_tracking
+    from dirprim_filter.recording import load_map
 
     made = _experiment(config, settings, {
         "gap_s": gap, "with_ids": with_ids, "methods": method or None, "n_seeds": seeds, "seed": seed,
     })  # fmt: skip
+    inputs, primitive_map = [*logs, *([map_file] if map_file else [])], load_map(map_file) if map_file else None
+    if map_file is not None and primitive_map is not None:
+        reading = reading.on_plane_of(map_file, primitive_map.origin)
     log = reading.tracks(logs)
-    inputs = [*logs, *([map_file] if map_file else [])]
-    primitive_map = _map_of(map_file, log.tracks) if map_file else None
+    if map_file is not None and primitive_map is not None:
+        Coverage(primitive_map, map_file, logs[0]).check(log.tracks.position)
     with step_progress("evaluating", "steps") as step:
         table = evaluate_tracking(log.tracks, made, primitive_map=primitive_map, progress=step)
     return report(
@@ -81,21 +81,6 @@ def _experiment(config: Path | None, settings: Settings, options: dict[str, Any]
         if own:
             configured[name] = (configured.get(name) or {}) | own
     return from_table(TrackingExperiment, configured)
-
-
-def _map_of(path: Path, tracks: Tracks) -> PrimitiveMap:
-    """The map of a file.
-
-    Raises:
-        ValueError: hardly a row is in its cells: it is of another place.
-    """
-    from dirprim_filter.recording import load_map
-
-    loaded = load_map(path)
-    outside = float((loaded.tessellation.cell_of(tracks.position) < 0).mean())
-    if outside > MOST_OUTSIDE:
-        raise ValueError(f"{path}: expected a map of the log's place, got one with {outside:.1%} of the rows outside")
-    return loaded
 
 
 def tracking_text(table: TrackingTable) -> str:

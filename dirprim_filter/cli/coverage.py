@@ -1,0 +1,110 @@
+"""How much of a log is on a map: a log that is mostly outside needs another map, frame or origin."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable
+from itertools import chain, islice
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dirprim_filter.cli.texts import counted
+
+if TYPE_CHECKING:
+    from dirprim_filter.arrays import FloatArray
+    from dirprim_filter.cli.reading import Reading
+    from dirprim_filter.detections import Detections
+    from dirprim_filter.estimates import TrackedFrame
+    from dirprim_filter.primitives.primitive_map import PrimitiveMap
+
+logger = logging.getLogger(__name__)
+
+MOST_OUTSIDE = 0.5
+"""Share of a log's rows outside of the cells, above which a line asks for the right map."""
+MOST_LOST = 0.5
+"""Share of the rows with an estimate below which a log counts as lost."""
+NONE = np.empty((0, 2))
+
+
+class Coverage:
+    """An `EstimateSink` that counts which of a log's rows are outside of a map, and which have no estimate."""
+
+    def __init__(self, primitive_map: PrimitiveMap, map_file: Path, log: Path, *, is_needed: bool = True) -> None:
+        self._map, self._map_file, self._log, self._is_needed = primitive_map, map_file, log, is_needed
+        self._n_rows = self._n_outside = self._n_estimated = 0
+        self._box = np.full((2, 2), np.inf)  # least x and y of the rows, and of the same negated
+
+    def write(self, frame: TrackedFrame) -> None:
+        """Count the rows of a frame."""
+        self.see(frame.detections.position)
+        self._n_estimated += int((frame.estimates.unseen_s == 0).sum())
+
+    def see(self, position: FloatArray) -> None:
+        """Count rows (n, 2)."""
+        self._n_rows += len(position)
+        self._n_outside += int((self._map.tessellation.cell_of(position) < 0).sum())
+        self._box = np.minimum(self._box, _box(position))
+
+    def begun(self, frames: Iterable[Detections], reading: Reading) -> Iterable[Detections]:
+        """The same frames; if the first is outside of the map, a file is read once more, until one is not.
+
+        Raises:
+            ValueError: all are outside.
+        """
+        coming = iter(frames)
+        if not (self._is_needed and (self._log.is_file() or self._log.is_dir())):
+            return coming
+        first = list(islice(coming, 1))
+        if all(self._is_outside(frame) for frame in first):
+            probe = Coverage(self._map, self._map_file, self._log)
+            for frame in reading.detections(self._log):
+                probe.see(frame.position)
+                if not self._is_outside(frame):
+                    return chain(first, coming)
+            probe.check()
+        return chain(first, coming)
+
+    def _is_outside(self, frame: Detections) -> bool:
+        return bool((self._map.tessellation.cell_of(frame.position) < 0).all())
+
+    def check(self, position: FloatArray = NONE) -> None:
+        """Warn where most rows are outside; of these (n, 2) too.
+
+        Raises:
+            ValueError: all are.
+        """
+        self.see(position)
+        share = self._n_outside / max(self._n_rows, 1)
+        where = (
+            f"{share:.1%} of the rows outside: those of {self._log} lie in {_text(self._box)}, the map in "
+            f"{_text(_box(self._map.tessellation.centers))}"
+        )
+        if share == 1 and self._is_needed:
+            raise ValueError(
+                f"{self._map_file}: expected a map of the log's place, got one with {where}; take another map, or say "
+                "--set frame=... or origin=..."
+            )
+        if share > MOST_OUTSIDE and self._is_needed:
+            logger.warning("%s: %s: is it the map of this place, in the same frame and origin?", self._map_file, where)
+
+    def text(self) -> str:
+        """Both shares."""
+        outside, missing = self._n_outside / max(self._n_rows, 1), 1.0 - self._n_estimated / max(self._n_rows, 1)
+        shares = f"; {missing:.1%} of {counted(self._n_rows, 'row')} without an estimate, {outside:.1%} outside the map"
+        return shares if self._n_rows else ""
+
+    @property
+    def is_poor(self) -> bool:
+        """Whether most rows have no estimate: the log has hardly been tracked."""
+        return self._n_estimated < MOST_LOST * self._n_rows
+
+
+def _box(position: FloatArray) -> FloatArray:
+    return np.array([position.min(axis=0, initial=np.inf), (-position).min(axis=0, initial=np.inf)])
+
+
+def _text(box: FloatArray) -> str:
+    (west, south), (east, north) = box[0], -box[1]
+    return f"x {west:.0f} to {east:.0f}, y {south:.0f} to {north:.0f} m"
