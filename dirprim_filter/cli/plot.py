@@ -9,6 +9,7 @@ import typer
 
 from dirprim_filter.cli import exit_codes
 from dirprim_filter.cli.options import FIGURE, WRITTEN, Force, named_file
+from dirprim_filter.cli.reading import Reading
 
 
 def plot(
@@ -39,17 +40,20 @@ def plot(
 
     from dirprim_filter.recording import load_map, read_estimates
     from dirprim_filter.recording.losses import Losses
-    from dirprim_filter.recording.reader import read_track_logs
+    from dirprim_filter.recording.reader import origin_of_estimates, read_track_logs
     from dirprim_filter.viewer.figures import map_figure, save_figure
 
     box = None if extent is None else np.reshape(extent, (2, 2))
     if box is not None and not (np.isfinite(box).all() and (box[0] < box[1]).all()):
         raise typer.BadParameter(f"expected west south east north, metres, got {extent}", param_hint="--extent")
     learned, lost = load_map(map_file), Losses()
-    read = None if log is None else read_track_logs(log, origin=learned.origin, meets=str(map_file))
+    plane = Reading().on_plane_of(map_file, learned.origin)
+    read = None if log is None else read_track_logs(log, plane.options())
+    if estimates is not None:
+        plane.on_plane_of(estimates, origin_of_estimates(estimates))
     drawn = map_figure(
         learned, tracks=read.tracks if read else None, extent=box,
-        estimates=None if estimates is None else read_estimates(estimates, losses=lost).on_plane(learned.origin),
+        estimates=None if estimates is None else read_estimates(estimates, losses=lost),
     )  # fmt: skip
     save_figure(drawn, output, force=force)
     typer.echo(f"{output}")

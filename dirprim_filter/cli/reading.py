@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import inspect
 import logging
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeVar, get_type_hints
@@ -58,7 +58,7 @@ class Reading:
         BadParameter: the group is no number.
     """
 
-    given: Mapping[str, Any] = field(default_factory=dict)
+    given: dict[str, Any] = field(default_factory=dict)
     meets: str = ""
 
     def __post_init__(self) -> None:
@@ -73,23 +73,26 @@ class Reading:
 
     def only(self, *names: str) -> Self:
         """The same with no more than these options."""
-        return type(self)({name: value for name, value in self.given.items() if name in names})
+        return replace(self, given={name: value for name, value in self.given.items() if name in names})
 
     def on_plane_of(self, other: Path, origin: Origin | None) -> Self:
-        """The same for logs that meet another log or a map, whose origin is printed and holds unless one is stated.
+        """The same for logs that meet another log or a map, whose origin is printed and holds.
 
         Raises:
-            ValueError: another origin is stated.
+            ValueError: another origin is stated, or is that of what they meet already.
         """
         from dirprim_filter.origin import Origin
 
-        if (stated := self.given.get("origin")) is not None:
-            if origin is not None and not origin.is_of(Origin.parse(stated)):
-                raise ValueError(f"--set origin={stated}: expected {origin}, the origin of {other}; leave it out")
-            return self
-        if origin is not None:
-            say(f"{other}: origin {origin}, of the logs that it meets too", err=True)
-        return type(self)({**self.given, **({} if origin is None else {"origin": str(origin)})}, str(other))
+        stated = self.given.get("origin")
+        if stated is None and not self.meets:
+            if origin is not None:
+                say(f"{other}: origin {origin}, of the logs that it meets too", err=True)
+            return replace(self, given=self.given | ({"origin": str(origin)} if origin else {}), meets=str(other))
+        expected = Origin.parse(stated) if stated else None
+        if not (origin.is_of(expected) if origin else expected is None or not self.meets):
+            whose = f"as of {self.meets}" if self.meets else "as --set origin=... states"
+            raise ValueError(f"{other}: expected origin {expected}, {whose}, got {origin}")
+        return self
 
     def tracks(self, logs: list[Path]) -> TrackResult:
         """The tracks of logs, and what was lost; reports implausible units. On a terminal, a bar for each log.

@@ -70,13 +70,13 @@ def score(
     if len(named) < len(estimates):
         raise typer.BadParameter("expected each file once", param_hint="ESTIMATES")
     log = reading.tracks([truth])
-    one_of_many = reading.group is not None
+    one_of_many, meets = reading.group is not None, "" if "origin" in reading.given else str(truth)
     own = taken(Own, settings)
     deal(settings)
     with step_progress("scoring", "files") as progress:
         rows = {
             name + SMOOTHED * is_smoothed: read_tracked_rows(
-                path, truth=log.tracks, one_of_many=one_of_many, smoothed=is_smoothed, losses=log.losses
+                path, truth=log.tracks, one_of_many=one_of_many, smoothed=is_smoothed, losses=log.losses, meets=meets
             )
             for name, path in named.items()
             for is_smoothed in (False, True)[: 1 + (smoothed and path.suffix.lower() not in FORMATS)]

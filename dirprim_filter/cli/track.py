@@ -172,7 +172,7 @@ def track(
             viewer = files.enter_context(open_viewer(
                 map_file.stem, lost, save=save, spawn=spawn, connect=connect, force=force,
                 n_particles=own.particles_out, focus=own.focus or None, truth=Path(own.truth) if own.truth else None,
-                group=reading.group if own.truth == str(log) else None,
+                group=reading.group if own.truth == str(log) else None, plane=reading,
             ))  # fmt: skip
             viewer.log_map(primitive_map)
             viewer.log_run(said)

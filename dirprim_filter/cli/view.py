@@ -72,7 +72,7 @@ def view(
         force=force, focus=focus,
     ) as viewer:  # fmt: skip
         if playback is None:
-            losses += _together(kinds, viewer, truth=truth, group=reading.group)
+            losses += _together(kinds, viewer, truth=truth, reading=reading)
         else:
             n_frames = 0
             for frame in frames:
@@ -84,9 +84,12 @@ def view(
 
 
 def open_viewer(
-    place: str, lost: Losses, *, truth: Path | None = None, group: int | None = None, **options: Any
-) -> RerunSink:
+    place: str, lost: Losses, *, truth: Path | None = None, group: int | None = None, plane: Reading | None = None,
+    **options: Any,
+) -> RerunSink:  # fmt: skip
     """A stream as of `open_stream`, with the true tracks of a log or group; `lost` gets what of these is.
+
+    The tracks are on the plane that `plane` reads logs onto.
 
     What is shown of one `place` shares the layout of a viewer that stays open.
     """
@@ -94,7 +97,8 @@ def open_viewer(
     from dirprim_filter.track_ids import qualified_names
     from dirprim_filter.viewer.sink import open_stream
 
-    true = None if truth is None else read_track_logs(truth, group=group)
+    of_plane = (plane or Reading()).only("origin").options()
+    true = None if truth is None else read_track_logs(truth, of_plane, group=group)
     viewer = open_stream(f"dirprim {place}", **options)
     if true is not None:
         lost += true.losses
@@ -143,24 +147,29 @@ def _played(files: Sequence[Path], rate: float, reading: Reading) -> tuple[Playb
     return playback, with_progress(frames, what=f"playing {files[0].name}", end_ns=playback.end_ns)
 
 
-def _together(kinds: dict[str, list[Path]], viewer: RerunSink, *, truth: Path | None, group: int | None) -> Losses:
+def _together(kinds: dict[str, list[Path]], viewer: RerunSink, *, truth: Path | None, reading: Reading) -> Losses:
     """Maps, logs and at most one run in one view; what of them was lost."""
     from dirprim_filter.detections import Detections
     from dirprim_filter.recording import load_map, topic_names
     from dirprim_filter.recording.container.log import Log, Scan
     from dirprim_filter.recording.losses import Losses
     from dirprim_filter.recording.playback import Playback
-    from dirprim_filter.recording.reader import has_estimates, read_track_logs, stream_detections
+    from dirprim_filter.recording.reader import has_estimates, origin_of_estimates, read_track_logs, stream_detections
 
     lost, frames = Losses(), list[Detections]()
     for path in kinds[MAP]:
-        viewer.log_map(load_map(path))
+        shown_map = load_map(path)
+        reading = reading.on_plane_of(path, shown_map.origin)
+        viewer.log_map(shown_map)
+    for path in kinds[RUN]:
+        reading = reading.on_plane_of(path, origin_of_estimates(path))
+    options = reading.only("origin", "group").options()
     for path in [truth] if truth else kinds[LOG][:1]:
-        true = read_track_logs(path, group=group)
+        true = read_track_logs(path, options)
         viewer.log_truth(true.tracks)
         lost += true.losses
     for path in kinds[LOG]:
-        stream = stream_detections(path, group=group)
+        stream = stream_detections(path, options)
         frames += stream
         lost += stream.losses
     detections = Detections.concatenate(frames)

@@ -19,6 +19,7 @@ import pyarrow.parquet
 from dirprim_filter.arrays import AnyArray, IntArray
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
+from dirprim_filter.origin import Origin
 from dirprim_filter.partial_file import PartialFile
 from dirprim_filter.recording.decoding.field_columns import NO_TIME
 from dirprim_filter.recording.errors import RecordingError
@@ -27,8 +28,8 @@ from dirprim_filter.recording.reader import read_estimates
 from dirprim_filter.recording.schemas.family import matrices
 from dirprim_filter.recording.tables.columns import FORMULA, FORMULA_GUARD, Columns, is_number
 from dirprim_filter.recording.tables.files import columns_of
-from dirprim_filter.recording.tables.named_columns import COVARIANCE, check_header
-from dirprim_filter.recording.transforms.geodesy import needing_pyproj
+from dirprim_filter.recording.tables.named_columns import COVARIANCE, check_header, positions
+from dirprim_filter.recording.transforms.geodesy import check_kind, needing_pyproj
 from dirprim_filter.track_ids import as_texts
 from dirprim_filter.tracks import Tracks
 
@@ -95,13 +96,14 @@ OPTIONAL = {"course_rad": "direction", "speed_mps": "speed", "unseen_s": "unseen
 
 
 def read_tracked_rows(
-    path: str | Path, *, truth: Tracks, one_of_many: bool = False, smoothed: bool = False, losses: Losses | None = None
-) -> TrackedRows:
-    """What a tracker estimated, in the groups of a truth.
+    path: str | Path, *, truth: Tracks, one_of_many: bool = False, smoothed: bool = False,
+    losses: Losses | None = None, meets: str = "",
+) -> TrackedRows:  # fmt: skip
+    """What a tracker estimated, in the groups and on the plane of a truth.
 
     A row is of the group that its column `group` or its id, as `group/id`, says, or of the only one. A `.csv`,
-    `.parquet` or `.feather` needs the columns `time_s` (or `time_ns`), `track_id`, `x_m` and `y_m`; the covariance,
-    `course_rad`, `speed_mps` and `unseen_s` are read where they are there.
+    `.parquet` or `.feather` needs the columns `time_s` (or `time_ns`), `track_id`, `x_m` and `y_m`, or latitude and
+    longitude; the covariance, `course_rad`, `speed_mps` and `unseen_s` are read where they are there.
 
     Args:
         path: a .csv, .parquet or .feather, else an MCAP log that `dirprim track` wrote.
@@ -109,18 +111,24 @@ def read_tracked_rows(
         one_of_many: the truth is one of its log's groups: ids that name another group are not of it.
         smoothed: of an MCAP log what a smoother wrote beside the filter.
         losses: gets what of such a log could not be read.
+        meets: the name of the truth: where one of the two has no origin, both have none. Left out: that is as it is.
 
     Raises:
-        RecordingError: the file is none of these, or does not say which group its rows are of.
+        RecordingError: the file is none of these, does not say which group its rows are of, or is of another plane.
         ValueError: a track has two rows at one time.
         OSError: the file cannot be read.
     """
     form = Path(Path(path).name.removesuffix(".gz")).suffix.lower()
     if form in (".csv", ".parquet", ".feather"):
-        columns = _named(columns_of(path))
+        columns, is_geodetic = _named(columns_of(path), truth.origin)
     else:
-        rows = TrackedRows.of(read_estimates(path, smoothed=smoothed, losses=losses))
+        estimates = read_estimates(path, smoothed=smoothed, losses=losses)
+        is_geodetic = estimates.origin is not None
+        with needing_pyproj():
+            rows = TrackedRows.of(estimates.on_plane(truth.origin))
         columns = {field.name: getattr(rows, field.name) for field in fields(rows) if field.name != "group"}
+    if meets:
+        check_kind(path, is_geodetic=is_geodetic, origin=truth.origin, meets=meets)
     if "group" not in columns:
         columns["group"] = _groups(Path(path), as_texts(np.asarray(columns["track_id"])), truth, one_of_many)
     try:
@@ -148,10 +156,11 @@ def _groups(path: Path, names: AnyArray, truth: Tracks, one_of_many: bool) -> In
     return np.where(known, said, "0").astype(np.int64)
 
 
-def _named(table: Columns) -> dict[str, AnyArray]:
-    """The columns of `TrackedRows`, by the names of a table's."""
+def _named(table: Columns, origin: Origin | None) -> tuple[dict[str, AnyArray], bool]:
+    """The columns of `TrackedRows`, by the names of a table's; and whether it says where on the Earth they are."""
     check_header(table, table.names, with_ids=True)
-    position, unit = table.numbers(("x_m", "y_m")), "ns" if "time_ns" in table.names else "s"
+    position, _, is_geodetic = positions(table, {name: name for name in table.names}, origin)
+    unit = "ns" if "time_ns" in table.names else "s"
     columns = {
         "track_id": table.texts("track_id"), "position": position,
         "time_ns": table.nanoseconds(f"time_{unit}", unit=unit),
@@ -162,4 +171,5 @@ def _named(table: Columns) -> dict[str, AnyArray]:
         columns["group"] = table.whole_numbers("group")
     if all(name in table.names for name in COVARIANCE):
         columns["covariance"] = matrices(table.numbers(COVARIANCE))
-    return columns | {ours: table.floats(name) for name, ours in OPTIONAL.items() if name in table.names}
+    columns |= {ours: table.floats(name) for name, ours in OPTIONAL.items() if name in table.names}
+    return columns, is_geodetic

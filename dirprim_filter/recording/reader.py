@@ -212,6 +212,14 @@ def read_estimates(source: LogSource, *, smoothed: bool = False, losses: Losses 
     return found
 
 
+def origin_of_estimates(path: PathOrText) -> Origin | None:
+    """Of the plane of the estimates in a log that `dirprim track` or `smooth` wrote."""
+    with Log(path) as log:
+        topics = (topic for topic in (topic_names.ESTIMATES, topic_names.SMOOTHED) if has_estimates(log, topic))
+        found = (rows.origin for topic in topics for _, rows in estimate_messages(log, topic, Losses()) if len(rows))
+        return next(found, None)
+
+
 def has_estimates(log: Log, topic: str) -> bool:
     """Whether a topic of a log is of estimates."""
     return any(channel.topic == topic and channel.schema.name == ESTIMATES_SCHEMA for channel in log.channels())

@@ -96,7 +96,7 @@ def read_named(path: str | Path, *, columns: Mapping[str, str] | None = None, or
         return read(name_of[name]) if name in name_of else LEFT_OUT
 
     names, vehicle = maybe("track_id", table.ids) or (np.array([""]), np.zeros(len(table), np.int64))
-    position, origin, is_geodetic = _positions(table, name_of, origin)
+    position, origin, is_geodetic = positions(table, name_of, origin)
     size = {name: table.floats(name_of[name]) for name in SIZE if name in name_of}
     errs = all(name in name_of for name in COVARIANCE)
     time, unit = next((name_of[name], unit) for name, unit in TIMES.items() if name in name_of)
@@ -134,7 +134,7 @@ def _cues(table: Columns, name: str) -> FloatArray:
     return signalled(side == "left", side == "right")
 
 
-def _positions(
+def positions(
     table: Columns, name_of: Mapping[str, str], origin: Origin | None
 ) -> tuple[FloatArray, Origin | None, bool]:  # fmt: skip
     """(n, 2) metres, the origin of their plane, and whether the table says where on the Earth they are."""
