@@ -252,7 +252,8 @@ class DetectionStream:
         for batch in observations:
             in_order = batch.time_ns >= done_ns
             self.losses.drop(TOO_LATE if self._scan.log.is_live else BACKWARD, ~in_order)
-            seen = self._without_repeats(Detections.concatenate([rest, self._detections(batch)[in_order]]))
+            own = self._detections(batch)[in_order].on_plane(observations.origin)
+            seen = self._without_repeats(Detections.concatenate([rest, own]))
             done_ns = max(done_ns, self._known_until(seen))
             is_whole = seen.time_ns < done_ns
             yield from seen[is_whole].frames()
