@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from mcap_files import run
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from dirprim_filter.recording.decoding.cdr_plan import cdr_plan
+from dirprim_filter.recording.decoding.cdr_plan import CdrPlan
 from dirprim_filter.recording.decoding.field_columns import NO_TIME, Field, SchemaError, steps_of
 from dirprim_filter.recording.decoding.json_plan import JsonPlan
 from dirprim_filter.recording.decoding.protobuf_plan import protobuf_plan
@@ -85,7 +85,7 @@ def test_cdr_of_any_definition_reads_as_rosbags_wrote_it(data):
             expected[label] = [v if j is None else v[j] for v in flat]
     for little in (True, False):
         payloads = [bytes(store.serialize_cdr(m, "pkg/msg/Outer", little_endian=little)) for m in messages]
-        read = run(cdr_plan("pkg/Outer", "ros2msg", text.encode(), fields), payloads)
+        read = run(CdrPlan("pkg/Outer", "ros2msg", text.encode(), fields), payloads)
         assert read.failures == {}
         for label, values in expected.items():
             if fields[label].kind == "name":
@@ -125,26 +125,29 @@ def test_an_idl_definition_reads_as_its_msg_twin():
     }  # fmt: skip
     third = fields.pop("third")
     for encoding, definition in (("ros2msg", text), ("ros2idl", IDL)):
-        read = run(cdr_plan("pkg/msg/Outer", encoding, definition.encode(), fields), [payload, payload[:9]])
+        read = run(CdrPlan("pkg/msg/Outer", encoding, definition.encode(), fields), [payload, payload[:9]])
         assert read.numbers("x").tolist() == [2.5, -1.0]
         assert read.names("name").tolist() == ["ä", ""]
         assert read.numbers("second")[0] == 2.0
         assert read.numbers("last")[0] == 65535
         assert np.isnan(read.numbers("other")).all()
         assert list(read.failures) == [1]
-        alone = run(cdr_plan("pkg/msg/Outer", encoding, definition.encode(), {"third": third}), [payload])
+        alone = run(CdrPlan("pkg/msg/Outer", encoding, definition.encode(), {"third": third}), [payload])
         assert math.isnan(alone.numbers("third")[0])
 
 
 def test_cdr2_aligns_to_four_bytes_and_a_length_that_a_message_claims_is_not_allocated():
-    plan = cdr_plan("p/M", "ros2msg", b"uint8 a\nfloat64 b", {"b": Field(path=".b")})
+    plan = CdrPlan("p/M", "ros2msg", b"uint8 a\nfloat64 b", {"b": Field(path=".b")})
     packed = struct.pack("<BxxxI", 7, 0)[:4] + struct.pack("<d", 2.5)
-    read = run(
-        plan, [b"\x00\x07\x00\x00" + packed, b"\x00\x01\x00\x00" + bytes(8) + struct.pack("<d", 3.5), b"\x00\x03\0\0"]
-    )
-    assert read.numbers("b")[:2].tolist() == [2.5, 3.5]
-    assert read.failures == {2: "an encapsulation other than plain CDR or CDR2"}
-    plan = cdr_plan("p/M", "ros2msg", b"p/I[] a\n" + b"=" * 80 + b"\nMSG: p/I\nuint8 x", {"x": Field(path=".a[].x")})
+    assert run(plan, [b"\x00\x07\x00\x00" + packed]).numbers("b").tolist() == [2.5]
+    read = run(plan, [b"\x00\x01\x00\x00" + bytes(8) + struct.pack("<d", 3.5), b"\x00\x03\0\0", b"\x00\x0b\0\0"])
+    assert read.numbers("b")[:1].tolist() == [3.5]
+    unread = {
+        1: "encapsulation 0x0003 (PL_CDR), which is not read",
+        2: "encapsulation 0x000b (PL_CDR2), which is not read",
+    }
+    assert read.failures == unread
+    plan = CdrPlan("p/M", "ros2msg", b"p/I[] a\n" + b"=" * 80 + b"\nMSG: p/I\nuint8 x", {"x": Field(path=".a[].x")})
     head = b"\x00\x01\x00\x00"
     read = run(
         plan,
@@ -174,7 +177,7 @@ def test_cdr2_aligns_to_four_bytes_and_a_length_that_a_message_claims_is_not_all
 )  # fmt: skip
 def test_a_ros2_schema_that_cannot_be_read_says_why(definition, path, reported):
     with pytest.raises(SchemaError, match="p/M: ") as error:
-        cdr_plan("p/M", "ros2msg", definition, {"b": Field(path=path)})
+        CdrPlan("p/M", "ros2msg", definition, {"b": Field(path=path)})
     assert reported in str(error.value)
     assert "\n" not in str(error.value)
 
@@ -337,3 +340,130 @@ def test_json_reads_what_is_there_and_says_what_is_not():
 def test_what_is_no_path_is_refused(path):
     with pytest.raises(ValueError, match="field path"):
         steps_of(path)
+
+
+# ------------------------------------------------------------------------- other encapsulations, other definitions
+
+OBJECTS = """
+#include <orb.idl>
+@extensibility(APPENDABLE) module demo {
+  enum Kind { CAR, @value(7) TRUCK };  // of vehicles
+  typedef double Pair[2];
+  struct Point { double x; @unit("m (metres)") double y; };
+  struct Object { @key string id; Kind kind; Point at; /* twice */ Point corners[2]; sequence<Point> path; Pair size; };
+  struct Objects { unsigned long long stamp; octet flag; sequence<string> names; sequence<Object> objects; long last; };
+};
+"""
+
+
+class Xcdr2:
+    """Writes objects of `OBJECTS` by the rules of DDS-XTypes 1.3, 7.4.3.5, in one byte order; slowly."""
+
+    def __init__(self, order, *, is_delimited):
+        self.data, self.order, self.is_delimited = b"", order, is_delimited
+
+    def number(self, form, value):
+        size = struct.calcsize(form)
+        self.data += bytes(-len(self.data) % min(size, 4)) + struct.pack(self.order + form, value)
+
+    def text(self, value):
+        self.number("I", len(value) + 1)
+        self.data += value.encode() + b"\0"
+
+    def sized(self, write, *, is_array):
+        """What is written, behind its size."""
+        if not (is_array or self.is_delimited):
+            return write()
+        self.number("I", 0)
+        start = len(self.data)
+        write()
+        size = struct.pack(self.order + "I", len(self.data) - start)
+        self.data = self.data[: start - 4] + size + self.data[start:]
+        return None
+
+    def array(self, values, write, *, is_sequence=True):
+        def all_of_them():
+            if is_sequence:
+                self.number("I", len(values))
+            for value in values:
+                write(value)
+
+        self.sized(all_of_them, is_array=True)
+
+    def point(self, place):
+        self.sized(lambda: [self.number("d", value) for value in place], is_array=False)
+
+    def object(self, one):
+        def members():
+            self.text(one["id"])
+            self.number("I", 1)
+            self.point(one["at"])
+            self.array([one["at"]] * 2, self.point, is_sequence=False)
+            self.array([one["at"]] * len(one["id"]), self.point)
+            self.number("d", 4.0), self.number("d", 2.0)
+
+        self.sized(members, is_array=False)
+
+    def message(self, objects):
+        def members():
+            self.number("Q", 1_700_000_000_000_000_000)
+            self.number("B", 1)
+            self.array(["", "abc"], self.text)
+            self.array(objects, self.object)
+            self.number("i", -5)
+
+        self.sized(members, is_array=False)
+        return self.data
+
+
+FEW = [{"id": "a" * (i + 1), "at": (i + 0.5, -2.0 * i)} for i in range(3)]
+
+
+@pytest.mark.parametrize("number", [0x06, 0x07, 0x08, 0x09, 0x10, 0x11, 0x14, 0x15])
+def test_cdr2_has_sizes_in_front_of_arrays_and_where_it_is_delimited_of_messages(number):
+    """The same messages in plain CDR beside them, in one batch: each is read by its own encapsulation."""
+    order, is_delimited = "<" if number & 1 else ">", number & ~1 in (0x08, 0x14)
+    payload = bytes([0, number, 0, 0]) + Xcdr2(order, is_delimited=is_delimited).message(FEW)
+    fields = {
+        "id": Field(path=".objects[].id", kind="name"), "x": Field(path=".objects[].at.x"),
+        "kind": Field(path=".objects[].kind"), "width": Field(path=".objects[].size[1]"),
+        "corner": Field(path=".objects[].corners[1].y"), "last": Field(path=".last"),
+        "time": Field(path=".stamp", kind="time"),
+    }  # fmt: skip
+    plan = CdrPlan("demo::Objects", "omgidl", OBJECTS.encode(), fields)
+    read = run(plan, [payload, payload[:90], payload])
+    assert read.names("id").tolist() == ["a", "aa", "aaa"] * 2
+    assert read.numbers("x").tolist() == [0.5, 1.5, 2.5] * 2
+    assert (read.numbers("kind").tolist(), read.numbers("width").tolist()) == ([1.0] * 6, [2.0] * 6)
+    assert read.numbers("corner").tolist() == [0.0, -2.0, -4.0] * 2
+    assert read.numbers("last")[[0, 2]].tolist() == [-5.0, -5.0]
+    assert read.times("time")[0] == 1_700_000_000_000_000_000
+    assert f"encapsulation {number & ~1:#06x}" in read.failures[1]
+    last = run(CdrPlan("demo::Objects", "omgidl", OBJECTS.encode(), {"last": Field(path=".last")}), [payload])
+    assert last.numbers("last").tolist() == [-5.0]
+    path = run(
+        CdrPlan("demo::Objects", "omgidl", OBJECTS.encode(), {"y": Field(path=".objects[].path[].y")}), [payload]
+    )
+    assert path.numbers("y").tolist() == [0.0, -2.0, -2.0, -4.0, -4.0, -4.0]
+
+
+def test_messages_of_ros_1_are_read_as_rosbags_writes_them():
+    text = "Header header\nuint8 flag\npkg/Inner[] items\nempty/Nothing no\nfloat64 last\ntime until\n" + "=" * 80
+    text += "\nMSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n" + "=" * 80
+    text += "\nMSG: pkg/Inner\nstring name\nfloat64 x\n" + "=" * 80 + "\nMSG: empty/Nothing\n"
+    inner = b"".join(
+        struct.pack("<I", len(name)) + name + struct.pack("<d", x) for name, x in ((b"a", 0.5), (b"bcd", 1.5))
+    )
+    header = struct.pack("<IIII", 9, 1_700_000_000, 5, 3) + b"map"
+    payload = header + b"\1" + struct.pack("<I", 2) + inner + struct.pack("<dII", 7.5, 1_700_000_001, 6)
+    fields = {
+        "time": Field(path=".header.stamp", kind="time"), "frame": Field(path=".header.frame_id", kind="name"),
+        "name": Field(path=".items[].name", kind="name"), "x": Field(path=".items[].x"), "last": Field(path=".last"),
+        "until": Field(path=".until", kind="time"),
+    }  # fmt: skip
+    read = run(CdrPlan("pkg/Outer", "ros1msg", text.encode(), fields), [payload, payload[:-1]])
+    assert read.times("time")[0] == 1_700_000_000_000_000_005
+    assert read.times("until")[0] == 1_700_000_001_000_000_006
+    assert (read.names("frame")[0], read.names("name").tolist()) == ("map", ["a", "bcd"])
+    assert (read.numbers("x").tolist(), read.numbers("last")[0]) == ([0.5, 1.5], 7.5)
+    assert list(read.failures) == [1]

@@ -10,7 +10,7 @@ from mcap_protobuf.schema import build_file_descriptor_set
 from payload_mutations import broken
 
 from dirprim_filter import read_tracks
-from dirprim_filter.recording.decoding.cdr_plan import MAX_DEPTH, cdr_plan
+from dirprim_filter.recording.decoding.cdr_plan import MAX_DEPTH, CdrPlan
 from dirprim_filter.recording.decoding.field_columns import Field, SchemaError
 from dirprim_filter.recording.decoding.protobuf_plan import protobuf_plan
 from dirprim_filter.recording.errors import NoTracksError
@@ -34,34 +34,34 @@ def nested(depth, members, leaf):
 @pytest.mark.parametrize("leaf", ["float64 x", "float64 x\nuint8 y", "string s", ""])
 def test_a_chain_of_definitions_is_followed_so_far_and_no_further(leaf):
     fields = {"b": Field(path=".b")}
-    cdr_plan("p/M", "ros2msg", nested(MAX_DEPTH, "a", leaf), fields)
+    CdrPlan("p/M", "ros2msg", nested(MAX_DEPTH, "a", leaf), fields)
     for depth in (MAX_DEPTH + 2, 600):
         with pytest.raises(SchemaError, match=f"at most {MAX_DEPTH} messages within each other"):
-            cdr_plan("p/M", "ros2msg", nested(depth, "a", leaf), fields)
+            CdrPlan("p/M", "ros2msg", nested(depth, "a", leaf), fields)
 
 
 @pytest.mark.parametrize("leaf", ["", "uint8[16777216] x", "uint8 x\nuint16 y", "string s"])
 def test_definitions_that_double_at_each_level_are_refused_soon(leaf):
     """2^30 messages, or as many operations, where they were written out."""
     with pytest.raises(SchemaError, match="all written out"):
-        cdr_plan("p/M", "ros2msg", nested(MAX_DEPTH, "ab", leaf), {"b": Field(path=".b")})
+        CdrPlan("p/M", "ros2msg", nested(MAX_DEPTH, "ab", leaf), {"b": Field(path=".b")})
 
 
 def test_arrays_of_empty_messages_within_each_other_end_with_the_bytes_there_are():
     """131072^3 of them: each takes a byte at least, so a walk of 20 bytes is short."""
     parts = ["p/A[131072] a\nfloat64 b", "MSG: p/A\np/B[131072] a", "MSG: p/B\np/C[131072] a", "MSG: p/C\n"]
-    plan = cdr_plan("p/M", "ros2msg", f"\n{'=' * 80}\n".join(parts).encode(), {"b": Field(path=".b")})
+    plan = CdrPlan("p/M", "ros2msg", f"\n{'=' * 80}\n".join(parts).encode(), {"b": Field(path=".b")})
     assert run(plan, [b"\0\1\0\0" + bytes(16)]).failures == {0: "a message that ends within a field"}
 
 
 def test_a_broken_idl_definition_is_read_or_refused_in_one_line():
     """Those of ROS 2 and of protobuf break in test_mutated_payloads.py."""
     fields = {"x": Field(path=".at.x"), "y": Field(path=".many[].y"), "name": Field(path=".name", kind="name")}
-    cdr_plan("p/M", "ros2idl", IDL, fields)
+    CdrPlan("p/M", "ros2idl", IDL, fields)
     reported = []
     for i in range(150):
         try:
-            cdr_plan("p/M", "ros2idl", broken(IDL, np.random.default_rng(i)), fields)
+            CdrPlan("p/M", "ros2idl", broken(IDL, np.random.default_rng(i)), fields)
         except SchemaError as error:
             reported.append(str(error))
     assert reported
@@ -97,7 +97,7 @@ def test_a_length_that_no_message_can_have_is_refused_wherever_it_stands(leaf, n
     """Compiled walks add them to places: beyond 64 bits these would lie before the buffer, or in others' memory."""
     for definition in (leaf, f"p/A[2] x\nfloat64 b\n{'=' * 80}\nMSG: p/A\n{leaf}"):
         with pytest.raises(SchemaError, match="expected"):
-            cdr_plan("p/M", "ros2msg", f"{definition}\nfloat64 b".encode(), {name: Field(path=f".{name}", kind="name")})
+            CdrPlan("p/M", "ros2msg", f"{definition}\nfloat64 b".encode(), {name: Field(path=f".{name}", kind="name")})
 
 
 @pytest.mark.parametrize("at", [1 << 31, 1 << 32, 3 << 32])
@@ -106,6 +106,6 @@ def test_texts_behind_byte_2_31_of_a_chunk_are_read(at):
     message = b"\0\1\0\0" + (4).to_bytes(4, "little") + b"car\0"
     data = np.frombuffer(mmap.mmap(-1, at + len(message)), np.uint8)
     data[at:] = np.frombuffer(message, np.uint8)
-    plan = cdr_plan("p/M", "ros2msg", b"string x", {"x": Field(path=".x", kind="name")})
+    plan = CdrPlan("p/M", "ros2msg", b"string x", {"x": Field(path=".x", kind="name")})
     columns = plan.read(data, np.array([at]), np.array([at + len(message)]))
     assert columns.names("x").tolist() == ["car"]

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 Bytes: TypeAlias = "bytes | FileBytes"
 
-ENCODINGS = (MessageEncoding.Protobuf, MessageEncoding.CDR, MessageEncoding.JSON)
+ENCODINGS = (MessageEncoding.Protobuf, MessageEncoding.CDR, MessageEncoding.JSON, MessageEncoding.ROS1)
 """Of messages, those that can be read as objects."""
 MAGIC = MCAP0_MAGIC
 SHORT_BYTES = 1 << 16

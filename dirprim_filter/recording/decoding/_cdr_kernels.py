@@ -1,6 +1,7 @@
 """The compiled walk over ROS 2 messages: a program that skips and reads, run over the bytes of many.
 
-Sources: OMG CORBA 3.3 part 2, 9.3 (CDR) and DDS-XTypes 1.3, 7.4.3.4 (CDR2: alignment of at most four bytes).
+Sources: OMG CORBA 3.3 part 2, 9.3 (CDR) and DDS-XTypes 1.3, 7.4.3.4 (CDR2: alignment of at most four bytes); ROS 1
+aligns nothing.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from dirprim_filter.recording.decoding._kernels import (
     MAX_ELEMENTS,
     OK,
     OVERLONG,
+    STATUS_BITS,
     TEXT_BITS,
     TOO_MANY,
     Tables,
@@ -37,9 +39,11 @@ def _aligned(at: int, origin: int, size: int) -> int:
 
 
 @njit(**COMPILED | UNCOUNTED)
-def _length(data: AnyArray, at: int, origin: int, end: int, little: bool, most: int) -> tuple[Any, int, int]:
+def _length(
+    data: AnyArray, at: int, origin: int, end: int, little: bool, widest: int, most: int
+) -> tuple[Any, int, int]:
     """A length, the byte after it, and whether it is one: of at most `most`, 0 for any, and within the message."""
-    at = _aligned(at, origin, 4)
+    at = _aligned(at, origin, min(4, widest))
     if at + 4 > end:
         return 0, at, CUT
     length = np.int64(load(data, at, 4, little))
@@ -49,8 +53,9 @@ def _length(data: AnyArray, at: int, origin: int, end: int, little: bool, most: 
 
 @njit(**COMPILED | UNCOUNTED)
 def walk_cdr(
-    data: AnyArray, starts: IntArray, stops: IntArray, tables: Tables, status: IntArray, room: IntArray, ops: IntArray
-) -> bool:
+    data: AnyArray, starts: IntArray, stops: IntArray, tables: Tables, status: IntArray, room: IntArray, ops: IntArray,
+    encapsulation: int, widest: int,
+) -> bool:  # fmt: skip
     """Run the program `ops` over each message; whether a table was too small: then nothing counts.
 
     Args:
@@ -61,6 +66,9 @@ def walk_cdr(
         status: (n_messages,) out.
         room: (5, as many as tables, and as nested loops and one) for its work.
         ops: (n_ops, 6) operation and its numbers, see `cdr_plan`.
+        encapsulation: what messages begin with, without its last bit, which is set where they are little endian; -1:
+            with nothing, they are.
+        widest: bytes to which numbers are aligned at most.
     """
     cells, base, width, n_rows = tables.cells, tables.base, tables.width, tables.n_rows
     n_tables = width.size
@@ -75,12 +83,17 @@ def walk_cdr(
         if row[0] < 0:
             return True
         before[0] += 1
-        if end - at < 4 or data[at] != 0 or (data[at + 1] > 1 and data[at + 1] != 6 and data[at + 1] != 7):
-            status[message] = ENCAPSULATION if end - at >= 4 else CUT
-            continue
-        little = (data[at + 1] & 1) == 1
-        widest = 4 if data[at + 1] >= 6 else 8
-        at += 4
+        little = True
+        if encapsulation >= 0:
+            if end - at < 4:
+                status[message] = CUT
+                continue
+            found = np.int64(data[at]) << 8 | np.int64(data[at + 1])
+            if found & ~1 != encapsulation:
+                status[message] = ENCAPSULATION | found << STATUS_BITS
+                continue
+            little = found & 1 == 1
+            at += 4
         origin = at
         state = OK
         op = 0
@@ -103,7 +116,7 @@ def walk_cdr(
                 else:
                     at = end + 1
             elif code in (SKIP_TEXT, READ_TEXT):
-                length, at, state = _length(data, at, origin, end, little, a + 1 if a > 0 else 0)
+                length, at, state = _length(data, at, origin, end, little, widest, a + 1 if a > 0 else 0)
                 if state == OK and code == READ_TEXT:
                     used = length - 1 if length > 0 and data[at + length - 1] == 0 else length
                     cells[base[table] + row[table] * width[table] + b] = (at << TEXT_BITS) | min(used, LONGEST)
@@ -111,18 +124,18 @@ def walk_cdr(
             elif code == READ_BYTES:
                 length = a
                 if a < 0:
-                    length, at, state = _length(data, at, origin, end, little, c)
+                    length, at, state = _length(data, at, origin, end, little, widest, c)
                 if state == OK and length <= end - at:
                     cells[base[table] + row[table] * width[table] + b] = (at << TEXT_BITS) | min(length, LONGEST)
                 at += length
             elif code == SKIP_SEQUENCE:
-                length, at, state = _length(data, at, origin, end, little, b)
+                length, at, state = _length(data, at, origin, end, little, widest, b)
                 if length > 0:
                     at = _aligned(at, origin, min(a, widest)) + length * a * c
             elif code == LOOP:
                 n = a
                 if a < 0:
-                    n, at, state = _length(data, at, origin, end, little, b)
+                    n, at, state = _length(data, at, origin, end, little, widest, b)
                     if state != OK:
                         break
                 if n > MAX_ELEMENTS:

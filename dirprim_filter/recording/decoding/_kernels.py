@@ -17,6 +17,8 @@ from dirprim_filter.arrays import AnyArray, IntArray
 from tessellation._compiling import COMPILED, UNCOUNTED
 
 OK, CUT, OVERLONG, ENCAPSULATION, WIRE_TYPE, TOO_MANY = range(6)
+STATUS_BITS = 8
+"""Of a status; above them stands what was found."""
 MAX_ELEMENTS = 1 << 17
 """More elements of one repeated field than this in one message are no objects of traffic."""
 

@@ -1,9 +1,10 @@
-"""ROS 2 messages in CDR, by the definition that the log carries: "ros2msg" or "ros2idl".
+"""Messages of ROS and DDS, by the definition that the log carries: "ros2msg", "ros2idl", "omgidl" or "ros1msg".
 
 `rosbags` parses the definitions; the program made of them skips what is not wanted, where the decoders of
 rosbags and of mcap-ros2-support build an object for every field.
 
-Source: OMG CORBA 3.3 part 2, 9.3; ROS 2 interface definitions, https://design.ros2.org/articles/legacy_interface_definition.html.
+Sources: OMG CORBA 3.3 part 2, 9.3; DDS-XTypes 1.3, 7.4.3.5 (sizes in front) and 7.6.2.1.2 (encapsulations); ROS 2
+interface definitions, https://design.ros2.org/articles/legacy_interface_definition.html.
 """
 
 from __future__ import annotations
@@ -14,9 +15,25 @@ from typing import Any
 
 import numpy as np
 
+from dirprim_filter.arrays import AnyArray, IntArray
 from dirprim_filter.recording.decoding import _cdr_kernels as kernels
-from dirprim_filter.recording.decoding.column_plan import ColumnPlan, Form, OutputTables
-from dirprim_filter.recording.decoding.field_columns import EACH, Field, Place, SchemaError, Wanted, check_found, wanted
+from dirprim_filter.recording.decoding.column_plan import (
+    ColumnPlan,
+    Form,
+    OutputTables,
+    TooManyRowsError,
+    encapsulation_name,
+)
+from dirprim_filter.recording.decoding.field_columns import (
+    EACH,
+    Field,
+    FieldColumns,
+    Place,
+    SchemaError,
+    Wanted,
+    check_found,
+    wanted,
+)
 
 _SIZES: dict[str, tuple[int, Form]] = {
     "bool": (1, "unsigned"), "byte": (1, "unsigned"), "char": (1, "unsigned"), "octet": (1, "unsigned"),
@@ -35,50 +52,91 @@ MAX_DEPTH = 32
 MAX_OPERATIONS = 1 << 16
 """Definitions that name each other many times grow without end when written out."""
 
+DEFINITIONS = ("ros2msg", "ros2idl", "omgidl", "ros1msg")
+_UNREAD = re.compile(r"//.*|/\*(?s:.*?)\*/|^\s*#.*|@\w+(?:\s*\((?:[^()\"]|\"[^\"]*\")*\))?", re.MULTILINE)
+"""Of omgidl: comments, directives and annotations."""
+_ENUM = re.compile(r"\benum\s+(\w+)\s*\{[^}]*\}")
 Description = tuple[Any, Any]
 """rosbags' description of a field: (Nodetype, its arguments)."""
 
 
-def cdr_plan(schema: str, encoding: str, definition: bytes, fields: Mapping[str, Field]) -> ColumnPlan:
-    """A plan for messages of a ROS 2 schema.
+CDR, CDR2, DELIMITED, ROS_1 = range(4)
+"""Representations: in CDR2 arrays of anything but numbers have their size in front, in the delimited messages too."""
+_REPRESENTATIONS = {0x00: CDR, 0x06: CDR2, 0x10: CDR2, 0x08: DELIMITED, 0x14: DELIMITED}
+"""By encapsulation: the numbers of RTPS, and those that some writers had before."""
+_READ_BY = np.array([number & ~1 if number & ~1 in _REPRESENTATIONS else 0 for number in range(256)])
+"""By the second byte of a message: others fail as those of CDR."""
+_WIDEST = (8, 4, 4, 1)
+
+
+class CdrPlan:
+    """Plans for messages of a schema in CDR or of ROS 1: one for each encapsulation, made when first met.
 
     Args:
-        schema: "package/msg/Name", or "package/Name".
-        encoding: of the definition, "ros2msg" or "ros2idl".
+        schema: "package/msg/Name", "package/Name" or "module::Name".
+        encoding: of the definition, "ros2msg", "ros2idl", "omgidl" or "ros1msg": messages are those of ROS 1 then.
         definition: with those of all it depends on.
         fields: what is wanted, by label.
 
     Raises:
         SchemaError: the definition cannot be read, or lacks a field.
     """
-    program = _Program(OutputTables(schema, fields), _types_of(schema, encoding, definition))
-    program.structure(full_name(schema), wanted(fields), Place())
-    program.emit(kernels.END)
-    check_found(schema, fields, program.output.found())
-    return ColumnPlan(program.output, kernels.walk_cdr, program.deepest + 1, np.array(program.ops, np.int64))
+
+    def __init__(self, schema: str, encoding: str, definition: bytes, fields: Mapping[str, Field]) -> None:
+        self._schema, self._fields = schema, fields
+        self._types = _types_of(schema, encoding, definition)
+        self._usual = -1 if encoding == "ros1msg" else 0x00
+        self._plans = {self._usual: self._made(self._usual)}
+
+    def read(self, data: AnyArray, start: IntArray, stop: IntArray) -> FieldColumns:
+        """As `ColumnPlan.read`."""
+        usual = used = self._usual
+        if usual >= 0 and (found := _READ_BY[data[start[stop - start >= 4] + 1]]).size:
+            used = int(found[0])
+            if (found != used).any():
+                raise TooManyRowsError
+        if used not in self._plans:
+            self._plans[used] = self._made(used)
+        columns = self._plans[used].read(data, start, stop)
+        if used != usual:  # rare, and of several dialects
+            columns.failures = {i: f"{why}; {encapsulation_name(used)}" for i, why in columns.failures.items()}
+        return columns
+
+    def _made(self, encapsulation: int) -> ColumnPlan:
+        representation = _REPRESENTATIONS.get(encapsulation, ROS_1)
+        program = _Program(OutputTables(self._schema, self._fields), self._types, representation)
+        program.structure(full_name(self._schema), wanted(self._fields), Place())
+        program.emit(kernels.END)
+        check_found(self._schema, self._fields, program.output.found())
+        ops = np.array(program.ops, np.int64)
+        room = program.deepest + 1
+        return ColumnPlan(program.output, kernels.walk_cdr, room, ops, encapsulation, _WIDEST[representation])
 
 
 def full_name(schema: str) -> str:
-    """package/msg/Name, also of what leaves out "msg"."""
-    package, _, name = schema.partition("/")
-    return schema if "/" in name else f"{package}/msg/{name}"
+    """package/msg/Name, also of what leaves out "msg", and of modules of IDL, with what DDS adds to names of ROS."""
+    name = re.sub(r"/dds_/(\w+)_$", r"/\1", schema.replace("::", "/"))
+    return name.replace("/", "/msg/") if name.count("/") == 1 else name
 
 
 def _types_of(schema: str, encoding: str, definition: bytes) -> dict[str, list[tuple[str, Description]]]:
     """By type, names and descriptions of its fields."""
-    from rosbags.typesys import TypesysError, get_types_from_idl, get_types_from_msg  # noqa: PLC0415  (0.2 s)
+    from rosbags.interfaces import Nodetype  # noqa: PLC0415  (0.2 s)
+    from rosbags.typesys import TypesysError, get_types_from_idl, get_types_from_msg  # noqa: PLC0415
 
     types: dict[str, Any] = {}
     try:
         text = definition.decode()
-        if encoding == "ros2msg":
+        if encoding in ("ros2msg", "ros1msg"):
             types = dict(get_types_from_msg(text, full_name(schema)))
         elif encoding == "ros2idl":
             for part in re.split(r"^=+\nIDL: .*\n", text, flags=re.MULTILINE):
                 if part.strip():
                     types.update(get_types_from_idl(re.sub(r"^\s*#.*$", "", part, flags=re.MULTILINE)))
+        elif encoding == "omgidl":
+            types = dict(get_types_from_idl(_ENUM.sub(r"typedef unsigned long \1", _UNREAD.sub(" ", text))))
         else:
-            raise SchemaError(f"{schema}: expected a definition in ros2msg or ros2idl, got {encoding!r}")
+            raise SchemaError(f"{schema}: expected a definition in {', '.join(DEFINITIONS)}, got {encoding!r}")
     except (UnicodeDecodeError, TypesysError, RecursionError) as error:
         reason = str(error).split("\n", 1)[0]
         raise SchemaError(
@@ -87,7 +145,9 @@ def _types_of(schema: str, encoding: str, definition: bytes) -> dict[str, list[t
     for name, (_, members) in types.items():
         for member, description in members:
             _check_lengths(f"{schema}: {name}.{member}", description)
-    return {name: members for name, (_, members) in types.items()}
+    halves = [(half, (Nodetype.BASE, ("uint32", 0))) for half in ("sec", "nanosec")]
+    built_in = {f"builtin_interfaces/msg/{name}": halves for name in ("Time", "Duration")} if "1" in encoding else {}
+    return built_in | {full_name(name): members for name, (_, members) in types.items()}
 
 
 def _check_lengths(what: str, description: Description) -> None:
@@ -111,13 +171,17 @@ def _check_lengths(what: str, description: Description) -> None:
 class _Program:
     """The operations of a walk over one schema, emitted type by type."""
 
-    def __init__(self, output: OutputTables, types: Mapping[str, list[tuple[str, Description]]]) -> None:
+    def __init__(
+        self, output: OutputTables, types: Mapping[str, list[tuple[str, Description]]], representation: int
+    ) -> None:
         from rosbags.interfaces import Nodetype  # noqa: PLC0415
 
         self.output = output
         self.ops: list[list[int]] = []
         self.deepest = 0
         self._types = types
+        self._sizes_arrays, self._sizes_all = representation in (CDR2, DELIMITED), representation == DELIMITED
+        self._least = int(representation != ROS_1)  # bytes of an empty message
         self._node = Nodetype
         self._loops = 0
         self._nesting = 0
@@ -139,6 +203,7 @@ class _Program:
 
     def structure(self, name: str, want: Wanted | None, at: Place) -> None:
         """Walk a message; `want` is what is wanted of it, None for nothing."""
+        name = full_name(name)
         if name not in self._types:
             raise SchemaError(
                 f"{self.output.schema}: expected a definition of {name}, which is missing or not supported"
@@ -149,6 +214,8 @@ class _Program:
         if self._entered > MAX_OPERATIONS:  # skips of messages without fields are one operation, however many
             raise SchemaError(f"{self.output.schema}: expected at most {MAX_OPERATIONS} messages, all written out")
         members = self._types[name]
+        if self._sizes_all:
+            self.emit(kernels.SKIP, 4, 1)
         below = dict(want.below) if want else {}
         if want and any(kind == "presence" for _, kind in want.labels):  # in CDR all that is defined is set
             self.emit(kernels.PRESENT, self.output.value(want, at, "presence"))
@@ -158,7 +225,7 @@ class _Program:
         for member, description in members:
             self._member(description, below.get(member), at.at(f".{member}"))
         if not members:
-            self.emit(kernels.SKIP, 1, 1)  # an empty message has one byte
+            self.emit(kernels.SKIP, 1, self._least)
         self._nesting -= 1
 
     def _check_depth(self, depth: int) -> None:
@@ -205,6 +272,8 @@ class _Program:
             raise SchemaError(
                 f"{self.output.schema}: expected [], or numbers in brackets, behind the repeated {at.path}"
             )
+        if self._has_size(element):
+            self.emit(kernels.SKIP, 4, 1)
         if EACH in want:
             inner = Place(self.output.table(f"{at.path}[]"), f"{at.path}[]")
             start = self._open_loop(description, inner.table)
@@ -229,6 +298,10 @@ class _Program:
         for jump in jumps:
             self.ops[jump][1] = len(self.ops)
         self._close_loop(start)
+
+    def _has_size(self, element: Description) -> bool:
+        """Whether an array of such elements has its size in bytes in front."""
+        return self._sizes_arrays and (element[0] != self._node.BASE or element[1][0] == "string")
 
     def _elements(self, element: Description, length: int, want: Mapping[int, Wanted], at: Place) -> None:
         """Some elements of a fixed array of numbers, and what is between them, without a loop."""
@@ -261,8 +334,10 @@ class _Program:
             self.emit(kernels.SKIP, *even)
         elif node == self._node.BASE:
             self.emit(kernels.SKIP_TEXT, arguments[1])
-        elif node == self._node.NAME:
+        elif node == self._node.NAME and not self._sizes_all:
             self.structure(arguments, None, Place(path=path))
+        elif node == self._node.NAME or self._has_size(arguments[0]):
+            self.emit(kernels.SKIP_TEXT, 0)  # as long as the number in front of it says
         else:
             element, length = arguments
             even = self._evenly(element)
@@ -279,7 +354,9 @@ class _Program:
         node, arguments = description
         if node == self._node.BASE:
             return None if arguments[0] == "string" else (self._number(arguments[0])[0], 1)
-        if node == self._node.SEQUENCE:
+        if node == self._node.SEQUENCE or (node == self._node.NAME and self._sizes_all):
+            return None
+        if node == self._node.ARRAY and self._has_size(arguments[0]):
             return None
         if node == self._node.ARRAY:
             element = self._evenly(arguments[0], depth)
@@ -288,7 +365,7 @@ class _Program:
             return self._even[arguments]
         else:
             self._even[arguments] = None  # while it is looked at: a message within itself
-            parts = [self._evenly(member, depth + 1) for _, member in self._types.get(arguments, [])]
+            parts = [self._evenly(member, depth + 1) for _, member in self._types.get(full_name(arguments), [])]
         sizes = {part[0] for part in parts if part}
         total = sum(part[1] for part in parts if part)
         even = None if None in parts or len(sizes) != 1 or total > MAX_FIXED else (sizes.pop(), total)

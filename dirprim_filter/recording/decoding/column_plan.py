@@ -24,7 +24,7 @@ Form = Literal["int", "unsigned", "float", "double", "cells", "bytes", "presence
 REASONS = {
     kernels.CUT: "a message that ends within a field",
     kernels.OVERLONG: "a length that reaches beyond the message, or beyond its bound",
-    kernels.ENCAPSULATION: "an encapsulation other than plain CDR or CDR2",
+    kernels.ENCAPSULATION: "an encapsulation that is not read",
     kernels.WIRE_TYPE: "a field of a wire type that protobuf does not have",
     kernels.TOO_MANY: f"more than {kernels.MAX_ELEMENTS} elements of one field",
 }
@@ -32,6 +32,21 @@ CLOCKS: tuple[tuple[str, str], ...] = (("sec", "nanosec"), ("sec", "nsec"), ("se
 """Names of the fields of a time: ROS 2, Foxglove in JSON, ROS 1, and protobuf."""
 _SECONDS = frozenset(names[0] for names in CLOCKS)
 _NOWHERE: tuple[int, int, Form] = (-1, 0, "int")
+ENCAPSULATIONS = {
+    0x00: "plain CDR", 0x02: "PL_CDR", 0x06: "CDR2", 0x08: "delimited CDR2", 0x0A: "PL_CDR2", 0x10: "CDR2",
+    0x12: "PL_CDR2", 0x14: "delimited CDR2",
+}  # fmt: skip
+"""Those of DDS by number, without the bit of the byte order."""
+
+
+def encapsulation_name(number: int) -> str:
+    """For people."""
+    return f"encapsulation {number:#06x} ({ENCAPSULATIONS.get(number & ~1, 'unknown')})"
+
+
+def _reason(status: int) -> str:
+    reason, found = REASONS[status & (1 << kernels.STATUS_BITS) - 1], status >> kernels.STATUS_BITS
+    return f"{encapsulation_name(found)}, which is not read" if found else reason
 
 
 class OutputTables:
@@ -80,7 +95,8 @@ class OutputTables:
                 self.clocks[clock] = (place, nanos) if part in _SECONDS else (seconds, place)
                 continue
             if kind == "time" and form not in ("int", "unsigned"):
-                raise SchemaError(f"{self.schema}: expected a time at {self.fields[label].path}, got a {form}")
+                seconds = "; time_s= takes seconds" if form in ("float", "double") else ""
+                raise SchemaError(f"{self.schema}: expected a time at {self.fields[label].path}, got a {form}{seconds}")
             if kind == "presence" and form != "presence":
                 raise SchemaError(f"{self.schema}: expected a message at {self.fields[label].path}, got a {form}")
             if kind == "number" and form in ("cells", "bytes"):
@@ -128,13 +144,13 @@ Walk = Callable[..., bool]
 
 
 class TooManyRowsError(ValueError):
-    """Messages hold so many elements that fewer are to be read at a time."""
+    """Messages hold so many elements, or are encoded so differently, that fewer are to be read at a time."""
 
 
 class ColumnPlan:
     """A compiled plan: a walk, how many numbers a row of its room has, and the tables that it writes."""
 
-    def __init__(self, output: OutputTables, walk: Walk, depth: int, *program: AnyArray) -> None:
+    def __init__(self, output: OutputTables, walk: Walk, depth: int, *program: AnyArray | int) -> None:
         self._output = output
         self._walk = walk
         self._program = program
@@ -178,7 +194,7 @@ class ColumnPlan:
             rows={path: (written[i][0], written[i][1]) for path, i in self._output.tables.items()},
             columns={label: self._column(written, *place) for label, place in self._output.columns.items()},
             data=data,
-            failures={int(i): REASONS[int(status[i])] for i in failed},
+            failures={i: _reason(int(status[i])) for i in failed.tolist()},
         )
         for label, clock in self._output.clocks.items():
             seconds, nanos = (self._column(written, *place) for place in clock)

@@ -11,7 +11,7 @@ import numpy as np
 from dirprim_filter.arrays import IntArray
 from dirprim_filter.recording.container.message_columns import MessageColumns, gathered
 from dirprim_filter.recording.container.records import ENCODINGS, Channel, Schema
-from dirprim_filter.recording.decoding.cdr_plan import cdr_plan, full_name
+from dirprim_filter.recording.decoding.cdr_plan import CdrPlan, full_name
 from dirprim_filter.recording.decoding.column_plan import ColumnPlan, TooManyRowsError
 from dirprim_filter.recording.decoding.field_columns import FieldColumns, SchemaError
 from dirprim_filter.recording.decoding.json_plan import JsonPlan
@@ -20,7 +20,7 @@ from dirprim_filter.recording.rows import Rows
 from dirprim_filter.recording.schemas.families import FAMILIES, KINDS
 from dirprim_filter.recording.schemas.family import Family, FieldMapping
 
-Plan = ColumnPlan | JsonPlan
+Plan = ColumnPlan | CdrPlan | JsonPlan
 BATCH_MESSAGES = 1 << 14
 BATCH_BYTES = 1 << 21
 """Messages are decoded together up to about so many: memory is bounded by a batch."""
@@ -36,7 +36,7 @@ def family_of(channel: Channel) -> Family | None:
 def schema_name(channel: Channel) -> str:
     """The name of a channel's schema; that of a ROS 2 message in full."""
     name = channel.schema.name
-    return full_name(name) if channel.message_encoding == "cdr" else name
+    return full_name(name) if channel.message_encoding in ("cdr", "ros1") else name
 
 
 def plan_of(channel: Channel, family: Family) -> Plan:
@@ -50,7 +50,7 @@ def plan_of(channel: Channel, family: Family) -> Plan:
         return JsonPlan(family.fields)
     if channel.message_encoding == "protobuf":
         return protobuf_plan(schema.name, schema.data, family.fields)
-    return cdr_plan(schema.name, schema.encoding, schema.data, family.fields)
+    return CdrPlan(schema.name, schema.encoding, schema.data, family.fields)
 
 
 class Decoders:
