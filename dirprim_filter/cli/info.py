@@ -26,6 +26,8 @@ EARLIEST_NS, LATEST_NS = 10**17, 10**19
 """Clocks that count from 1970 show times since 1973; others count from the start of the machine or log."""
 LABELS_SHOWN = 12
 """Of a topic, to people; to machines all."""
+TOPICS_SHOWN = 4
+"""Of those that are not read for one reason."""
 
 
 @reads_logs()
@@ -60,7 +62,7 @@ def info(
             typer.echo(json.dumps(summary.as_json() | {"faults": faults}))
         else:
             say(f"{path}: {counted(summary.messages, 'message')}{_span(summary)}", *_lines(summary, faults))
-        worst = max(worst, exit_codes.INPUT_LOST if summary.damage else exit_codes.DONE)
+        worst = max(worst, exit_codes.INPUT_LOST if _is_lost(summary) else exit_codes.DONE)
     return worst
 
 
@@ -102,8 +104,6 @@ def _whole(path: Path, reading: Reading) -> tuple[LogSummary, list[str]]:
 
 
 def _lines(summary: LogSummary, faults: list[str], *, of_table: bool = False) -> list[str]:
-    from dirprim_filter.recording.container.records import unread_encodings
-
     lines = []
     if not summary.is_checked:
         lines.append("by the log's index alone; its chunks were not checked, and tracks not counted: --check does both")
@@ -114,9 +114,8 @@ def _lines(summary: LogSummary, faults: list[str], *, of_table: bool = False) ->
     lines += columns([["topic", "schema", "encoding", "rows" if of_table else "messages", "tracks"], *rows], n_left=3)
     if summary.is_checked and not of_table:
         carrying = ", ".join(t.name for t in summary.topics if t.tracks)
-        way = unread_encodings(t.encoding for t in summary.topics if t.encoding)
-        none = f"no topic carries tracks; {way or '--set fields=... says where the objects of an unknown schema are'}"
-        lines.append(f"tracks in: {carrying}" if carrying else none)
+        lines.append(f"tracks in: {carrying}" if carrying else "no topic carries tracks")
+    lines += _unread(summary)
     lines += [f"labels in {topic}: {_counts(counts)}" for topic, counts in summary.labels.items()]
     lines += [
         f"groups in {topic}: {len(counts)}, from {min(counts)} to {max(counts)}; --set group=NUMBER takes one of them"
@@ -127,6 +126,24 @@ def _lines(summary: LogSummary, faults: list[str], *, of_table: bool = False) ->
     lines += [f"faults: {line}" for line in faults]
     lines += [f"damage: {damage}" for damage in summary.damage]
     return [f"  {line}" for line in lines]
+
+
+def _is_lost(summary: LogSummary) -> bool:
+    return bool(summary.damage) or any(topic.undecodable for topic in summary.topics)
+
+
+def _unread(summary: LogSummary) -> list[str]:
+    """A line for each reason why messages or topics are not read."""
+    lines, topics = [], dict[str, list[str]]()
+    for topic in summary.topics:
+        if topic.undecodable:
+            lines.append(f"not read: {topic.undecodable} of {topic.messages} messages of {topic.name}: {topic.why}")
+        elif topic.why:
+            topics.setdefault(topic.why, []).append(topic.name)
+    for why, names in topics.items():
+        more = f" and {len(names) - TOPICS_SHOWN} more" * (len(names) > TOPICS_SHOWN)
+        lines.append(f"not read: {', '.join(names[:TOPICS_SHOWN])}{more}: {why}")
+    return lines
 
 
 def _counts(counts: Mapping[str, int]) -> str:

@@ -15,7 +15,7 @@ from dirprim_filter.recording.container.errors import (
     RecordingError,
 )
 from dirprim_filter.recording.container.message_columns import MessageColumns
-from dirprim_filter.recording.container.records import Channel, unread_encodings
+from dirprim_filter.recording.container.records import Channel
 
 __all__ = [
     "DamagedRecordingError", "DecodeError", "MissingExtraError", "MissingTransformError", "NoRoomError",
@@ -28,15 +28,14 @@ TOPICS_SHOWN = 6
 class NoTracksError(RecordingError):
     """No topic of the log can serve as asked."""
 
-    def __init__(self, path: Path, *, has: Iterable[Channel], wanted: str, damage: Sequence[object] = ()) -> None:
-        """`has`: all channels of the log; `wanted`: what was looked for, in words."""
-        channels = list(has)
-        topics = list(dict.fromkeys(f"{c.topic} ({c.schema.name or 'no schema'})" for c in channels))
+    def __init__(
+        self, path: Path, *, has: Iterable[Channel], wanted: str, damage: Sequence[object] = (), why: str = ""
+    ) -> None:
+        """`has`: all channels of the log; `wanted`: what was looked for, in words; `why`: the reason if known."""
+        topics = list(dict.fromkeys(f"{c.topic} ({c.schema.name or 'no schema'})" for c in has))
         more = f" and {len(topics) - TOPICS_SHOWN} more" if len(topics) > TOPICS_SHOWN else ""
         broken = f"; it is damaged: {damage[0]}" if damage else ""
-        way = unread_encodings(c.message_encoding for c in channels) or (
-            "choose a topic or another log, or say by --set fields=... where objects of an unknown schema are"
-        )
+        way = why or "choose a topic or another log, or say by --set fields=... where objects of an unknown schema are"
         shown = ", ".join(topics[:TOPICS_SHOWN]) or "no topics"
         super().__init__(f"{fspath(path)}: expected {wanted}; the log has {shown}{more}{broken}; {way}")
 

@@ -51,12 +51,10 @@ def inspect(source: LogSource, options: ReadOptions = EVERYTHING) -> LogSummary:
     if options.strict and damage:
         raise DamagedRecordingError(one.path, damage)
     if options.mapping and not any(reading.track_ids.values()):
-        why = next(iter(reading.decoders.unreadable()), "in no message")
+        why = next(filter(None, (reading.why(key)[1] for key in reading.messages)), "in no message")
         logger.warning("%s: expected objects at %s, got none: %s", one.path, options.mapping, why)
-    if reading.undecodable:
-        logger.warning("%s: %d messages are not what their schema says", one.path, reading.undecodable)
     return LogSummary(
-        topics=topics_of(reading.messages, reading.track_ids),
+        topics=topics_of(reading.messages, reading.track_ids, reading.why),
         messages=reading.messages.total(),
         start_ns=min(reading.times, default=None),
         end_ns=max(reading.times, default=None),
@@ -81,7 +79,8 @@ class _Inspection:
         self.track_ids: dict[TopicKey, set[str]] = {}  # of topics whose schema carries objects
         self.labels: dict[str, Counter[str]] = {}
         self.groups: dict[str, Counter[int]] = {}
-        self.undecodable = 0
+        self.refused: dict[TopicKey, str] = {}
+        self.failed: dict[TopicKey, Counter[str]] = {}
         self.times: list[int] = []  # the first and the last of each chunk
         self.decoders, self._estimates = decoders, Decoders(_ESTIMATES)
         for channel in log.channels():
@@ -101,6 +100,8 @@ class _Inspection:
         key = key_of(channel)
         if key not in self.messages and self._decoders_of(channel).carries_objects(channel):
             self.track_ids[key] = set()
+        if key not in self.messages:
+            self.refused[key] = self._decoders_of(channel).refusal(channel)
         self.messages[key] += n
 
     def _decoders_of(self, channel: Channel) -> Decoders:
@@ -116,4 +117,12 @@ class _Inspection:
             self.track_ids[key_of(of)].update(here.track_id[is_placed[own]].tolist())
             self.labels.setdefault(of.topic, Counter()).update(here.label.tolist())
             self.groups.setdefault(of.topic, Counter()).update(here.group.tolist())
-        self.undecodable += len(failures)
+        for i, reason in failures.items():
+            of = messages.channels[messages.channel[i]]
+            self.failed.setdefault(key_of(of), Counter())[reason] += 1
+
+    def why(self, key: TopicKey) -> tuple[int, str]:
+        """How many messages of a topic cannot be decoded, and the most frequent reason; or why none is read."""
+        failed = self.failed.get(key, Counter())
+        (reason, _), *_ = failed.most_common(1) or [(self.refused[key], 0)]
+        return failed.total(), reason

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import asdict, dataclass
 from os import PathLike
 from typing import Any
@@ -30,6 +30,8 @@ class TopicSummary:
         encoding: of its messages.
         messages: how many could be read.
         tracks: distinct track ids in them; None where the schema carries none, or they were not counted.
+        undecodable: how many of the messages cannot be decoded.
+        why: the most frequent reason; or why objects are not read of this topic; empty where they are.
     """
 
     name: str
@@ -37,6 +39,8 @@ class TopicSummary:
     encoding: str
     messages: int
     tracks: int | None
+    undecodable: int = 0
+    why: str = ""
 
 
 TopicKey = tuple[str, str, str]
@@ -49,19 +53,18 @@ def key_of(channel: Channel) -> TopicKey:
 
 
 def topics_of(
-    messages: Mapping[TopicKey, int], track_ids: Mapping[TopicKey, Collection[str]]
-) -> tuple[TopicSummary, ...]:
-    """The topics by name; without ids, those of schemas that carry none."""
-    return tuple(
-        TopicSummary(
-            name=key[0],
-            schema=key[1],
-            encoding=key[2],
-            messages=n,
-            tracks=len(track_ids[key]) if key in track_ids else None,
-        )
-        for key, n in sorted(messages.items())
-    )
+    messages: Mapping[TopicKey, int], track_ids: Mapping[TopicKey, Collection[str]],
+    why: Callable[[TopicKey], tuple[int, str]] = lambda _: (0, ""),
+) -> tuple[TopicSummary, ...]:  # fmt: skip
+    """The topics by name; without ids, those of schemas that carry none; and as `TopicSummary` has it, why not."""
+    found = []
+    for key, n in sorted(messages.items()):
+        (name, schema, encoding), (undecodable, reason) = key, why(key)
+        tracks = len(track_ids[key]) if key in track_ids else None
+        found.append(TopicSummary(
+            name=name, schema=schema, encoding=encoding, messages=n, tracks=tracks, undecodable=undecodable, why=reason,
+        ))  # fmt: skip
+    return tuple(found)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -90,7 +90,7 @@ def test_whatever_was_lost_of_whichever_input_ends_in_3(here, command):
 def test_an_unknown_schema_is_named_with_the_way_out(here, capsys):
     private_json(here / "log.mcap")
     assert dirprim("info log.mcap") == DONE
-    assert "no topic carries tracks; --set fields=... says where" in capsys.readouterr().out
+    assert "not read: /car: its schema is not known to hold objects; --set fields=..." in capsys.readouterr().out
     assert dirprim("learn log.mcap -o out") == FAILED
     reported = capsys.readouterr().err
     for part in ("expected a topic with moving objects", "the log has /car (acme.Car)", "say by --set fields="):

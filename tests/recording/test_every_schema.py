@@ -171,7 +171,7 @@ def test_every_command_reads_it(tmp_path, capsys, name):
         pytest.importorskip("pyproj", reason="the extra geo is not installed")
     log = tmp_path / "log.mcap"
     write(log)
-    assert run(["info", str(log), "--json", *(options if "--fields" in options else [])]) == 0
+    assert run(["info", str(log), "--json", *(["--set", f"fields={options[1]}"] if "--fields" in options else [])]) == 0
     (topic,) = json.loads(capsys.readouterr().out)["topics"]
     assert topic["messages"] == N
     assert topic["tracks"] == (None if options == NAMED else 1)

@@ -152,7 +152,7 @@ def test_info_says_that_paths_lead_nowhere(tmp_path, capsys, encoding):
     path = json_log(tmp_path / "log.mcap", "acme.Objects", [(TIMES[k], private(k)) for k in range(N)])
     if encoding == "protobuf":
         path = write_protobuf_log(tmp_path / "log.mcap", [("/objects", 0, scene([("a", 0.0, 0.0)]))])
-    assert run(["info", str(path), "--fields", "id=.lost[].id,x=.lost[].x,y=.lost[].y"]) == 0
+    assert run(["info", str(path), "--set", "fields=id=.lost[].id,x=.lost[].x,y=.lost[].y"]) == 0
     said = capsys.readouterr()
     assert "tracks in" not in said.out
     assert "expected objects at id=.lost[].id,x=.lost[].x,y=.lost[].y, got none" in said.err

@@ -4,6 +4,7 @@ import json
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 from mcap_files import CHUNK, log_bytes, records, scene, write_protobuf_log
@@ -19,8 +20,9 @@ SENT = [(f"/topic{i % 3}", 1000 * i, str(i).encode() * 9) for i in range(200)]
 def test_the_index_tells_what_reading_tells(log_file):
     path = log_file(log_bytes(SENT, chunk_size=900))
     reported, read = summarise_by_index(path, from_bytes=0), inspect(path)
+    topics = tuple(replace(topic, why="") for topic in read.topics)  # the index does not look at definitions
     assert (reported.topics, reported.messages, reported.start_ns, reported.end_ns) == (
-        read.topics, read.messages, read.start_ns, read.end_ns,
+        topics, read.messages, read.start_ns, read.end_ns,
     )  # fmt: skip
     assert (reported.is_checked, read.is_checked) == (False, True)
     assert summarise_by_index(path) is None  # a short log is read

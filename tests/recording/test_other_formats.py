@@ -38,13 +38,14 @@ def test_a_table_of_another_format_says_the_way(tmp_path, opening):
         read_named(tmp_path / "t.csv")
 
 
-def test_a_log_of_ros_1_is_reported_by_its_encoding_and_no_fields_are_advised(tmp_path, capsys):
+@pytest.mark.parametrize("encoding", ["flatbuffer", "", "cdr2"])
+def test_an_encoding_that_is_not_read_is_named_and_no_fields_are_advised(tmp_path, capsys, encoding):
     sent = [(f"/topic_{i}", i, b"\0") for i in range(2)]
-    bag = write_log(tmp_path / "ros1.mcap", sent, ("std_msgs/String", "ros1msg", b"string data"), "ros1")
-    assert run(["info", str(bag)]) == 0
+    log = write_log(tmp_path / "log.mcap", sent, ("std_msgs/String", "", b""), encoding)
+    assert run(["info", str(log)]) == 0
     said = capsys.readouterr().out
-    for fields in (None, "x=.x,y=.y"):
-        assert run(["learn", str(bag), "-o", str(tmp_path / "m"), *(["--fields", fields] if fields else [])]) == 1
+    for fields in ([], ["--set", "fields=x=.x,y=.y"], ["--topics", "/topic_0"]):
+        assert run(["learn", str(log), "-o", str(tmp_path / "m"), *fields]) == 1
         said += capsys.readouterr().err
-    assert said.count("messages encoded as ros1 are not read, but protobuf, cdr, json; give the ROS 1 bag itself") == 3
-    assert "--fields says" not in said
+    assert said.count(f"messages encoded as {encoding or 'nothing'} are not read") == 4
+    assert "choose a topic" not in said

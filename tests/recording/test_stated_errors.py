@@ -9,6 +9,8 @@ from ros_messages import definition, write_ros2_log
 from rosbags.typesys import TypesysError
 from test_ros2_schemas import N_TIMES, NAMES, SCENE, START_NS, STEP_NS, array_log, detection, header, point
 
+from dirprim_filter.cli.exit_codes import FAILED, INPUT_LOST
+from dirprim_filter.cli.main import run
 from dirprim_filter.detections import Detections
 from dirprim_filter.recording.errors import NoTracksError
 from dirprim_filter.recording.reader import FieldMapping, read_tracks, stream_detections
@@ -170,3 +172,43 @@ def _leaves(name, at=""):
         if kind[0].islower() and "/" not in kind:
             continue
         yield from _leaves(kind if "/" in kind else f"{name.partition('/')[0]}/{kind}", path)
+
+
+def test_why_messages_are_not_read_reaches_the_one_line_and_info_ends_with_3(tmp_path, capsys):
+    text = b"p/I[] items\n" + b"=" * 80 + b"\nMSG: p/I\nfloat64 x\nfloat64 y"
+    sent = [("/objects", k, b"\x00\x0b\x00\x00" + bytes(24)) for k in range(20)] + [("/image", 0, b"")]
+    log = write_log(tmp_path / "log.mcap", sent, ("p/msg/M", "ros2msg", text), "cdr")
+    fields = ["--set", "fields=x=.items[].x,y=.items[].y", "--topics", "/objects|/image"]
+    why = "20 of 20 messages of /objects{}: encapsulation 0x000b (PL_CDR2), which is not read"
+    assert run(["info", str(log), *fields]) == INPUT_LOST
+    assert why.format("") in capsys.readouterr().out
+    for asked in (fields[:2], fields):
+        assert run(["learn", str(log), "-o", str(tmp_path / "m"), *asked]) == FAILED
+    said = capsys.readouterr().err
+    assert why.format(" cannot be decoded") in said
+    assert "choose a topic" not in said
+    assert run(["info", str(log), "--json", *fields]) == INPUT_LOST
+    of = {topic["name"]: topic for topic in json.loads(capsys.readouterr().out)["topics"]}
+    assert (of["/objects"]["undecodable"], of["/image"]["undecodable"]) == (20, 1)
+
+
+def test_of_schemas_that_are_not_read_each_says_why(tmp_path, capsys):
+    sent = [("/boxes", START_NS, json.dumps({}).encode())]
+    log = write_log(tmp_path / "log.mcap", sent, ("vision_msgs/msg/Detection2DArray", "jsonschema", b"{}"), "json")
+    assert run(["info", str(log)]) == 0
+    assert run(["learn", str(log), "-o", str(tmp_path / "m")]) == FAILED
+    assert "".join(capsys.readouterr()).count("/boxes: boxes in an image are no places on the ground") == 2
+    wrong = ("geometry_msgs/msg/PoseStamped", "ros2msg", b"uint8 a")
+    log = write_log(tmp_path / "wrong.mcap", [("/pose", START_NS, b"\0\1\0\0\0")], wrong, "cdr")
+    assert run(["info", str(log)]) == INPUT_LOST
+    assert run(["learn", str(log), "-o", str(tmp_path / "m")]) == FAILED
+    assert "".join(capsys.readouterr()).count("which its definition lacks") == 2
+
+
+def test_a_decimal_fraction_is_no_whole_nanoseconds_and_time_s_is_named(tmp_path, capsys):
+    path = json_log(tmp_path / "log.mcap", "acme.Car", lambda k: {"t": 1.7e9 + k / 10 + 0.05, "x": k, "y": 0})
+    assert run(["learn", str(path), "-o", str(tmp_path / "m"), "--set", "fields=x=.x,y=.y,time=.t"]) == FAILED
+    said = capsys.readouterr().err
+    assert "12 of 12 messages of /car cannot be decoded" in said
+    assert "time_s= takes seconds" in said
+    assert len(read_tracks(path, mapping=FieldMapping.parse("x=.x,y=.y,time_s=.t"))) == N_TIMES

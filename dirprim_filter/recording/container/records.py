@@ -7,7 +7,7 @@ length of 64 bits, and that many bytes; strings and maps carry a length of 32 bi
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, cast
 
@@ -179,11 +179,7 @@ def parse_channel(buffer: Bytes, at: int, schemas: Mapping[int, Schema]) -> tupl
     return said.id, Channel(topic=said.topic, message_encoding=said.message_encoding, schema=schema, metadata=metadata)
 
 
-def unread_encodings(encodings: Iterable[str]) -> str | None:
-    """Why messages are not read, and the way out, where none has an encoding that is."""
-    found = sorted(set(encodings))
-    if not found or set(found) & set(ENCODINGS):
-        return None
-    why = f"messages encoded as {', '.join(found)} are not read, but {', '.join(ENCODINGS)}"
-    ros1 = "; give the ROS 1 bag itself, a file named .bag" if "ros1" in found else ""
-    return why + ros1
+def refused_encoding(encoding: str) -> str:
+    """Why messages of an encoding are not read, and the way out; empty where they are."""
+    known = ", ".join(ENCODINGS)
+    return "" if encoding in ENCODINGS else f"messages encoded as {encoding or 'nothing'} are not read; write {known}"

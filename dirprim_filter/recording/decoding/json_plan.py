@@ -99,7 +99,7 @@ class JsonPlan:
             if len(rows[table]) > MAX_ELEMENTS:
                 raise _UnlikeError(f"expected at most {MAX_ELEMENTS} elements of {table}, got {len(rows[table])}")
         return rows, {
-            label: [_converted(one.kind, _below(of, self._steps[label])) for _, of in rows[one.table]]
+            label: [_converted(one, _below(of, self._steps[label])) for _, of in rows[one.table]]
             for label, one in self._fields.items()
         }
 
@@ -120,12 +120,15 @@ def _below(value: Any, steps: Steps) -> Any:
     return value
 
 
-def _converted(kind: Kind, value: Any) -> Any:
+def _converted(one: Field, value: Any) -> Any:
     """A value as its column holds it; None where it is missing."""
+    kind = one.kind
     if kind == "presence":
         return value is not None
     if value is None:
         return None
+    if kind == "time" and isinstance(value, float):
+        raise _UnlikeError(f"expected whole nanoseconds at {one.path}, got a decimal fraction; time_s= takes seconds")
     if kind == "time":
         return _time(value)
     if kind == "name" and isinstance(value, float) and value.is_integer():
@@ -138,7 +141,7 @@ def _converted(kind: Kind, value: Any) -> Any:
         isinstance(value, bool | int | float) or (isinstance(value, str) and _NUMBER.fullmatch(value))
     ):
         return float(value)
-    raise _UnlikeError(f"expected a {kind}, got {str(value)[:40]!r}")
+    raise _UnlikeError(f"expected a {kind} at {one.path}, got {str(value)[:40]!r}")
 
 
 def _time(value: Any) -> int:

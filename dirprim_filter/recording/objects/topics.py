@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections import Counter, deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import chain
 
 import numpy as np
@@ -12,10 +12,12 @@ import numpy as np
 from dirprim_filter.recording import topic_names
 from dirprim_filter.recording.container.errors import Damage
 from dirprim_filter.recording.container.log import Log, Scan
+from dirprim_filter.recording.container.message_columns import MessageColumns
+from dirprim_filter.recording.container.records import Channel
 from dirprim_filter.recording.errors import DamagedRecordingError, NoTracksError
 from dirprim_filter.recording.name_patterns import matching
 from dirprim_filter.recording.objects.options import ReadOptions
-from dirprim_filter.recording.schemas.decoders import Decoders, batches, by_schema, schema_name
+from dirprim_filter.recording.schemas.decoders import NOT_KNOWN, Decoders, batches, by_schema, schema_name
 from dirprim_filter.recording.schemas.families import KINDS, OBSERVATIONS
 
 logger = logging.getLogger(__name__)
@@ -46,36 +48,64 @@ def choose_topics(log: Log, options: ReadOptions, *, prefer_detections: bool = F
     decoders = Decoders(mapping)
     schema_of = {c.topic: schema_name(c) for c in channels if decoders.reads(c)}
     looked_for = f" (fields {mapping})" if mapping else ""
-    why = "".join(f"; {reason}" for reason in decoders.unreadable()[:1]) if mapping else ""
+    failures = Failures()
     if topics is not None:
-        chosen = frozenset(_named(topics, schema_of))
+        is_wanted = topics.__eq__ if topics in {c.topic for c in channels} else matching(topics, of="topics")
+        chosen = frozenset(filter(is_wanted, schema_of))
         wanted = f"topic {topics!r} with objects{looked_for}"
     else:
         inputs = {t: s for t, s in schema_of.items() if not t.startswith(OUTPUT_PREFIX)}
         kinds = [set(inputs.values())] if mapping else _KINDS
-        chosen = _default(log, inputs, decoders, kinds, prefer_detections=prefer_detections)
+        chosen = _default(log, inputs, decoders, kinds, failures, prefer_detections=prefer_detections)
         wanted = f"a topic with moving objects{looked_for}"
     if not chosen:
         damage = _damage(log)
         if options.strict and damage:
             raise DamagedRecordingError(log.path, damage)
-        raise NoTracksError(log.path, has=channels, wanted=wanted + why, damage=damage)
+        asked = [c for c in channels if topics is None or is_wanted(c.topic)]
+        why = failures.line() or next(filter(None, (_refused(decoders, channel) for channel in asked)), "")
+        raise NoTracksError(log.path, has=channels, wanted=wanted, damage=damage, why=why)
     return chosen
 
 
-def _named(topics: str, schema_of: dict[str, str]) -> list[str]:
-    if topics in schema_of:
-        return [topics]
-    return list(filter(matching(topics, of="topics"), schema_of))
+class Failures:
+    """Messages that cannot be decoded, by topic and reason, and how many were looked at."""
+
+    def __init__(self) -> None:
+        self.looked_at: Counter[str] = Counter()
+        self.why: dict[str, Counter[str]] = {}
+
+    def take(self, messages: MessageColumns, failures: Mapping[int, str]) -> None:
+        """Of messages, by number why some cannot be decoded."""
+        topics = messages.topic
+        self.looked_at.update(topics.tolist())
+        for i, reason in failures.items():
+            self.why.setdefault(str(topics[i]), Counter())[reason] += 1
+
+    def line(self) -> str:
+        """The most frequent reason in the topic that fails most; empty without any."""
+        if not self.why:
+            return ""
+        topic, why = max(self.why.items(), key=lambda item: item[1].total())
+        n, reason = why.total(), why.most_common(1)[0][0]
+        return f"{n} of {self.looked_at[topic]} messages of {topic} cannot be decoded: {reason}"
+
+
+def _refused(decoders: Decoders, channel: Channel) -> str:
+    """A line for what is wrong with a topic's definition; empty where it is only not known."""
+    why = decoders.refusal(channel)
+    return "" if why in ("", NOT_KNOWN) else f"{channel.topic}: {why}"
 
 
 def _default(
-    log: Log, schema_of: dict[str, str], decoders: Decoders, kinds: Sequence[set[str]], *, prefer_detections: bool
-) -> frozenset[str]:
+    log: Log, schema_of: dict[str, str], decoders: Decoders, kinds: Sequence[set[str]], failures: Failures,
+    *, prefer_detections: bool,
+) -> frozenset[str]:  # fmt: skip
     if prefer_detections and (reported := [topic for topic in schema_of if _is_a_sensors(topic, schema_of[topic])]):
         return frozenset(reported)
     for names in kinds:
-        carrying = _carrying_objects(log, decoders, {topic for topic, schema in schema_of.items() if schema in names})
+        topics = {topic for topic, schema in schema_of.items() if schema in names}
+        carrying = _carrying_objects(log, decoders, topics, failures)
         true = {topic for topic in carrying if not topic.startswith(topic_names.DETECTIONS)} or carrying
         if len(true) > 1:
             longest = _longest(log, true)
@@ -98,7 +128,7 @@ def _is_a_sensors(topic: str, schema: str) -> bool:
     return is_named and schema in OBSERVATIONS.schemas
 
 
-def _carrying_objects(log: Log, decoders: Decoders, topics: set[str]) -> set[str]:
+def _carrying_objects(log: Log, decoders: Decoders, topics: set[str], failures: Failures) -> set[str]:
     """Those of the topics in which some message holds an object; reads no further than needed to know.
 
     Of a live pipe all that it began with: others might be waited for in vain.
@@ -110,7 +140,8 @@ def _carrying_objects(log: Log, decoders: Decoders, topics: set[str]) -> set[str
         parts = (batches([part], decoders) for part in Scan(log, topics.__contains__).columns())
         for batch in chain.from_iterable(parts):  # of each chunk by itself: one may be enough
             for _, messages in by_schema(batch):
-                rows, _ = decoders.rows(messages)
+                rows, failed = decoders.rows(messages)
+                failures.take(messages, failed)
                 of = messages.channel[rows.message[np.isfinite(rows.position[:, 0])]]
                 carrying |= {messages.channels[i].topic for i in np.unique(of).tolist()}
             if carrying == topics:

@@ -10,7 +10,7 @@ import numpy as np
 
 from dirprim_filter.arrays import IntArray
 from dirprim_filter.recording.container.message_columns import MessageColumns, gathered
-from dirprim_filter.recording.container.records import ENCODINGS, Channel, Schema
+from dirprim_filter.recording.container.records import ENCODINGS, Channel, Schema, refused_encoding
 from dirprim_filter.recording.decoding.cdr_plan import CdrPlan, full_name
 from dirprim_filter.recording.decoding.column_plan import ColumnPlan, TooManyRowsError
 from dirprim_filter.recording.decoding.field_columns import FieldColumns, SchemaError
@@ -24,6 +24,12 @@ Plan = ColumnPlan | CdrPlan | JsonPlan
 BATCH_MESSAGES = 1 << 14
 BATCH_BYTES = 1 << 21
 """Messages are decoded together up to about so many: memory is bounded by a batch."""
+NOT_KNOWN = "its schema is not known to hold objects; --set fields=... says where they are"
+NO_PLACES = {
+    f"vision_msgs/msg/{name}": "boxes in an image are no places on the ground; a 3D detector's topic has them"
+    for name in ("Detection2D", "Detection2DArray", "BoundingBox2DArray")
+}
+"""Why some schemas of objects cannot be read."""
 
 
 def family_of(channel: Channel) -> Family | None:
@@ -83,9 +89,15 @@ class Decoders:
         family = self._mapped or FAMILIES[schema]
         return not any(field.table for field in family.fields.values())
 
-    def unreadable(self) -> list[str]:
-        """Why schemas that were looked at cannot be read."""
-        return [str(plan) for plan in self._plans.values() if isinstance(plan, SchemaError)]
+    def refusal(self, channel: Channel) -> str:
+        """Why the channel's objects are not read, whatever its messages; empty where they are, or these will say."""
+        if why := refused_encoding(channel.message_encoding):
+            return why
+        if self._mapped is None and (name := schema_name(channel)) not in FAMILIES:
+            return NO_PLACES.get(name, NOT_KNOWN)
+        if self._mapped is not None and isinstance(plan := self._plan(channel), SchemaError):
+            return str(plan)
+        return "" if self.carries_objects(channel) else "read only where --topics names it"
 
     def _plan(self, channel: Channel) -> Plan | SchemaError:
         key = (channel.message_encoding, channel.schema)
