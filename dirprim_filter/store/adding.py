@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
@@ -21,8 +22,14 @@ from dirprim_filter.store.rows import Rows
 from dirprim_filter.store.store import Store
 from dirprim_filter.store.workers import Workers
 
+SPLIT = re.compile(r"_\d+(?=\.[\w.]+$)")
+"""How names of the splits of one recording differ: `bag_0.mcap`, `bag_1.mcap`."""
 EVERY_S = 1.0
 """A commit: what was read since is read again if this process is killed."""
+
+
+Task = tuple[LogFile, Sequence[str]]
+"""A log, and by their URLs those whose transforms serve it."""
 
 
 class Receipt(NamedTuple):
@@ -86,10 +93,11 @@ def add_logs(
     _ = config.reading  # that logs can be read so is asked before anything is made
     known = store.contents().entries if store is not None else {}
     new = [log for log in logs if log.url not in known or known[log.url].mark != log.version]
-    receipts: list[Receipt] = []
+    splits, receipts = _splits(logs), list[Receipt]()
+    tasks = [(log, splits[log.url]) for log in new]
     fresh: list[Receipt] = []
     last_s = time.monotonic()
-    for receipt in _receipts(path, store, config, new, workers or Workers()):
+    for receipt in _receipts(path, store, config, tasks, workers or Workers()):
         if receipt.files and store is None:
             store = Store.create(path, config, receipt.frame)
         fresh.append(_in_frame(receipt, store))
@@ -131,10 +139,10 @@ def _in_frame(receipt: Receipt, store: Store | None) -> Receipt:
 
 
 def _receipts(
-    path: str | Path, store: Store | None, config: StoreConfig, logs: list[LogFile], workers: Workers
+    path: str | Path, store: Store | None, config: StoreConfig, tasks: Sequence[Task], workers: Workers
 ) -> Iterator[Receipt]:
     """Of all logs, as they are done; those of this process come until one could be read, and says the frame."""
-    there, rest = store or Store(address_of(path), config, ""), list(logs)
+    there, rest = store or Store(address_of(path), config, ""), list(tasks)
     while rest and store is None:
         receipt = _written(rest.pop(0), store=there, reading=config.reading)
         yield receipt
@@ -142,18 +150,27 @@ def _receipts(
             there = replace(there, frame=receipt.frame)
             break
     work = partial(_written, store=there, reading=there.reading)
-    yield from workers.each(work, rest, [f"add-{log.url}-{log.version}-{time.time_ns()}" for log in rest])
+    yield from workers.each(work, rest, [f"add-{log.url}-{log.version}-{time.time_ns()}" for log, _ in rest])
 
 
-def _written(log: LogFile, *, store: Store, reading: ReadOptions) -> Receipt:
-    """The files of a log; what is wrong with it, the receipt says, and stops no other.
+def _splits(logs: Sequence[LogFile]) -> dict[str, list[str]]:
+    """By a log's URL those of its recording that may hold its transforms: the first split, and those around it."""
+    bags: dict[str, list[str]] = {}
+    for url in sorted((log.url for log in logs), key=lambda url: (len(url), url)):
+        bags.setdefault(SPLIT.sub("", url), []).append(url)
+    return {url: [bag[0], *bag[max(i - 1, 0) : i + 2]] for bag in bags.values() for i, url in enumerate(bag)}
+
+
+def _written(task: Task, *, store: Store, reading: ReadOptions) -> Receipt:
+    """The files of a log, beside which others may be read; what is wrong with it, the receipt says, and stops no other.
 
     Raises:
         RecordingError: the store cannot be written.
     """
+    log, beside = task
     try:
         with copied_once():
-            read = _read(log, reading)
+            read = _read(log, reading, beside)
         rows = Rows.of(read.tracks)
     except (RecordingError, OSError, ValueError) as error:
         reason = " ".join(str(error).split()) or type(error).__name__
@@ -163,8 +180,8 @@ def _written(log: LogFile, *, store: Store, reading: ReadOptions) -> Receipt:
     return Receipt(log, files, read.frame, "")
 
 
-def _read(log: LogFile, reading: ReadOptions) -> TrackResult:
-    read = read_track_logs(log.url, reading)
+def _read(log: LogFile, reading: ReadOptions, beside: Sequence[str]) -> TrackResult:
+    read = read_track_logs(log.url, reading, beside=beside)
     if not len(read.tracks):
         raise RecordingError(f"{log.url}: expected moving objects, got none; left out: {read.losses}")
     return read

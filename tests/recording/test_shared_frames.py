@@ -8,6 +8,8 @@ from test_transforms import START_NS, STEP_NS, ros_transform
 
 from dirprim_filter.recording.errors import MissingTransformError
 from dirprim_filter.recording.reader import read_track_logs, read_tracks, stream_detections
+from dirprim_filter.store import add_logs, find_logs
+from dirprim_filter.store.adding import failures
 
 N = 20
 SPEED = 12.0
@@ -65,6 +67,15 @@ def test_splits_that_are_given_one_by_one_share_their_transforms(tmp_path, caplo
         read_tracks(bags[1])
     with pytest.raises(MissingTransformError, match="'lidar' to frame 'map'"):
         list(stream_detections(bags[1]))
+
+
+def test_a_store_reads_each_split_with_the_transforms_of_its_recording(tmp_path):
+    splits(tmp_path)
+    log(tmp_path / "other.mcap", *parked(frame="lidar"), *moving())
+    added = add_logs(tmp_path / "store", find_logs([str(tmp_path / "*.mcap")]))
+    assert [receipt.n_rows > 0 for receipt in added.receipts] == [True, True, False]
+    (line,) = failures(added)
+    assert "other.mcap: expected a transform from frame 'lidar' to frame 'map'" in line
 
 
 def test_transforms_around_the_boundary_of_splits_are_interpolated(tmp_path):
