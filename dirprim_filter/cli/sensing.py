@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import chain
 from pathlib import Path
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
     from dirprim_filter.detections import Detections
     from dirprim_filter.sensor import Sensor
 
+logger = logging.getLogger(__name__)
+
 UNITS = {
     "latency_s": "s", "detection_probability": "per frame", "clutter_density": "per m2 and frame", "outlier_share": "",
     "spread_m": "m", "bias_m": "m", "correlated_share": "of the variance", "correlation_s": "s",
@@ -25,6 +28,10 @@ LEARNED_FROM_S = 300.0
 """Seconds of a log that a sensor is learned from."""
 MOST_ROWS, MOST_ROWS_UNASKED = 200_000, 10_000
 """Detections that it is learned from, if `auto` is asked for and by default: these take less than a second."""
+
+
+SENSOR_COUNTS = "its covariances are not used, but the sensor's model; without --sensor they are, --noise for the rest"
+LOG_COUNTS = "its covariances are used, and the stated noise where it has none; --sensor goes before them"
 
 
 def sensor_of(
@@ -52,7 +59,7 @@ def sensor_of(
     from dirprim_filter.recording.sensor_file import load_sensor
 
     if sensor not in (None, AUTO):
-        return load_sensor(sensor), frames
+        return load_sensor(sensor), _beside_covariances(frames, log, SENSOR_COUNTS)
     if is_live or not with_ids:
         why = "a live pipe does not wait for it" if is_live else "without ids no vehicle is named again"
         if sensor == AUTO:
@@ -61,8 +68,21 @@ def sensor_of(
             _say_default(why)
         return None, frames
     if is_stated and sensor is None:
-        return None, frames
-    return _learned(frames, log, seed=seed, is_asked=sensor == AUTO)
+        return None, _beside_covariances(frames, log, LOG_COUNTS)
+    found, frames = _learned(frames, log, seed=seed, is_asked=sensor == AUTO)
+    return found, frames if found is None else _beside_covariances(frames, log, SENSOR_COUNTS)
+
+
+def _beside_covariances(frames: Iterable[Detections], log: Path, which: str) -> Iterator[Detections]:
+    """The frames; at the first that states covariances a line says which of two errors counts."""
+    import numpy as np
+
+    is_said = False
+    for frame in frames:
+        if not (is_said or np.isnan(frame.covariance[:, 0, 0]).all()):
+            logger.warning("%s: %s", log, which)
+            is_said = True
+        yield frame
 
 
 def _learned(

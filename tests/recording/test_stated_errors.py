@@ -4,6 +4,8 @@ import json
 
 import numpy as np
 import pytest
+import zstandard
+from mcap.reader import make_reader
 from mcap_files import write_log
 from ros_messages import definition, write_ros2_log
 from rosbags.typesys import TypesysError
@@ -13,7 +15,7 @@ from dirprim_filter.cli.exit_codes import FAILED, INPUT_LOST
 from dirprim_filter.cli.main import run
 from dirprim_filter.detections import Detections
 from dirprim_filter.recording.errors import NoTracksError
-from dirprim_filter.recording.reader import FieldMapping, read_tracks, stream_detections
+from dirprim_filter.recording.reader import FieldMapping, read_track_logs, read_tracks, stream_detections
 from dirprim_filter.recording.schemas.families import FAMILIES
 
 
@@ -212,3 +214,44 @@ def test_a_decimal_fraction_is_no_whole_nanoseconds_and_time_s_is_named(tmp_path
     assert "12 of 12 messages of /car cannot be decoded" in said
     assert "time_s= takes seconds" in said
     assert len(read_tracks(path, mapping=FieldMapping.parse("x=.x,y=.y,time_s=.t"))) == N_TIMES
+
+
+@pytest.mark.parametrize("is_stated", [True, False])
+def test_track_says_which_of_two_stated_errors_counts(tmp_path, capsys, is_stated):
+    def items(k, _):
+        return [detection(k, i) | {"results": [result("car", 0.5, 0.04 * is_stated)]} for i in range(3)]
+
+    log = array_log(tmp_path, "vision_msgs/msg/Detection3DArray", items)
+    assert run(["learn", str(log), "-o", str(tmp_path / "map")]) == 0
+    (tmp_path / "s.toml").write_text("[along]\nspread_m = 1.0\n[across]\nspread_m = 1.0\n")
+    for given, line in (
+        (["--sensor", str(tmp_path / "s.toml")], "its covariances are not used"),
+        (["--noise", "1"], "its covariances are used"),
+    ):
+        command = ["track", str(log), "--map", str(tmp_path / "map"), "-o", str(tmp_path / "out"), "--force"]
+        run([*command, *given, "--particles", "50"])
+        assert capsys.readouterr().err.count(line) == is_stated
+
+
+def compressed(data):
+    return zstandard.ZstdCompressor().compress(data)
+
+
+def test_messages_that_rosbag2_compressed_one_by_one_are_read_and_those_that_are_broken_counted(tmp_path):
+    """As `compression_mode: MESSAGE` writes them, transforms too; a bomb is refused before it is unpacked."""
+    plain = array_log(tmp_path, "vision_msgs/msg/Detection3DArray")
+    packed, bomb = tmp_path / "packed.mcap", compressed(bytes(1 << 28))
+    with plain.open("rb") as file:
+        sent = [(c.topic, m.log_time, m.data, s) for s, c, m in make_reader(file).iter_messages()]
+    schema = (sent[0][3].name, "ros2msg", sent[0][3].data)
+    write_log(packed, [(topic, at, compressed(data)) for topic, at, data, _ in sent], schema, "cdr")
+    whole, read = read_tracks(plain), read_tracks(packed)
+    np.testing.assert_array_equal(read.position, whole.position)
+    np.testing.assert_array_equal(read.track_id, whole.track_id)
+    broken = [(sent[0][0], sent[0][1], bomb), (sent[0][0], sent[0][1], compressed(bytes(99))[:-3])]
+    write_log(packed, broken + [(topic, at, compressed(data)) for topic, at, data, _ in sent], schema, "cdr")
+    log = read_track_logs(packed)
+    assert len(log.tracks) == len(whole)
+    assert log.losses.why == {
+        "encapsulation 0x28b5 (zstd that does not decompress to at most 64 MiB), which is not read": 2
+    }

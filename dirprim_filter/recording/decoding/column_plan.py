@@ -34,7 +34,7 @@ _SECONDS = frozenset(names[0] for names in CLOCKS)
 _NOWHERE: tuple[int, int, Form] = (-1, 0, "int")
 ENCAPSULATIONS = {
     0x00: "plain CDR", 0x02: "PL_CDR", 0x06: "CDR2", 0x08: "delimited CDR2", 0x0A: "PL_CDR2", 0x10: "CDR2",
-    0x12: "PL_CDR2", 0x14: "delimited CDR2",
+    0x12: "PL_CDR2", 0x14: "delimited CDR2", 0x28B4: "zstd that does not decompress to at most 64 MiB",
 }  # fmt: skip
 """Those of DDS by number, without the bit of the byte order."""
 

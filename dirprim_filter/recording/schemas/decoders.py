@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
 
@@ -24,6 +25,10 @@ Plan = ColumnPlan | CdrPlan | JsonPlan
 BATCH_MESSAGES = 1 << 14
 BATCH_BYTES = 1 << 21
 """Messages are decoded together up to about so many: memory is bounded by a batch."""
+LARGEST_BYTES = 1 << 26
+"""Of messages once decompressed, together or of one."""
+ZSTD = b"\x28\xb5\x2f\xfd"
+"""What a frame of zstd begins with."""
 NOT_KNOWN = "its schema is not known to hold objects; --set fields=... says where they are"
 NO_PLACES = {
     f"vision_msgs/msg/{name}": "boxes in an image are no places on the ground; a 3D detector's topic has them"
@@ -141,11 +146,41 @@ class Decoders:
             yield 0, messages, plan
             return
         try:
+            messages = unpacked(messages) if messages.first_channel.message_encoding == "cdr" else messages
             yield 0, messages, plan.read(np.frombuffer(messages.contents, np.uint8), messages.start, messages.stop)
         except TooManyRowsError:
             half = len(messages) // 2
             for begin, part in ((0, messages[:half]), (half, messages[half:])):
                 yield from ((begin + first, own, columns) for first, own, columns in self.columns(part))
+
+
+def unpacked(messages: MessageColumns) -> MessageColumns:
+    """Messages of CDR, those decompressed that rosbag2 compressed one by one, which no encapsulation looks like.
+
+    Those that do not decompress stay as they are.
+
+    Raises:
+        TooManyRowsError: several together are larger than `LARGEST_BYTES`.
+    """
+    data, filled = np.frombuffer(messages.contents, np.uint8), messages.start < messages.stop
+    if not (data[messages.start[filled]] == ZSTD[0]).any():
+        return messages
+    import zstandard  # noqa: PLC0415 - few logs need it
+
+    parts, size, decompressor = list[bytes](), 0, zstandard.ZstdDecompressor()
+    for first, end in zip(messages.start.tolist(), messages.stop.tolist(), strict=True):
+        part = messages.contents[first:end]
+        if part.startswith(ZSTD):
+            with suppress(zstandard.ZstdError):
+                if zstandard.frame_content_size(part) <= LARGEST_BYTES:
+                    part = decompressor.decompress(part, max_output_size=LARGEST_BYTES)
+        parts.append(part)
+        size += len(part)
+        if size > LARGEST_BYTES and len(messages) > 1:
+            raise TooManyRowsError
+    stop = np.cumsum([len(part) for part in parts])
+    start = np.append(0, stop[:-1])
+    return replace(messages, start=start, stop=stop, contents=b"".join(parts))
 
 
 def batches(
