@@ -49,6 +49,7 @@ def info(
     from dirprim_filter.recording.summary import summarise_by_index
 
     by_index = not check and reading.given.keys() <= {"topics"}
+    reading.require_acting_on(logs)
     worst = exit_codes.DONE
     for path in logs:
         if is_table(path):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from contextlib import suppress
 from datetime import UTC, datetime
 from decimal import Decimal, InvalidOperation
+from glob import glob, has_magic
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -67,6 +68,24 @@ def _log(text: str) -> Path:
     return path
 
 
+def _pattern(text: str) -> Path:
+    """As `_log`, or a quoted pattern."""
+    return Path(text) if has_magic(text) else _log(text)
+
+
+def _found(paths: list[Path]) -> list[Path]:
+    """The files of quoted patterns, in order of their names, and others as they are."""
+    found: list[Path] = []
+    for path in paths:
+        text = str(path)
+        is_pattern = has_magic(text) and "://" not in text and not path.exists()
+        own = sorted(map(Path, glob(text, recursive=True))) if is_pattern else [path]  # noqa: PTH207 (Path has no absolute patterns)
+        if not own:
+            raise typer.BadParameter(f"'{text}': expected files, found none; check the pattern")
+        found += own
+    return found
+
+
 def seconds(text: str) -> float:
     """A duration such as 12h, 30d or 2w, in seconds.
 
@@ -94,12 +113,34 @@ Log = Annotated[
     Path, typer.Argument(help="An MCAP log, rosbag2 folder or table; - for standard input, or a URL.", parser=_log)
 ]
 Logs = Annotated[
-    list[Path], typer.Argument(help="MCAP logs, rosbag2 folders or tables; - for standard input, or URLs.", parser=_log)
+    list[Path],
+    typer.Argument(
+        help="MCAP logs, rosbag2 folders or tables; - for standard input, URLs, or quoted patterns.",
+        parser=_pattern,
+        callback=_found,
+    ),
 ]
 LogsOrStore = Annotated[
     list[Path],
     typer.Argument(
-        metavar="LOG...|STORE", help="MCAP logs or tables; - for standard input, or URLs. Or one store.", parser=_log
+        metavar="LOG...|STORE",
+        help="MCAP logs or tables; - for standard input, URLs, or quoted patterns. Or one store.",
+        parser=_pattern,
+        callback=_found,
+    ),
+]
+Files = Annotated[
+    list[Path],
+    typer.Argument(
+        help="An .rrd, a map, a log, the tracks of `dirprim track`; or several.", parser=_pattern, callback=_found
+    ),
+]
+Outputs = Annotated[
+    list[Path],
+    typer.Argument(
+        help="Logs of `dirprim track`, or .csv or .parquet in the formats of `dirprim export`.",
+        parser=_pattern,
+        callback=_found,
     ),
 ]
 Map = Annotated[Path, typer.Option("--map", help="A map that `dirprim learn` wrote.", exists=True, dir_okay=False)]

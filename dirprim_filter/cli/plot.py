@@ -9,9 +9,10 @@ import typer
 
 from dirprim_filter.cli import exit_codes
 from dirprim_filter.cli.options import FIGURE, WRITTEN, Force, named_file
-from dirprim_filter.cli.reading import Reading
+from dirprim_filter.cli.reading import Reading, reads_logs
 
 
+@reads_logs()
 def plot(
     map_file: Annotated[Path, typer.Argument(help="A map that `dirprim learn` wrote.", exists=True, dir_okay=False)],
     output: Annotated[
@@ -29,8 +30,12 @@ def plot(
         typer.Option("--extent", help="What to show: west south east north, metres. Default: 99 % of the traffic."),
     ] = None,
     force: Force = False,
+    *,
+    reading: Reading,
 ) -> int:
     """Draw a map as .png, .pdf or .svg: petals coloured by mean speed.
+
+    Options of reading choose a part of the log.
 
     Example: dirprim plot map.mcap -o map.png --log recordings/roundabout_learn.mcap
 
@@ -40,15 +45,17 @@ def plot(
 
     from dirprim_filter.recording import load_map, read_estimates
     from dirprim_filter.recording.losses import Losses
-    from dirprim_filter.recording.reader import origin_of_estimates, read_track_logs
+    from dirprim_filter.recording.reader import origin_of_estimates
     from dirprim_filter.viewer.figures import map_figure, save_figure
 
     box = None if extent is None else np.reshape(extent, (2, 2))
     if box is not None and not (np.isfinite(box).all() and (box[0] < box[1]).all()):
         raise typer.BadParameter(f"expected west south east north, metres, got {extent}", param_hint="--extent")
+    if log is None:
+        reading.require_acting()
     learned, lost = load_map(map_file), Losses()
-    plane = Reading().on_plane_of(map_file, learned.origin)
-    read = None if log is None else read_track_logs(log, plane.options())
+    plane = reading.on_plane_of(map_file, learned.origin)
+    read = None if log is None else plane.tracks([log])
     if estimates is not None:
         plane.on_plane_of(estimates, origin_of_estimates(estimates))
     drawn = map_figure(

@@ -46,6 +46,10 @@ OPTIONS = {"topics": Topics, "time_source": Time, "start": Start, "end": End, "s
 DEFAULTS = {"topics": None, "time_source": "header", "start": None, "end": None, "strict": False}
 ASKED = {"start": "--start ", "end": "--end ", "labels": "labels=", "group": "group="}
 """What chooses a part of a log, as it is typed."""
+OF_TABLES = ("topics", "start", "end", "strict", "origin", "labels", "group")
+"""What acts on a table too: it has neither frames, fields nor another time."""
+OF_TRUTH = ("time_source", "frame", "origin", "strict", "group")
+"""What acts on the truth beside a log, whose topics, fields and times are others."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,8 +98,30 @@ class Reading:
             raise ValueError(f"{other}: expected origin {expected}, {whose}, got {origin}")
         return self
 
-    def tracks(self, logs: list[Path]) -> TrackResult:
+    def require_acting(self, *acting: str) -> None:
+        """Check that no other options are given: they would be ignored.
+
+        Raises:
+            BadParameter: one is.
+        """
+        for name in self.given:
+            if name not in acting:
+                hint = f"--{name.replace('_', '-')}" if name in OPTIONS else f"--set {name}=..."
+                raise typer.BadParameter("acts on nothing in these files; leave it out", param_hint=hint)
+
+    def require_acting_on(self, logs: list[Path]) -> None:
+        """Check that what is given acts on one of the logs."""
+        from dirprim_filter.recording.name_patterns import is_table
+
+        if all(map(is_table, logs)):
+            self.require_acting(*OF_TABLES)
+
+    def tracks(self, logs: list[Path], *, if_any: bool = False) -> TrackResult:
         """The tracks of logs, and what was lost; reports implausible units. On a terminal, a bar for each log.
+
+        Args:
+            logs: what is read.
+            if_any: there may be none, as of a log of detections without ids.
 
         Raises:
             RecordingError: as the reader; or nothing is left of what was asked for.
@@ -104,9 +130,10 @@ class Reading:
         from dirprim_filter.faults import find_faults
         from dirprim_filter.recording.reader import read_track_logs
 
+        self.require_acting_on(logs)
         with step_progress(f"reading {', '.join(path.name for path in logs)}", "s of the log") as progress:
             log = read_track_logs(logs, self.options(), progress=progress)
-        if not len(log.tracks):
+        if not (if_any or len(log.tracks)):
             raise self._nothing_left(logs, log.losses)
         for line in find_faults(log.tracks):
             logger.warning("%s: %s", ", ".join(map(str, logs)), line)
@@ -136,6 +163,7 @@ class Reading:
         """What a log's sensor reported, an instant at a time, as of `stream_detections`."""
         from dirprim_filter.recording.reader import stream_detections
 
+        self.require_acting_on([log])
         return stream_detections(log, self.options(), motion=motion, live=live)
 
     def said(self) -> dict[str, object]:

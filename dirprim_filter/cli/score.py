@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dirprim_filter.cli.options import Json
+from dirprim_filter.cli.options import Json, Outputs
 from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.results import report
 from dirprim_filter.cli.settings import Settings, deal, taken
@@ -30,14 +30,7 @@ class Own:
 
 @reads_logs("similarity_m")
 def score(
-    estimates: Annotated[
-        list[Path],
-        typer.Argument(
-            help="Logs of `dirprim track`, or .csv or .parquet in the formats of `dirprim export`.",
-            exists=True,
-            dir_okay=False,
-        ),
-    ],
+    estimates: Outputs,
     truth: Annotated[Path, typer.Option("--truth", help="A log with the true tracks.", exists=True, dir_okay=False)],
     smoothed: Annotated[
         bool, typer.Option("--smoothed", help="Also score the smoothed estimates of --smooth or --lag.")

@@ -11,7 +11,7 @@ import typer
 
 from dirprim_filter.cli import exit_codes
 from dirprim_filter.cli.options import Force, Log, Map, Output, Particles, Seed
-from dirprim_filter.cli.reading import Reading, reads_logs
+from dirprim_filter.cli.reading import OF_TRUTH, Reading, reads_logs
 from dirprim_filter.cli.results import read_filter
 from dirprim_filter.cli.settings import Settings
 from dirprim_filter.cli.texts import counted
@@ -86,7 +86,7 @@ def smooth(
     )
     if truth is None:
         return exit_codes.of_losses(stream.losses)
-    known = reading.tracks([truth])
+    known = reading.only(*OF_TRUTH, "start", "end").tracks([truth])
     typer.echo(_scored(rows, output, truth, known.tracks))
     return exit_codes.of_losses(stream.losses, known.losses)
 

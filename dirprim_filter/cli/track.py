@@ -27,7 +27,7 @@ from dirprim_filter.cli.options import (
     SensorOrAuto,
     Spawn,
 )
-from dirprim_filter.cli.reading import Reading, reads_logs
+from dirprim_filter.cli.reading import OF_TRUTH, Reading, reads_logs
 from dirprim_filter.cli.results import CONFIG_KEY, read_filter
 from dirprim_filter.cli.sensing import sensor_of
 from dirprim_filter.cli.settings import Settings, taken
@@ -129,11 +129,15 @@ def track(
     from dirprim_filter.recording.writer import EstimateWriter
     from dirprim_filter.replay import replay
 
-    if smooth and lag is not None:
-        raise typer.BadParameter("--smooth waits for the whole log: give one of both", param_hint="--lag")
-    if sensor is not None and noise is not None:
-        raise typer.BadParameter("a sensor's model contains the noise: give one of the two", param_hint="--noise")
-    own, primitive_map = taken(Own, settings), load_map(map_file)
+    own, watched = taken(Own, settings), bool(save or spawn or connect)
+    for is_wrong, why, option in (
+        (smooth and lag is not None, "--smooth waits for the whole log: give one of both", "--lag"),
+        (sensor is not None and noise is not None, "a sensor's model contains the noise: give one of both", "--noise"),
+        ((own.truth or own.focus) and not watched, "truth and focus need --save, --spawn or --connect", "--set"),
+    ):
+        if is_wrong:
+            raise typer.BadParameter(why, param_hint=option)
+    primitive_map = load_map(map_file)
     by_map = primitive_map.without_places() if own.without_map else primitive_map
     filtering, association = read_filter(config, settings, n_particles=particles, noise_m=noise)
     reading, is_live = reading.on_plane_of(map_file, primitive_map.origin), is_pipe(log) and lag is not None
@@ -144,7 +148,7 @@ def track(
         is_live=is_live, with_ids=not no_ids, seed=seed,
     )  # fmt: skip
     sensing, filtering, association = _configured(sensing, settings, filtering, association)
-    watched, smoother = bool(save or spawn or connect), Smoother(lag_s=lag) if smooth or lag is not None else None
+    smoother = Smoother(lag_s=lag) if smooth or lag is not None else None
     said = provenance(
         "track", inputs=[map_file] if is_live else [log, map_file], config=filtering, seed=seed,
         without_map=own.without_map, no_ids=no_ids, motion=own.motion, smooth=smooth, lag_s=lag,
@@ -172,7 +176,7 @@ def track(
             viewer = files.enter_context(open_viewer(
                 map_file.stem, lost, save=save, spawn=spawn, connect=connect, force=force,
                 n_particles=own.particles_out, focus=own.focus or None, truth=Path(own.truth) if own.truth else None,
-                group=reading.group if own.truth == str(log) else None, plane=reading,
+                reading=reading.only(*(of for of in OF_TRUTH if of != "group" or own.truth == str(log))),
             ))  # fmt: skip
             viewer.log_map(primitive_map)
             viewer.log_run(said)

@@ -10,28 +10,28 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dirprim_filter.cli import exit_codes
-from dirprim_filter.cli.options import Connect, Force, Save, Spawn
-from dirprim_filter.cli.reading import Reading, reads_logs
+from dirprim_filter.cli.options import Connect, Files, Force, Save, Spawn
+from dirprim_filter.cli.reading import OF_TRUTH, Reading, reads_logs
 from dirprim_filter.cli.texts import counted, say
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from dirprim_filter.estimates import TrackedFrame
+    from dirprim_filter.primitives.primitive_map import PrimitiveMap
     from dirprim_filter.recording.losses import Losses
     from dirprim_filter.recording.playback import Playback
     from dirprim_filter.viewer.sink import RerunSink
 
 MAP, RUN, LOG = "map", "run", "log"
 """What a file is to the viewer."""
+OF_ESTIMATES = ("start", "end", "strict")
+"""Options of reading that act on estimates."""
 
 
 @reads_logs()
 def view(
-    files: Annotated[
-        list[Path],
-        typer.Argument(help="An .rrd, a map, a log, the tracks of `dirprim track`; or several.", exists=True),
-    ],
+    files: Files,
     save: Save = None,
     spawn: Spawn = False,
     connect: Connect = None,
@@ -50,7 +50,7 @@ def view(
 
     A map lies under its tracks. Recordings, .rrd, are opened together. Without --save or --connect a viewer
     is started on this machine. With --rate the tracks of one log are played: the estimates that `dirprim track` wrote,
-    else the objects.
+    else the objects. Options of reading are about logs, times about estimates too.
 
     Example: dirprim view map.mcap tracks.mcap --truth log.mcap
     """
@@ -61,18 +61,23 @@ def view(
     if recordings:
         from dirprim_filter.viewer.process import spawn_viewer
 
-        if len(recordings) < len(files) or is_elsewhere:
-            raise ValueError(f"{recordings[0]}: an .rrd opens beside other .rrd files alone, on a screen")
+        if len(recordings) < len(files) or is_elsewhere or any((rate, truth, focus, reading.given)):
+            raise ValueError(f"{recordings[0]}: an .rrd opens beside other .rrd files alone, on a screen, as it is")
         spawn_viewer(recordings)
         return exit_codes.DONE
     kinds, losses = _sorted(files), Losses()
+    if not kinds[LOG] and (rate is None or "topics" not in reading.given):
+        reading.require_acting(*OF_ESTIMATES * bool(kinds[RUN]), *OF_TRUTH * bool(truth))
+    maps, reading = _on_one_plane(kinds, reading)
     playback, frames = (None, iter(())) if rate is None else _played(files, rate, reading)
+    shown = truth or (kinds[LOG][0] if kinds[LOG] and playback is None else None)
     with open_viewer(
         " ".join(file.stem for file in files), losses, save=save, spawn=spawn or not is_elsewhere, connect=connect,
-        force=force, focus=focus,
+        force=force, focus=focus, truth=shown, reading=reading.only(*OF_TRUTH) if truth else reading,
+        is_asked=truth is not None,
     ) as viewer:  # fmt: skip
         if playback is None:
-            losses += _together(kinds, viewer, truth=truth, reading=reading)
+            losses += _together(maps, kinds, viewer, reading)
         else:
             n_frames = 0
             for frame in frames:
@@ -84,26 +89,24 @@ def view(
 
 
 def open_viewer(
-    place: str, lost: Losses, *, truth: Path | None = None, group: int | None = None, plane: Reading | None = None,
+    place: str, lost: Losses, *, truth: Path | None = None, reading: Reading | None = None, is_asked: bool = True,
     **options: Any,
 ) -> RerunSink:  # fmt: skip
-    """A stream as of `open_stream`, with the true tracks of a log or group; `lost` gets what of these is.
+    """A stream as of `open_stream`, with the true tracks of a log as it is to be read; `lost` gets what of these is.
 
-    The tracks are on the plane that `plane` reads logs onto.
-
-    What is shown of one `place` shares the layout of a viewer that stays open.
+    What is shown of one `place` shares the layout of a viewer that stays open. A log may have no tracks unless they
+    were asked for.
     """
-    from dirprim_filter.recording.reader import read_track_logs
     from dirprim_filter.track_ids import qualified_names
     from dirprim_filter.viewer.sink import open_stream
 
-    of_plane = (plane or Reading()).only("origin").options()
-    true = None if truth is None else read_track_logs(truth, of_plane, group=group)
+    reading = reading or Reading()
+    true = None if truth is None else reading.tracks([truth], if_any=not is_asked)
     viewer = open_stream(f"dirprim {place}", **options)
     if true is not None:
         lost += true.losses
         true_tracks = true.tracks
-        if group is None:  # as the vehicles of several groups are called
+        if reading.group is None:  # as the vehicles of several groups are called
             true_tracks = replace(true_tracks, track_id=qualified_names(true_tracks.track_id, true_tracks.group))
         viewer.log_truth(true_tracks)
     return viewer
@@ -121,11 +124,15 @@ def _sorted(files: Sequence[Path]) -> dict[str, list[Path]]:
         ValueError: more than one run.
     """
     from dirprim_filter.recording.map_file import MAP as MAP_SCHEMA
+    from dirprim_filter.recording.name_patterns import is_table
     from dirprim_filter.recording.scan import scan
     from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
 
     kinds: dict[str, list[Path]] = {MAP: [], RUN: [], LOG: []}
     for file in files:
+        if is_table(file):
+            kinds[LOG].append(file)
+            continue
         with scan(file) as log:
             schemas = {channel.schema.name for channel in log.channels()}
         kinds[RUN if ESTIMATES_SCHEMA in schemas else MAP if MAP_SCHEMA.name in schemas else LOG].append(file)
@@ -147,29 +154,35 @@ def _played(files: Sequence[Path], rate: float, reading: Reading) -> tuple[Playb
     return playback, with_progress(frames, what=f"playing {files[0].name}", end_ns=playback.end_ns)
 
 
-def _together(kinds: dict[str, list[Path]], viewer: RerunSink, *, truth: Path | None, reading: Reading) -> Losses:
+def _on_one_plane(kinds: dict[str, list[Path]], reading: Reading) -> tuple[list[PrimitiveMap], Reading]:
+    """The maps, and the reading of logs on the plane of these and of the run."""
+    from dirprim_filter.recording import load_map
+    from dirprim_filter.recording.reader import origin_of_estimates
+
+    maps = [load_map(path) for path in kinds[MAP]]
+    for path, learned in zip(kinds[MAP], maps, strict=True):
+        reading = reading.on_plane_of(path, learned.origin)
+    for path in kinds[RUN]:
+        reading = reading.on_plane_of(path, origin_of_estimates(path))
+    return maps, reading
+
+
+def _together(
+    maps: list[PrimitiveMap], kinds: dict[str, list[Path]], viewer: RerunSink, reading: Reading
+) -> Losses:  # fmt: skip
     """Maps, logs and at most one run in one view; what of them was lost."""
     from dirprim_filter.detections import Detections
-    from dirprim_filter.recording import load_map, topic_names
+    from dirprim_filter.recording import topic_names
     from dirprim_filter.recording.container.log import Log, Scan
     from dirprim_filter.recording.losses import Losses
     from dirprim_filter.recording.playback import Playback
-    from dirprim_filter.recording.reader import has_estimates, origin_of_estimates, read_track_logs, stream_detections
+    from dirprim_filter.recording.reader import has_estimates
 
     lost, frames = Losses(), list[Detections]()
-    for path in kinds[MAP]:
-        shown_map = load_map(path)
-        reading = reading.on_plane_of(path, shown_map.origin)
+    for shown_map in maps:
         viewer.log_map(shown_map)
-    for path in kinds[RUN]:
-        reading = reading.on_plane_of(path, origin_of_estimates(path))
-    options = reading.only("origin", "group").options()
-    for path in [truth] if truth else kinds[LOG][:1]:
-        true = read_track_logs(path, options)
-        viewer.log_truth(true.tracks)
-        lost += true.losses
     for path in kinds[LOG]:
-        stream = stream_detections(path, options)
+        stream = reading.detections(path)
         frames += stream
         lost += stream.losses
     detections = Detections.concatenate(frames)
@@ -181,7 +194,8 @@ def _together(kinds: dict[str, list[Path]], viewer: RerunSink, *, truth: Path | 
             shows = {topic_names.ESTIMATES: viewer.write, topic_names.SMOOTHED: viewer.write_smoothed}
             for topic, show in shows.items():
                 if has_estimates(run, topic):
-                    playback = Playback(run, seen=detections, smoothed=topic == topic_names.SMOOTHED)
+                    options = reading.only(*OF_ESTIMATES).options()
+                    playback = Playback(run, options, seen=detections, smoothed=topic == topic_names.SMOOTHED)
                     for frame in playback:
                         show(frame)
                     lost += playback.losses

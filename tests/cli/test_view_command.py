@@ -27,6 +27,13 @@ def folder(ring, ring_map, tmp_path_factory):
     return folder
 
 
+@pytest.fixture
+def there(folder, monkeypatch):
+    """The same, as the working folder."""
+    monkeypatch.chdir(folder)
+    return folder
+
+
 def entities(path, *, styled=True):
     subprocess.run([Path(sys.executable).with_name("rerun"), "rrd", "verify", path], check=True, capture_output=True)
     (recording,) = RrdReader(path).recordings()
@@ -96,3 +103,51 @@ def test_estimates_are_drawn_over_their_map_and_only_there(folder, tmp_path, cap
         assert dirprim("plot", folder / "map.mcap", *more, "-o", tmp_path / f"{name}.png") == DONE
     one, other = (imread(tmp_path / f"{name}.png") for name in ("with", "without"))
     assert one.shape != other.shape or (one != other).any()
+
+
+@pytest.mark.parametrize(
+    ("command", "code", "message"),
+    [
+        ("view log.mcap", FAILED, "'/nowhere'"),
+        ("view log.mcap --rate inf", FAILED, "'/nowhere'"),
+        ("view map.mcap", 2, "--topics: acts on nothing in these files"),
+        ("view prior.mcap", 2, "--topics: acts on nothing in these files"),
+        ("view prior.mcap log.mcap", FAILED, "'/nowhere'"),
+        ("view shown.rrd", FAILED, "as it is"),
+        ("plot map.mcap --log log.mcap", FAILED, "'/nowhere'"),
+        ("plot map.mcap", 2, "--topics: acts on nothing in these files"),
+    ],
+)
+def test_an_option_of_reading_acts_or_is_refused(there, capsys, command, code, message):
+    (there / "shown.rrd").touch()
+    out = "-o it.png" if command.startswith("plot") else "--save it.rrd"
+    assert dirprim(f"{command} --topics /nowhere {out}") == code
+    assert message in capsys.readouterr().err
+    assert not [*there.glob("it.*")]
+
+
+def test_frames_times_and_groups_of_a_log_are_shown_as_asked(folder, tmp_path, capsys):
+    def times(name, *options):
+        assert dirprim("", "view", folder / "log.mcap", "--save", tmp_path / name, *options) == DONE
+        rows = [c.to_record_batch() for c in RrdReader(tmp_path / name).stream() if c.entity_path == "/detections"]
+        return sum(len(row) for row in rows)
+
+    assert 0 < times("part.rrd", "--start", "0.5", "--end", "1") < times("all.rrd")
+    assert dirprim("", "view", folder / "log.mcap", "--save", tmp_path / "x.rrd", "--set", "frame=xyz") == FAILED
+    assert "'xyz'" in capsys.readouterr().err
+
+
+def test_tables_patterns_and_logs_without_ids_are_shown(folder, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("seen.csv").write_text("time_s,x_m,y_m\n0,0,0\n1,1,0\n2,2,0\n")
+    assert dirprim("convert seen.csv -o seen.mcap") == DONE
+    assert dirprim("view seen.mcap --save seen.rrd") in (DONE, 3)
+    assert "/detections" in entities(tmp_path / "seen.rrd")
+    assert dirprim("", "info", tmp_path / "seen.*") in (FAILED, DONE, 3)
+    Path("seen.rrd").unlink()
+    assert dirprim("", "info", tmp_path / "seen.*") == DONE
+    shown = capsys.readouterr().out
+    assert "seen.csv:" in shown
+    assert "seen.mcap:" in shown
+    assert dirprim("info seen.csv --time-source log") == 2
+    assert dirprim("info nothing*") == 2
