@@ -6,9 +6,8 @@ Source: rosbag2's `metadata.yaml`, which lists the files of a folder in their or
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from dirprim_filter.recording.container.errors import RecordingError
 from dirprim_filter.recording.container.mcap_writer import McapWriter
@@ -20,7 +19,6 @@ if TYPE_CHECKING:
 
 ROS_1 = ".bag"
 """What the name of a bag of ROS 1 ends in."""
-HEADER = "std_msgs/msg/Header"
 METADATA = "metadata.yaml"
 MAX_METADATA_BYTES = 1 << 26
 ILL_TYPED = (TypeError, ValueError, AttributeError, LookupError, struct.error, OverflowError)
@@ -64,7 +62,7 @@ def files_of(folder: Path) -> list[Path]:
 
 
 def copied(bag: Path) -> Copy:
-    """The messages of a folder, or of a single file, as an MCAP log; those of ROS 1 as ROS 2 has them.
+    """The messages of a folder, or of a single file, as an MCAP log.
 
     Raises:
         RecordingError: rosbags cannot read it.
@@ -77,13 +75,10 @@ def copied(bag: Path) -> Copy:
     writer = McapWriter(copy, profile="ros2", library="rosbags")
     try:
         with (rosbag1 if is_old else rosbag2).Reader(bag) as reader:
-            streams = {}
-            for one in reader.connections:
-                definition, as_cdr = _of_ros_1(one) if is_old else (_definition(one), _bytes)
-                streams[one.id] = writer.define(_channel(one, *definition)), as_cdr
+            channels = {one.id: writer.define(_channel(one)) for one in reader.connections}
             for connection, time_ns, data in reader.messages():
-                channel, as_cdr = streams[connection.id]
-                writer.add_message(channel, max(time_ns, 0), as_cdr(data), max(time_ns, 0))
+                contents = memoryview(data).tobytes()  # of a whole number `bytes` would make as many zeros
+                writer.add_message(channels[connection.id], max(time_ns, 0), contents, max(time_ns, 0))
     except (rosbag1.ReaderError, rosbag2.ReaderError, SqliteError, *ILL_TYPED) as error:
         way = "`sqlite3 OLD.db3 .recover | sqlite3 NEW.db3` saves what is left"
         way = f"of a broken one {'`rosbag reindex` makes its index anew' if is_old else way}"
@@ -92,19 +87,16 @@ def copied(bag: Path) -> Copy:
     return copy
 
 
-def _bytes(cell: Any) -> bytes:
-    """A message; of a whole number `bytes` would make as many zeros."""
-    return memoryview(cell).tobytes()
-
-
-def _channel(connection: Connection, encoding: str, definition: str) -> Channel:
+def _channel(connection: Connection) -> Channel:
+    encoding, definition = _definition(connection)
     schema = Schema(name=connection.msgtype, encoding=encoding, data=definition.encode())
-    return Channel(topic=connection.topic, message_encoding="cdr", schema=schema, metadata=())
+    of_messages = "ros1" if encoding == "ros1msg" else "cdr"
+    return Channel(topic=connection.topic, message_encoding=of_messages, schema=schema, metadata=())
 
 
 def _definition(connection: Connection) -> tuple[str, str]:
     """Encoding of the definition, and the definition."""
-    from rosbags.interfaces import MessageDefinitionFormat  # noqa: PLC0415
+    from rosbags.interfaces import ConnectionExtRosbag1, MessageDefinitionFormat  # noqa: PLC0415
     from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415
 
     definition, kind = connection.msgdef.data, connection.msgdef.format
@@ -112,32 +104,6 @@ def _definition(connection: Connection) -> tuple[str, str]:
         known = get_typestore(Stores.LATEST)
         is_known = connection.msgtype in known.fielddefs
         definition = known.generate_msgdef(connection.msgtype, ros_version=2)[0] if is_known else ""
+    if isinstance(connection.ext, ConnectionExtRosbag1):
+        return "ros1msg", definition
     return "ros2idl" if kind is MessageDefinitionFormat.IDL else "ros2msg", definition
-
-
-def _of_ros_1(connection: Connection) -> tuple[tuple[str, str], Callable[[Any], bytes]]:
-    """The definition as ROS 2 has it, without the number in headers; and what makes CDR of a message.
-
-    A message that is not what its definition says becomes empty: it is counted where it is read.
-    """
-    from rosbags.serde import SerdeError  # noqa: PLC0415
-    from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore  # noqa: PLC0415
-
-    types, store = dict[str, Any](), get_typestore(Stores.EMPTY)
-    try:
-        types = dict(get_types_from_msg(connection.msgdef.data, connection.msgtype))
-        if HEADER in types:
-            constants, members = types[HEADER]
-            types[HEADER] = constants, [member for member in members if member[0] != "seq"]
-        store.register(types)
-        definition = store.generate_msgdef(connection.msgtype, ros_version=2)[0]
-    except TypesysError:
-        return ("ros2msg", connection.msgdef.data), lambda _: b""
-
-    def as_cdr(data: Any) -> bytes:
-        try:
-            return bytes(store.ros1_to_cdr(data, connection.msgtype))
-        except SerdeError:
-            return b""
-
-    return ("ros2msg", definition), as_cdr
