@@ -28,7 +28,9 @@ OSI = {
         "velocity": (4, "Vector3d"),
     },
     "DetectedItemHeader": {"tracking_id": (2, "Identifier")},
-    "DetectedMovingObject": {"header": (1, "DetectedItemHeader"), "base": (2, "BaseMoving")},
+    "DetectedMovingObject": {
+        "header": (1, "DetectedItemHeader"), "base": (2, "BaseMoving"), "base_rmse": (3, "BaseMoving"),
+    },
     "Attributes": {"bbcenter_to_rear": (6, "Vector3d")},
     "MovingObject": {"id": (1, "Identifier"), "base": (2, "BaseMoving"), "vehicle_attributes": (5, "Attributes")},
     "GroundTruth": {"host_vehicle_id": (3, "Identifier"), "moving_object": (5, "MovingObject", True)},
@@ -108,6 +110,7 @@ def test_what_a_moving_sensor_perceives_arrives_in_the_world(tmp_path):
             put(seen.base.position, (back @ [*(cars[i] + velocity[i] * k * 0.1), 1.0])[:3])
         first = message.moving_object[0].base
         turn(first.orientation, *body.as_euler("ZYX"))  # the other's is not set, nor is its size
+        put(message.moving_object[0].base_rmse.position, [0.5, 0.2, 0.1])
         first.dimension.length, first.dimension.width, first.dimension.height = 4.25, 1.875, 1.5
         message.moving_object.add().header.tracking_id.value = 9  # not placed, so no object
         if k == 4:
@@ -122,6 +125,12 @@ def test_what_a_moving_sensor_perceives_arrives_in_the_world(tmp_path):
     for i, size in enumerate(([4.25, 1.875, 1.5], [np.nan] * 3)):
         np.testing.assert_array_equal(log.tracks.size[log.tracks.track_id == i], [size] * (N - 1))
     when = np.delete(np.arange(N), 4)
+    seen = Detections.concatenate(list(stream_detections(tmp_path / "log.mcap", time_source="header")))
+    assert np.isnan(seen.covariance[seen.track_id != "0"]).all()
+    for k, covariance in zip(when, seen.covariance[seen.track_id == "0"], strict=True):
+        turned = Rotation.from_euler("ZYX", [0.2 * k, 0.03, -0.02]) * Rotation.from_euler("ZYX", mounted)
+        world = turned.as_matrix() @ np.diag([0.5, 0.2, 0.1]) ** 2 @ turned.as_matrix().T
+        np.testing.assert_allclose(covariance, world[:2, :2])
     for i in range(2):
         track = log.tracks[log.tracks.track_id == i]
         assert track.time_ns.tolist() == (when * STEP_NS).tolist()

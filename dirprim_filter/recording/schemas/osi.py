@@ -4,7 +4,8 @@ The base of an object is the centre of its bounding box, x east, y north in grou
 
 In `osi3.SensorData` positions are in the axes of the virtual sensor. Its mounting position is in the axes of the host
 vehicle, whose origin is the rear axle; where that is in the world is in the copy of the sensor view. Velocities are
-relative to the moving sensor, so they are left out: direction and speed come from the positions in the world.
+relative to the moving sensor, so they are left out: direction and speed come from the positions in the world. Errors are
+those of `base_rmse`, along the sensor's axes.
 
 Source: ASAM OSI 3.7, osi_object.proto, osi_sensordata.proto (`mounting_position`), osi_common.proto (`Orientation3d`:
 turned about z by yaw, then about the new y by pitch, then about the new x by roll).
@@ -66,6 +67,9 @@ def _in_the_world(columns: FieldColumns, message: IntArray, known: dict[str, Any
     mounted, vehicle = _turn(columns, "mounted", message), _turn(columns, "turn", host)
     in_vehicle = mounted.apply(known["place"]) + _place(columns, "mount")[message] + _place(columns, "rear")[host]
     known["place"] = vehicle.apply(in_vehicle) + _place(columns, "at")[host]
+    errors = columns.vectors([f"error.{axis}" for axis in "xyz"])  # 0 where not set: no covariance
+    axes = (vehicle * mounted).as_matrix()[:, :2] * errors[:, None]
+    known["covariance"] = axes @ axes.transpose(0, 2, 1)
     ahead = (vehicle * mounted * _turn(columns, "body", np.arange(message.size))).apply([1.0, 0.0, 0.0])
     known["heading"] = np.where(columns.is_set("faces"), np.arctan2(ahead[:, 1], ahead[:, 0]), np.nan)
     measured = columns.times("measured")[message]
@@ -101,7 +105,7 @@ def ground_truth(schema: str, truth: str) -> Family:
 _SIZE = " ".join(f"{side}=@.base.dimension.{side}" for side in SIZE)
 _HOST = f"{_TRUTH}.moving_object[]"
 _AXES = {
-    "mount": ".mounting_position.position", "at": f"{_HOST}.base.position",
+    "error": "@.base_rmse.position", "mount": ".mounting_position.position", "at": f"{_HOST}.base.position",
     "rear": f"{_HOST}.vehicle_attributes.bbcenter_to_rear",
 }  # fmt: skip
 _TURNS = {
