@@ -9,6 +9,8 @@ import numpy.typing as npt
 
 from dirprim_filter.arrays import AnyArray, BoolArray, IntArray
 
+NO_NAMES = ("", "nan", "none", "null", "n/a", "<na>")
+"""What other tools write for no id, in small letters."""
 BLOCK_ROWS = 1 << 14
 """So many ids at a time are Python's own texts."""
 
@@ -35,6 +37,24 @@ def numbered(track_id: AnyArray) -> tuple[list[str], IntArray]:
         rows = slice(start, start + BLOCK_ROWS)
         place[rows] = numbers.of(as_texts(track_id[rows]).tolist())
     return list(numbers), place
+
+
+def stand_for_none(names: AnyArray, place: IntArray, time_ns: IntArray) -> BoolArray:
+    """(m,) which of the (m,) str names mean that there is no id, as other tools write it.
+
+    -1 does where all other ids are numbers of 0 or more, and two of its rows are of one time.
+
+    Args:
+        names: each once.
+        place: (n,) of each row's name among them.
+        time_ns: (n,) of the rows.
+    """
+    is_none = np.isin(np.strings.lower(np.strings.strip(names)), NO_NAMES)
+    minus = names == "-1"
+    if minus.any() and np.strings.isdecimal(names[~(minus | is_none)]).all():
+        times = time_ns[minus[place]]
+        is_none |= minus & (np.unique(times).size < times.size)
+    return np.asarray(is_none)
 
 
 def as_track_ids(value: npt.ArrayLike) -> AnyArray:

@@ -136,6 +136,5 @@ class Tracks(ArrayTable):
         if known.size:
             log_motion(motion, int(known.sum()))
         if not known.all():
-            alone = "%d of %d rows stand alone in time, so no velocity can be derived for them; dropped"
-            logger.warning(alone, int((~known).sum()), known.size)
+            logger.info("%d of %d rows stand alone in time: no velocity", int((~known).sum()), known.size)
         return replace(seen[known], direction=motion.direction[known], speed=speeds[known])

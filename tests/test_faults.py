@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from dirprim_filter.distributions.angles import wrap
-from dirprim_filter.faults import find_faults
+from dirprim_filter.faults import find_faults, wrong_scale
+from dirprim_filter.jumps import Scale
 from dirprim_filter.tracks import Tracks
 from situations import tracks_of
 
@@ -39,7 +40,15 @@ def bent(**changes):
     circle = tracks_of(way[None], track_id="bent", direction=angle + np.pi / 2, speed=10.0)
     parts = [replace(part, position=part.position + rng.normal(0, 0.5, part.position.shape)) for part in traffic()[:3]]
     whole = Tracks.concatenate([*parts, circle])
-    return find_faults(replace(whole, **{name: change(whole) for name, change in changes.items()}))
+    return faults_of(replace(whole, **{name: change(whole) for name, change in changes.items()}))
+
+
+def faults_of(tracks):
+    order = np.lexsort((tracks.time_ns, tracks.vehicle))
+    columns = [column[order] for column in (tracks.vehicle, tracks.time_ns, tracks.position)]
+    scale = Scale.of(*columns)
+    found = find_faults(*columns, direction=tracks.direction[order], speed=tracks.speed[order], scale=scale)
+    return list(found.values()) or [wrong for wrong in [wrong_scale(scale)] if wrong]
 
 
 DEGREES = np.array([10.39, 63.43])
@@ -49,7 +58,7 @@ UNITS = {
     "knots": ({"speed": lambda of: 1.944 * of.speed}, "are they in knots in place of m/s?"),
     "another": ({"speed": lambda of: 0.1 * of.speed}, "are they in another unit in place of m/s?"),
     "course in degrees": ({"direction": lambda of: wrap(np.rad2deg(of.direction) + 20.0)}, "are courses in degrees"),
-    "course from north": ({"direction": lambda of: np.pi / 2 - of.direction}, "are courses in degrees, or from north?"),
+    "course from north": ({"direction": lambda of: np.pi / 2 - of.direction}, "are courses from north, clockwise?"),
     "latitudes": ({"position": lambda of: DEGREES + 9e-6 * of.position}, "degrees"),
     "latitudes far apart": (
         {"position": lambda of: DEGREES + 9e-6 * of.position + 9.0 * of.vehicle[:, None]}, "speeds lead thousands",
@@ -65,4 +74,4 @@ def test_columns_in_another_unit_are_reported_and_right_ones_are_not(unit):
     change, said = UNITS[unit]
     (line,) = bent(**change)
     assert said in line
-    assert bent() == find_faults(traffic()[0]) == find_faults(traffic()[0][:0]) == []
+    assert bent() == faults_of(traffic()[0]) == faults_of(traffic()[0][:0]) == []

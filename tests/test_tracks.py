@@ -102,7 +102,7 @@ def test_an_id_is_the_same_as_number_and_as_text(ids):
 
 
 def test_rows_that_stand_alone_in_time_are_dropped_and_counted(caplog):
-    with caplog.at_level(logging.WARNING):
+    with caplog.at_level(logging.INFO):
         found = Tracks.from_positions(
             track_id=np.array([1, 1, 2, 1]), time_ns=np.array([0, 10**9, 0, 10**12]), position=np.eye(4)[:, :2],
             group=[5, 5, 6, 5], size=[[4.0, 2.0, np.nan]] * 4,

@@ -58,6 +58,7 @@ def convert(
     }  # fmt: skip
     with working(f"reading {source.name}"):
         table = _read(source, form, {name: value for name, value in options.items() if value is not None})
+    table.log(source)
     if table.too_early:
         raise table.too_early
     said = provenance(
@@ -67,12 +68,6 @@ def convert(
     with step_progress(f"writing {output.name}", "instants") as progress:
         write_tracks(table.tracks, output, detections=table.detections, labels=table.labels, metadata=said,
                      force=force, progress=progress)  # fmt: skip
-    if table.unused:
-        say(f"{source}: columns not used: {', '.join(table.unused)}", err=True)
-    for note, n in table.losses.notes.items():
-        say(f"{source}: {counted(n, 'row')}: {note}", err=True)
-    for reason, n in table.losses.dropped.items():
-        say(f"{source}: dropped {counted(n, 'row')}: {reason}", err=True)
     if table.tracks.n_tracks or not table.detections:
         say(f"{output}: {counted(table.tracks.n_tracks, 'track')}, {counted(len(table.tracks), 'row')}")
     for sensor, seen in table.detections.items():

@@ -69,11 +69,10 @@ def info(
 
 def _table(path: Path, reading: Reading, *, as_json: bool) -> int:
     """The same of a table, whose rows are what a log's messages are; 3 where some cannot be used."""
-    from dirprim_filter.faults import find_faults
     from dirprim_filter.recording.tables.named_columns import read_table, summary_of
 
     table = read_table(path, reading.options())
-    summary, faults = summary_of(table), find_faults(table.tracks)
+    summary, faults = summary_of(table), table.losses.faults
     faults += [f"left out {table.losses}"] if table.losses.dropped else []
     if as_json:
         columns_of = {"columns": list(table.used), "unused": list(table.unused)}
@@ -87,18 +86,20 @@ def _table(path: Path, reading: Reading, *, as_json: bool) -> int:
 
 def _whole(path: Path, reading: Reading) -> tuple[LogSummary, list[str]]:
     """What a log holds, and the faults of the tracks that `dirprim learn` would read."""
-    from dirprim_filter.faults import find_faults
     from dirprim_filter.recording.container.log import Log
     from dirprim_filter.recording.errors import RecordingError
     from dirprim_filter.recording.inspection import inspect
-    from dirprim_filter.recording.reader import read_tracks
+    from dirprim_filter.recording.plausibility import ImplausibleError
+    from dirprim_filter.recording.reader import read_track_logs
 
     with Log(path) as log:
         summary = inspect(log, reading.options())
         if not any(topic.tracks for topic in summary.topics):
             return summary, []
         try:
-            return summary, find_faults(read_tracks(log, reading.options(), strict=False))
+            return summary, read_track_logs(log, reading.options(), strict=False).losses.faults
+        except ImplausibleError as error:
+            return summary, [str(error)]
         except RecordingError as error:  # `learn` would say so too: detections alone, or frames that no transform joins
             logger.info("%s: not looked for faults of tracks: %s", path, error)
             return summary, []

@@ -127,7 +127,6 @@ class Reading:
             RecordingError: as the reader; or nothing is left of what was asked for.
         """
         from dirprim_filter.cli.progress import step_progress
-        from dirprim_filter.faults import find_faults
         from dirprim_filter.recording.reader import read_track_logs
 
         self.require_acting_on(logs)
@@ -135,8 +134,6 @@ class Reading:
             log = read_track_logs(logs, self.options(), progress=progress)
         if not (if_any or len(log.tracks)):
             raise self._nothing_left(logs, log.losses)
-        for line in find_faults(log.tracks):
-            logger.warning("%s: %s", ", ".join(map(str, logs)), line)
         return log
 
     def require_frames(self, n_frames: int, log: Path, losses: Losses) -> None:

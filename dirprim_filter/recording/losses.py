@@ -35,7 +35,8 @@ TOO_LATE = (
     "more than 0.1 s later than others, which a live pipe does not wait for (--time-source log, or track the file)"
 )
 UNPLACED = "of a time for which no transform of their frame is known"
-ALONE = "alone in time, so that no velocity can be derived"
+OFF_WAY = "that no vehicle reaches from its rows before and after"
+ALONE = "rows alone in time, so that no velocity can be derived"
 
 
 @dataclass(slots=True, kw_only=True)
@@ -47,12 +48,14 @@ class Losses:
         dropped: how many rows, or messages, were left out, by reason.
         why: the reasons why messages could not be decoded, how often each.
         notes: what was put right without a loss, and how often.
+        faults: what is likely to be wrong with a column, with times or with ids, a line each.
     """
 
     damage: list[Damage] = field(default_factory=list)
     dropped: Counter[str] = field(default_factory=Counter)
     why: Counter[str] = field(default_factory=Counter)
     notes: Counter[str] = field(default_factory=Counter)
+    faults: list[str] = field(default_factory=list)
 
     def __iadd__(self, other: Self) -> Self:
         for f in fields(self):
@@ -81,10 +84,12 @@ class Losses:
         why = "; ".join(f"{n} x {reason}" for reason, n in self.why.most_common(3))
         return (", ".join(counts) or "nothing") + (f" ({why})" if why else "")
 
-    def log(self, path: Path) -> None:
-        """One warning for what of a file could not be read, one for what was left out."""
+    def log(self, path: Path | str) -> None:
+        """A warning for what of a file could not be read, for what was left out, for each fault and each note."""
         if self.damage:
             more = f", and {len(self.damage) - 1} more" if len(self.damage) > 1 else ""
             logger.warning("%s: damaged, the rest is read: %s%s", path, self.damage[0], more)
         if self.dropped:
             logger.warning("%s: left out %s", path, self)
+        for line in (*self.faults, *(f"{n} {what}" for what, n in self.notes.items())):
+            logger.warning("%s: %s", path, line)

@@ -23,6 +23,7 @@ from dirprim_filter.recording.name_patterns import is_table
 from dirprim_filter.recording.objects.observations import DetectionStream, Observations
 from dirprim_filter.recording.objects.options import EVERYTHING, ReadOptions, TimeSource
 from dirprim_filter.recording.objects.topics import choose_topics
+from dirprim_filter.recording.plausibility import plausible
 from dirprim_filter.recording.rows import Rows, TrackResult, rows_of_log, rows_of_logs
 from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
 from dirprim_filter.recording.schemas.dirprim import decode_estimates
@@ -99,9 +100,9 @@ def read_track_logs(
             from dirprim_filter.recording.tables.named_columns import read_table  # noqa: PLC0415 - logs do without Arrow
 
             table = read_table(Path(one), options)
-            if table.detections and not len(table.tracks):
-                way = "`dirprim track --no-ids` tracks them"
-                raise RecordingError(f"{one}: expected tracks, got detections without ids; {way}")
+            table.log(Path(one))
+            if not len(table.tracks):
+                _require_ids(Path(one), sum(map(len, table.detections.values())))
             parts.append(Rows.of_tracks(table.tracks))
             names.append(Path(one).name.partition(".")[0])
             losses += table.losses
@@ -115,14 +116,26 @@ def read_track_logs(
             read = rows_of_log(rows)
             repeated = repeated_rows(read.track_id, read.time_ns)
             observations.losses.drop(REPEATED, repeated)
-            parts.append(read[~repeated])
+            parts.append(plausible(read[~repeated], observations.losses, log.path))
+            if read.names.size >= len(read) and not read.has_motion().any():
+                _require_ids(log.path, len(read))
             names.append(log.path.stem)
             observations.losses.log(log.path)
         losses += observations.losses
         frame = observations.frame
         options = _of_first(one, options, observations.origin, observations.target)
-    tracks = rows_of_logs(parts, names).to_tracks(losses).on_plane(options.origin)
+    alone = Losses()
+    tracks = rows_of_logs(parts, names).to_tracks(alone).on_plane(options.origin)
+    alone.log(", ".join(str(one.path if isinstance(one, Log) else one) for one in sources))
+    losses += alone
     return TrackResult(tracks=tracks, losses=losses, frame=tracks.origin.frame if tracks.origin else frame)
+
+
+def _require_ids(path: Path, n_detections: int) -> None:
+    """Raises where there are detections alone, none with an id that comes again."""
+    if n_detections:
+        way = "`dirprim track --no-ids` tracks them"
+        raise RecordingError(f"{path}: expected tracks, got {n_detections} detections without ids; {way}")
 
 
 def _of_first(one: LogSource, options: ReadOptions, origin: Origin | None, frame: str = "") -> ReadOptions:

@@ -124,7 +124,7 @@ class Rows(ArrayValue):
         return of_vehicle[self.track_id]
 
     def to_tracks(self, losses: Losses) -> Tracks:
-        """The tracks of rows with `names`; those that are alone in time are left out, and added to the losses.
+        """The tracks of rows with `names`; those that are alone in time are left out, and noted.
 
         Direction and speed are taken where all rows of a vehicle have them, and else derived from its positions. Where
         only the speed is known, or the heading of the body, both stay, and the direction is derived.
@@ -141,7 +141,7 @@ class Rows(ArrayValue):
                 (Tracks.from_positions, rest, {"speed": np.where(rest.speed >= 0, rest.speed, np.nan)}),
             )
         )  # fmt: skip
-        losses.drop(ALONE, len(rest) - len(derived))
+        losses.note(ALONE, len(rest) - len(derived))
         return Tracks.concatenate([part for part in (taken, derived) if len(part)] or [taken])
 
 

@@ -193,7 +193,7 @@ def test_sumo_vehicles_turn_from_compass_to_direction(tmp_path):
     path.write_text(FCD.replace(' speed="3.50"', ""))
     read = read_sumo_fcd(path)
     np.testing.assert_allclose(read.tracks.speed, 3.0)
-    assert read.losses.dropped["alone in time, so that no velocity can be derived"] == 1
+    assert read.losses.notes["rows alone in time, so that no velocity can be derived"] == 1
 
 
 OF = {"trajnet": lambda path: read_trajnet(path, frames_per_second=25), "fcd": read_sumo_fcd,

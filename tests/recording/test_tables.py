@@ -83,7 +83,7 @@ def test_bad_rows_are_dropped_and_counted_and_good_ones_kept(tmp_path):
         ",a,4,0,0,1", "", "0.5,a,5,0,0,inf", "0.6,a,6,0,0,-1", "0.7,a,1e308,0,,", "0.8,a,-1e308,0,,", "0.1,b,7,0,0,1",
     ]  # fmt: skip
     found = read(tmp_path, HEADER, rows)
-    repeated = "a second row of a vehicle at one time"
+    repeated = "that repeat a vehicle and a time"
     assert found.losses.dropped == {MISSING: 6, "negative speed": 1, repeated: 1}
     assert list(found.losses.notes.values()) == [1]
     assert found.tracks.position[:4, 0].tolist() == [0.0, 1.0, 7.0, 2.0]
@@ -126,8 +126,9 @@ def test_motion_that_a_vehicle_has_not_in_all_rows_is_that_of_its_positions(tmp_
     rows = [f"{0.1 * k:.1f},{name},{k},0,{course},{speed}" for k in range(4) for name, course, speed in (
         ("reported", 1.5, 3), ("part", 1.5, "" if k == 2 else 3), ("none", "", ""))]  # fmt: skip
     found = read(tmp_path, HEADER.replace("heading", "course"), [*rows, "90,none,0,0,,"])
-    assert found.losses.dropped == {"alone in time, so that no velocity can be derived": 1}
-    assert list(found.losses.notes.values()) == [3]
+    assert not found.losses.dropped
+    assert found.losses.notes["rows alone in time, so that no velocity can be derived"] == 1
+    assert list(found.losses.notes.values()) == [3, 1]
     for name, direction, speed in (("reported", 1.5, 3.0), ("part", 0.0, 10.0), ("none", 0.0, 10.0)):
         motion = found.tracks[found.tracks.track_id == name]  # a metre each 0.1 s to the east
         np.testing.assert_allclose(motion.direction, [direction] * 4, atol=1e-12)

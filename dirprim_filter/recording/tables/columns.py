@@ -21,6 +21,8 @@ from dirprim_filter.recording.errors import TableError
 MAX_SECONDS = 9e9
 """Nanoseconds of a later time do not fit into int64."""
 MEND = "mend the cell, or empty it to drop the row"
+EXACT, FLOAT_OR_NONE = 2.0**53, re.compile(r"-?\d+\.0|(nan|none|null)?", re.IGNORECASE)
+"""Whole numbers from here on are not all floats; and ids as pandas writes them where some rows have none."""
 NS_PER_S = 1_000_000_000
 ISO_TIME = re.compile(r"(\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d)(?:[.,](\d{1,9})\d*)?(Z|[+-]\d\d(?::?\d\d)?)?")
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -113,6 +115,8 @@ class Columns:
     def ids(self, name: str) -> tuple[AnyArray, IntArray]:
         """(m,) str, each text once, and (n,) the place of each row's among them; empty where there is none."""
         column = self._column(name)
+        if pa.types.is_floating(column.type):
+            column = self._whole_ids(name, column)
         try:
             coded = column.cast(pa.string()).fill_null("").combine_chunks().dictionary_encode()
         except pa.ArrowException as error:
@@ -125,11 +129,30 @@ class Columns:
                 f"at most {MAX_NAME_LENGTH} characters as {name}",
             )
             raise self.error(row, most, f"{len(texts[at])}", MEND)  # in memory each would take as many
+        if (at := next((i for i, text in enumerate(texts) if "\0" in text), None)) is not None:
+            row = int(np.argmax(coded.indices.to_numpy() == at))
+            raise self.error(row, f"no NUL character in {name}", repr(texts[at]), "write ids without it")
         if self._line is not None:
-            texts = [text.strip(" ") for text in texts]
-            texts = [text[1:] if text[:1] == FORMULA_GUARD and text[1:2] in FORMULA else text for text in texts]
+            texts = self._plain(name, texts)
         names, place = np.unique(np.array(texts, np.str_), return_inverse=True)
         return names, place[coded.indices.to_numpy()]
+
+    def _whole_ids(self, name: str, column: Any) -> Any:
+        """Ids that became floats, as pandas makes them where some rows have none, as whole numbers again."""
+        number = column.to_numpy()
+        if (wrong := np.isfinite(number) & ((number != np.floor(number)) | (np.abs(number) >= EXACT))).any():
+            row = int(np.argmax(wrong))
+            raise self.error(row, f"texts or whole numbers as {name}", f"{number[row]}", "write it in this type")
+        return pc.if_else(pc.is_finite(column), column, None).cast(pa.int64())
+
+    def _plain(self, name: str, texts: list[str]) -> list[str]:
+        """Ids of a text without spaces around, guards of spreadsheets, and the `.0` of pandas."""
+        plain = [text.strip(" ") for text in texts]
+        if len({*plain}) < len(texts) - plain.count("") + ("" in plain):
+            wanted, way = "ids that differ by more than spaces", "give them other names"
+            raise TableError(self.path, f"column {name}", wanted, "others", way)
+        plain = [text[1:] if text[:1] == FORMULA_GUARD and text[1:2] in FORMULA else text for text in plain]
+        return [text.removesuffix(".0") for text in plain] if all(map(FLOAT_OR_NONE.fullmatch, plain)) else plain
 
     def texts(self, name: str) -> AnyArray:
         """(n,) str without spaces around; empty where there is none."""

@@ -53,7 +53,7 @@ def read_sdd(path: str | Path, *, metres_per_pixel: float, frames_per_second: fl
     )  # fmt: skip
     lost = table.floats("lost") != 0
     losses.drop("marked as lost", lost)
-    return table_of(rows[~lost], losses=losses)
+    return table_of(Path(path), rows[~lost], losses=losses)
 
 
 def read_trajnet(path: str | Path, *, frames_per_second: float) -> Table:
@@ -73,7 +73,7 @@ def read_trajnet(path: str | Path, *, frames_per_second: float) -> Table:
     names, vehicle = table.ids("track id")
     time_ns = table.frame_times("frame", frames_per_second=frames_per_second)
     whole = np.array([name.removesuffix(".0") for name in names.tolist()], np.str_)
-    return table_of(Rows.named(whole[vehicle], time_ns=time_ns, position=table.numbers("xy")))
+    return table_of(Path(path), Rows.named(whole[vehicle], time_ns=time_ns, position=table.numbers("xy")))
 
 
 def read_sumo_fcd(path: str | Path) -> Table:
@@ -101,7 +101,7 @@ def read_sumo_fcd(path: str | Path) -> Table:
         names=names, track_id=vehicle, time_ns=table.nanoseconds("time"), position=table.numbers("xy"),
         heading=np.pi / 2 - np.radians(angle) if moves else LEFT_OUT, speed=speed if moves else LEFT_OUT,
     )  # fmt: skip
-    return table_of(rows, losses=losses)
+    return table_of(path, rows, losses=losses)
 
 
 def _vehicles(path: Path, losses: Losses) -> Any:

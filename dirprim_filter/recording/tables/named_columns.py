@@ -44,6 +44,8 @@ from dirprim_filter.tracks import Tracks
 
 ID = re.compile(r"(track|vehicle|object|agent|car|obj|veh)?[ _-]?id|track|vehicle|mmsi", re.IGNORECASE)
 """What other tables call the column of ids: without its name their tracks would be taken for detections."""
+WORDS = re.compile(r"[A-Z]?[a-z]+|[A-Z]+")
+"""Of names such as time_ms, timeMs, and Time [ms]."""
 TIMES = {"time_s": "s", "time_ns": "ns", "time": "iso"}
 """The columns of times, and how they count."""
 PLACE = ("x_m", "y_m")
@@ -62,12 +64,15 @@ COLUMNS = (
 )  # fmt: skip
 """All that are known."""
 REMEDY: Mapping[str, str] = {
-    "ms": "divide by 1e3", "us": "divide by 1e6", "ft": "multiply by 0.3048", "cm": "divide by 100",
+    "ms": "divide by 1e3", "us": "divide by 1e6", "ns": "divide by 1e9", "ft": "multiply by 0.3048",
+    "cm": "divide by 100", "mm": "divide by 1000", "feet": "multiply by 0.3048", "rad": "multiply by 180/pi",
     "km": "multiply by 1000", "px": "multiply by the metres per pixel",
     "deg": "multiply by pi/180, and make it counter-clockwise from east", "kmh": "divide by 3.6",
     "kph": "divide by 3.6", "mph": "multiply by 0.44704", "fps": "multiply by 0.3048", "kn": "multiply by 0.514444",
+    "degrees": "multiply by pi/180, and make it counter-clockwise from east", "knots": "multiply by 0.514444",
 }  # fmt: skip
 """By the unit that a name ends with."""
+TO_NS = {"s": "1e9", "ms": "1e6", "us": "1e3"}
 
 
 def read_named(path: str | Path, *, columns: Mapping[str, str] | None = None, origin: Origin | None = None) -> Table:
@@ -111,7 +116,7 @@ def read_named(path: str | Path, *, columns: Mapping[str, str] | None = None, or
     early, losses, sensor = _too_early(table, rows.time_ns), Losses(), maybe("sensor", table.texts)
     far = np.asarray(np.isinf(position).any(axis=1) & is_geodetic)
     losses.drop(FAR, far)
-    made = table_of(rows[~far], sensor=None if sensor is None else sensor[~far], losses=losses)
+    made = table_of(table.path, rows[~far], sensor=None if sensor is None else sensor[~far], losses=losses)
     return replace(made, used=[*name_of], unused=unused, too_early=early).on_plane(origin, is_geodetic=is_geodetic)
 
 
@@ -173,6 +178,8 @@ def _names(table: Columns, renamed: Mapping[str, str]) -> tuple[dict[str, str], 
     if missing := [part for part in parts if part not in header]:
         got = ", ".join(header) or "none"
         raise TableError(table.path, place, f"column {missing[0]}", got, "name one that is there")
+    for name, column in renamed.items():
+        _check_unit(table, name, column)
     own = [name for name in header if name not in parts and name not in renamed]
     name_of = dict(renamed)
     for name in COLUMNS:
@@ -181,6 +188,22 @@ def _names(table: Columns, renamed: Mapping[str, str]) -> tuple[dict[str, str], 
             name_of[name] = found[0]
     check_header(table, [*own, *name_of])
     return name_of, [name for name in header if name not in (*name_of.values(), *parts)]
+
+
+def _check_unit(table: Columns, name: str, column: str) -> None:
+    """Raises where a column's name ends with another unit than ours of it."""
+    ours, words = name.rpartition("_")[2], WORDS.findall(column)
+    unit = words[-1].lower() if len(words) > 1 else ""
+    if (
+        name not in (*PLACE, *GLOBE, *MEASURED, *TIMES)
+        or unit not in REMEDY.keys() | TO_NS.keys()
+        or unit == ours
+        or unit.startswith(ours)
+    ):
+        return
+    way = REMEDY[unit] if ours != "ns" else f"multiply by {TO_NS[unit]}" if unit in TO_NS else "name times"
+    got = f"{column}, which its name says is in {unit}"
+    raise TableError(table.path, table.header, f"column {name}", got, f"{way}, and name it {name}")
 
 
 def check_header(table: Columns, names: Sequence[str], *, with_ids: bool = False) -> None:
@@ -216,7 +239,7 @@ def check_header(table: Columns, names: Sequence[str], *, with_ids: bool = False
 
 
 def read_table(path: Path, options: ReadOptions) -> Table:
-    """Of a table what is asked for; what is left out is logged.
+    """Of a table what is asked for; what is left out is in its losses.
 
     Topics are those of the log that `dirprim convert` would make of it; options about messages mean nothing here.
 
@@ -227,7 +250,6 @@ def read_table(path: Path, options: ReadOptions) -> Table:
     table = read_named(path, origin=options.origin)
     if options.meets:
         check_kind(path, is_geodetic=table.is_geodetic, origin=options.origin, meets=options.meets)
-    table.losses.log(path)
     if options.strict and table.losses.dropped:
         raise RecordingError(f"{path}: expected a table of which all is read, left out {table.losses}; mend the rows")
     rows: list[Tracks | Detections] = [table.tracks, *table.detections.values()]
@@ -272,6 +294,7 @@ class TableDetections:
 
     def __init__(self, path: Path, options: ReadOptions, *, motion: bool) -> None:
         table = read_table(path, options)
+        table.log(path)
         if table.too_early:
             raise table.too_early
         sources = dict(table.detections) or {OBJECTS: _detected(table.tracks)}

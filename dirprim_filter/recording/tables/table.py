@@ -2,24 +2,29 @@
 
 from __future__ import annotations
 
+import logging
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Self
 
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray
 from dirprim_filter.columns import is_covariance, known_sizes
-from dirprim_filter.detections import Detections
+from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.origin import Origin
 from dirprim_filter.recording.decoding.field_columns import NO_TIME
 from dirprim_filter.recording.errors import TableError
-from dirprim_filter.recording.losses import Losses
+from dirprim_filter.recording.losses import REPEATED, Losses
+from dirprim_filter.recording.plausibility import plausible
 from dirprim_filter.recording.rows import Rows
 from dirprim_filter.recording.transforms.geodesy import FARTHEST_M
-from dirprim_filter.track_ids import as_track_ids, repeated_rows
+from dirprim_filter.track_ids import as_track_ids, repeated_rows, stand_for_none
 from dirprim_filter.tracks import Tracks
+
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,6 +52,12 @@ class Table:
     too_early: TableError | None = None
     is_geodetic: bool = False
 
+    def log(self, path: Path) -> None:
+        """Warnings for what was left out, is odd, or is not used."""
+        self.losses.log(path)
+        if self.unused:
+            logger.warning("%s: columns not used: %s", path, ", ".join(self.unused))
+
     @property
     def origin(self) -> Origin | None:
         """Of the plane, where there is one."""
@@ -58,7 +69,7 @@ class Table:
         return replace(self, tracks=self.tracks.on_plane(origin), detections=detections, is_geodetic=is_geodetic)
 
 
-def table_of(rows: Rows, *, sensor: AnyArray | None = None, losses: Losses | None = None) -> Table:
+def table_of(path: Path, rows: Rows, *, sensor: AnyArray | None = None, losses: Losses | None = None) -> Table:
     """The table of rows: bad ones dropped and counted, times in order, ids unique.
 
     Dropped are rows whose time or position is missing or beyond `FARTHEST_M`, with an infinite number, with a negative
@@ -68,6 +79,7 @@ def table_of(rows: Rows, *, sensor: AnyArray | None = None, losses: Losses | Non
     Where some rows have no id, or a turn signal, or each would be alone, all are detections.
 
     Args:
+        path: the file.
         rows: as they were read, with `names`, bad ones among them.
         sensor: (n,) str, what detected it; None where the table has none.
         losses: what the reader left out, or put right, before.
@@ -78,16 +90,18 @@ def table_of(rows: Rows, *, sensor: AnyArray | None = None, losses: Losses | Non
     good = finite & ~(rows.speed < 0)
     losses.drop("negative speed", finite & ~good)
     losses.drop("a number that is missing, not finite or too large", ~finite)
-    rows = replace(rows, size=known_sizes(rows.size))
-    is_named = good & (np.strings.strip(rows.names) != "")[rows.track_id]
+    rows = replace(rows, size=known_sizes(rows.size), message=np.arange(len(rows)))
+    is_none = stand_for_none(rows.names, rows.track_id, rows.time_ns)
+    rows = replace(rows, names=np.where(is_none, NO_ID, rows.names))
+    is_named = good & ~is_none[rows.track_id]
     own = rows[is_named].by_group()  # without the empty id, all others may be numbers
     if n_shared := own.names.size - np.unique(own.names).size:
         losses.note("vehicles whose id stands in several groups; all ids became group/id", n_shared)
         group = own.group[np.unique(own.track_id, return_index=True)[1]]
         own = replace(own, names=np.strings.add(np.strings.add(group.astype(np.str_), "/"), own.names))
     repeated = repeated_rows(own.track_id, own.time_ns)
-    losses.drop("a second row of a vehicle at one time", repeated)
-    own = own[~repeated]
+    losses.drop(REPEATED, repeated)
+    own = plausible(own[~repeated], losses, path)
     losses.note("rows earlier than the row before of the same vehicle; sorted", _n_out_of_order(own))
     partly = int((own.has_motion() & ~own.is_known_throughout()).sum())
     losses.note("rows of vehicles whose course or speed is known of a part; derived from positions", partly)
@@ -96,7 +110,10 @@ def table_of(rows: Rows, *, sensor: AnyArray | None = None, losses: Losses | Non
     if len(tracks):
         losses += alone
     are_tracks = len(tracks) and (good == is_named).all() and np.isnan(rows.cue).all()
-    seen = good & (not are_tracks)
+    is_own, motion = np.zeros(len(rows), np.bool_), np.array([rows.direction, rows.speed])
+    is_own[own.message], motion[:, own.message] = True, (own.direction, own.speed)
+    rows = replace(rows, direction=motion[0], speed=motion[1])
+    seen = (is_own | (good & ~is_named)) & (not are_tracks)
     detections = _detections(rows[seen], np.full(len(rows), "")[seen] if sensor is None else sensor[seen])
     return Table(tracks=tracks, detections=detections, losses=losses, labels=labels)
 

@@ -1,0 +1,115 @@
+"""Whether the rows of a log or a table can be: one check of units, times and ids, of all that is read as tracks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from dirprim_filter.arrays import IntArray
+from dirprim_filter.faults import find_faults, wrong_scale
+from dirprim_filter.jumps import FASTEST, MOST_JUMPS, Jumps, Scale
+from dirprim_filter.recording.errors import RecordingError
+from dirprim_filter.recording.losses import OFF_WAY, Losses
+from dirprim_filter.recording.rows import LEFT_OUT, Rows
+
+
+class ImplausibleError(RecordingError):
+    """No log of vehicles looks so."""
+
+
+OFTEN = 0.1
+"""So many of the steps are jumps, where ids number the objects of each message anew."""
+SAMPLED = 200
+"""Jumps that are looked at."""
+
+
+def plausible(rows: Rows, losses: Losses, path: Path) -> Rows:
+    """The rows that can be, of `names`, none of which repeats a vehicle and a time.
+
+    Rows that no body reaches from those before and after are left out and counted; an id of several vehicles becomes
+    several. Speeds and courses in other units are unknown from here on. All this is among the `faults` of the losses.
+
+    Raises:
+        ImplausibleError: no log of vehicles looks so; with the likely cause.
+    """
+    order = np.lexsort((rows.time_ns, rows.track_id))
+    vehicle, time_ns, position = rows.track_id[order], rows.time_ns[order], rows.position[order]
+    scale = Scale.of(vehicle, time_ns, position)
+    if wrong := wrong_scale(scale):
+        raise ImplausibleError(f"{path}: {wrong}")
+    if (absurd := rows.speed > FASTEST).any():
+        if 2 * np.count_nonzero(absurd) > np.count_nonzero(np.isfinite(rows.speed)):
+            raise ImplausibleError(
+                f"{path}: expected speeds in m/s, got {float(rows.speed[absurd][0]):g}; mend them (column speed_mps of "
+                "a table), or leave them out: speeds are then derived from positions"
+            )
+        losses.faults.append(f"{np.count_nonzero(absurd)} speeds above {FASTEST:g} m/s are not used")
+        rows = replace(rows, speed=np.where(absurd, np.nan, rows.speed))
+    jumps = Jumps.of(vehicle, time_ns, position, scale)
+    speed, course = (np.where(jumps.left_out, np.nan, column[order]) for column in (rows.speed, rows.direction))
+    faults = find_faults(vehicle, time_ns, position, direction=course, speed=speed, scale=scale)
+    losses.faults += faults.values()
+    rows = replace(rows, **dict.fromkeys(faults.keys() & {"direction", "speed"}, LEFT_OUT))
+    if not jumps.at.size:
+        return rows
+    line = _jumping(rows, order, jumps, scale.least_m, path)
+    if jumps.part.any():
+        rows, made = _apart(rows, order, jumps)
+        line += (
+            "; are ids given again, or to two at once, or are two sessions in one (give each its own `group`)? Parts of "
+            f"{made[0].rpartition('~')[0]} and others are vehicles of their own, as {made[0]}, {len(made)} in all"
+        )
+    elif jumps.left_out.any():
+        line += ": is that a place that stands for none, such as 0 0, or an outlier?"
+    losses.faults.append(line)
+    losses.drop(OFF_WAY, jumps.left_out)
+    kept = np.ones(len(rows), np.bool_)
+    kept[order[jumps.left_out]] = False
+    return rows[kept]
+
+
+def _jumping(rows: Rows, order: IntArray, jumps: Jumps, least_m: float, path: Path) -> str:
+    """The first jump in words.
+
+    Raises:
+        ImplausibleError: ids do not name vehicles: they number the objects of each message.
+    """
+    first, then = order[jumps.at[0] : jumps.at[0] + 2].tolist()
+    way_m = float(np.hypot(*(rows.position[then] - rows.position[first])))
+    dt_s = (int(rows.time_ns[then]) - int(rows.time_ns[first])) * 1e-9
+    name = rows.names[rows.track_id[first]]
+    line = f"vehicle {name} jumps {way_m:.4g} m in {dt_s:.3g} s ({way_m / dt_s:.4g} m/s)"
+    is_often = jumps.at.size > OFTEN * (len(rows) - np.unique(rows.track_id).size)
+    if jumps.at.size > MOST_JUMPS or (is_often and _exchange_bodies(rows, order, jumps, least_m)):
+        raise ImplausibleError(
+            f"{path}: expected ids that name vehicles, but {line}, to where another "
+            "id was; `dirprim track --no-ids` tracks detections without them, and a `group` for each keeps sessions apart"
+        )
+    return line
+
+
+def _exchange_bodies(rows: Rows, order: IntArray, jumps: Jumps, least_m: float) -> bool:
+    """Whether most jumps lead to where another id was just before."""
+    by_time, n = np.argsort(rows.time_ns, kind="stable"), 0
+    some = jumps.at[:: 1 + jumps.at.size // SAMPLED]
+    for first, then in zip(order[some].tolist(), order[some + 1].tolist(), strict=True):
+        ends = (
+            np.searchsorted(rows.time_ns, rows.time_ns[first], side=side, sorter=by_time) for side in ("left", "right")
+        )
+        there = by_time[slice(*ends)]
+        n += bool((np.hypot(*(rows.position[there] - rows.position[then]).T) < least_m).any())
+    return 2 * n > some.size
+
+
+def _apart(rows: Rows, order: IntArray, jumps: Jumps) -> tuple[Rows, list[str]]:
+    """The same with a vehicle of its own for each part of an id but the first; and their names."""
+    n_parts, of = int(jumps.part.max()) + 1, np.flatnonzero(jumps.part)
+    keys, place = np.unique(rows.track_id[order[of]] * n_parts + jumps.part[of], return_inverse=True)
+    made = [f"{rows.names[key // n_parts]}~{key % n_parts}" for key in keys.tolist()]
+    taken, number = {*rows.names.tolist()}, rows.track_id.copy()
+    while taken & {*made}:
+        made = [f"{one}~" for one in made]
+    number[order[of]] = rows.names.size + place
+    return replace(rows, track_id=number, names=np.array([*rows.names.tolist(), *made], np.str_)), made
