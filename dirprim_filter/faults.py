@@ -44,9 +44,7 @@ def wrong_scale(scale: Scale) -> str:
     if scale.speed > FASTEST:
         return f"{moves}: are positions in centimetres, or are ids given to several vehicles?"
     if 0 < scale.speed < CREEPING and scale.straightness > STRAIGHT:
-        cause = (
-            "times in ms in place of s" if scale.interval_s > SELDOM_S else "positions degrees, latitude and longitude"
-        )
+        cause = "times in ms in place of s" if scale.interval_s > SELDOM_S else "positions degrees, so latitudes"
         return f"{moves}: are {cause}?"
     return ""
 

@@ -76,7 +76,8 @@ class Scale:
         straight = ways[-1, ways[0] > 0] / (NEAREST * ways[0, ways[0] > 0])
         return cls(
             speed=_best(speed, 0.9), noise=_best(off, 0.5), interval_s=interval_s,
-            n_steps=int(np.isfinite(speed[0]).sum()), straightness=float(np.nanmedian(straight)) if np.isfinite(straight).any() else np.nan,
+            n_steps=int(np.isfinite(speed[0]).sum()),
+            straightness=float(np.nanmedian(straight)) if np.isfinite(straight).any() else np.nan,
         )  # fmt: skip
 
     def beside(self, other: Scale) -> Scale:
@@ -117,7 +118,7 @@ class Jumps:
 
     @classmethod
     def of(cls, vehicle: IntArray, time_ns: IntArray, position: FloatArray, scale: Scale) -> Jumps:
-        """Of rows in order of vehicle and time, none of which repeats another; `MOST_JUMPS` and more stay as they are."""
+        """Of rows in order of vehicle and time, none a repeat; if more than `MOST_JUMPS`, they stay as they are."""
         left_out, part = np.zeros(vehicle.size, np.bool_), np.zeros(vehicle.size, np.int64)
         at = _jumps(vehicle, time_ns, position, scale)
         whole = cls(at=at, left_out=left_out, part=part)

@@ -58,7 +58,7 @@ def plausible(rows: Rows, losses: Losses, path: Path) -> Rows:
     if jumps.part.any():
         rows, made = _apart(rows, order, jumps)
         line += (
-            "; are ids given again, or to two at once, or are two sessions in one (give each its own `group`)? Parts of "
+            "; are ids given again, or to two at once, or are two sessions in one (give each a `group`)? Parts of "
             f"{made[0].rpartition('~')[0]} and others are vehicles of their own, as {made[0]}, {len(made)} in all"
         )
     elif jumps.left_out.any():
@@ -84,8 +84,8 @@ def _jumping(rows: Rows, order: IntArray, jumps: Jumps, least_m: float, path: Pa
     is_often = jumps.at.size > OFTEN * (len(rows) - np.unique(rows.track_id).size)
     if jumps.at.size > MOST_JUMPS or (is_often and _exchange_bodies(rows, order, jumps, least_m)):
         raise ImplausibleError(
-            f"{path}: expected ids that name vehicles, but {line}, to where another "
-            "id was; `dirprim track --no-ids` tracks detections without them, and a `group` for each keeps sessions apart"
+            f"{path}: expected ids that name vehicles, but {line}, to where another id was; `dirprim track --no-ids` "
+            "tracks detections without them, and a `group` for each keeps sessions apart"
         )
     return line
 
@@ -93,12 +93,11 @@ def _jumping(rows: Rows, order: IntArray, jumps: Jumps, least_m: float, path: Pa
 def _exchange_bodies(rows: Rows, order: IntArray, jumps: Jumps, least_m: float) -> bool:
     """Whether most jumps lead to where another id was just before."""
     by_time, n = np.argsort(rows.time_ns, kind="stable"), 0
+    seen_ns = rows.time_ns[by_time]
     some = jumps.at[:: 1 + jumps.at.size // SAMPLED]
     for first, then in zip(order[some].tolist(), order[some + 1].tolist(), strict=True):
-        ends = (
-            np.searchsorted(rows.time_ns, rows.time_ns[first], side=side, sorter=by_time) for side in ("left", "right")
-        )
-        there = by_time[slice(*ends)]
+        at_ns = rows.time_ns[first]
+        there = by_time[np.searchsorted(seen_ns, at_ns) : np.searchsorted(seen_ns, at_ns, side="right")]
         n += bool((np.hypot(*(rows.position[there] - rows.position[then]).T) < least_m).any())
     return 2 * n > some.size
 

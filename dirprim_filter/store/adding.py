@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 from dirprim_filter.recording.container.source import copied_once
 from dirprim_filter.recording.errors import RecordingError
-from dirprim_filter.recording.losses import ALONE
 from dirprim_filter.recording.reader import ReadOptions, TrackResult, read_track_logs
 from dirprim_filter.store.config import StoreConfig
 from dirprim_filter.store.delta import address_of
@@ -175,15 +174,8 @@ def _written(task: Task, *, store: Store, reading: ReadOptions) -> Receipt:
     except (RecordingError, OSError, ValueError) as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         return Receipt(log, [], "", reason if log.url in reason else f"{log.url}: {reason}")
-<<<<<<< HEAD
-    status = "damaged" if read.losses.damage or set(read.losses.dropped) - {ALONE} else "whole"
-    files = store.write(rows, log=log.url, mark=log.version, status=status)
-=======
-    finally:
-        drop_copy(log.url)
     status = "damaged" if read.losses.damage or read.losses.dropped else "whole"
-    files = Store(path, config, read.frame).write(rows, log=log.url, mark=log.version, status=status)
->>>>>>> 4c622763 (One check of units, times and ids for all that is read as tracks; rows that no vehicle reaches are left out)
+    files = store.write(rows, log=log.url, mark=log.version, status=status)
     return Receipt(log, files, read.frame, "")
 
 

@@ -194,14 +194,10 @@ def _check_unit(table: Columns, name: str, column: str) -> None:
     """Raises where a column's name ends with another unit than ours of it."""
     ours, words = name.rpartition("_")[2], WORDS.findall(column)
     unit = words[-1].lower() if len(words) > 1 else ""
-    if (
-        name not in (*PLACE, *GLOBE, *MEASURED, *TIMES)
-        or unit not in REMEDY.keys() | TO_NS.keys()
-        or unit == ours
-        or unit.startswith(ours)
-    ):
+    has_unit = name in (*PLACE, *GLOBE, *MEASURED, *TIMES) and unit in REMEDY.keys() | TO_NS.keys()
+    if not has_unit or unit == ours or (ours, unit) == ("deg", "degrees"):
         return
-    way = REMEDY[unit] if ours != "ns" else f"multiply by {TO_NS[unit]}" if unit in TO_NS else "name times"
+    way = REMEDY[unit] if ours != "ns" else f"multiply by {TO_NS[unit]}" if unit in TO_NS else REMEDY[unit]
     got = f"{column}, which its name says is in {unit}"
     raise TableError(table.path, table.header, f"column {name}", got, f"{way}, and name it {name}")
 
