@@ -9,8 +9,8 @@ import numpy.typing as npt
 
 from dirprim_filter.arrays import AnyArray, BoolArray, IntArray
 
-NO_NAMES = ("", "nan", "none", "null", "n/a", "<na>")
-"""What other tools write for no id, in small letters."""
+NO_NAMES = ("", "nan", "NaN", "NAN", "None", "null", "NULL", "N/A", "n/a", "<NA>")
+"""What other tools write for no id."""
 BLOCK_ROWS = 1 << 14
 """So many ids at a time are Python's own texts."""
 
@@ -49,7 +49,7 @@ def stand_for_none(names: AnyArray, place: IntArray, time_ns: IntArray) -> BoolA
         place: (n,) of each row's name among them.
         time_ns: (n,) of the rows.
     """
-    is_none = np.isin(np.strings.lower(np.strings.strip(names)), NO_NAMES)
+    is_none = np.isin(np.strings.strip(names), NO_NAMES)
     minus = names == "-1"
     if minus.any() and np.strings.isdecimal(names[~(minus | is_none)]).all():
         times = time_ns[minus[place]]

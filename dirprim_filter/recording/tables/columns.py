@@ -21,7 +21,7 @@ from dirprim_filter.recording.errors import TableError
 MAX_SECONDS = 9e9
 """Nanoseconds of a later time do not fit into int64."""
 MEND = "mend the cell, or empty it to drop the row"
-EXACT, FLOAT_OR_NONE = 2.0**53, re.compile(r"-?\d+\.0|(nan|none|null)?", re.IGNORECASE)
+EXACT, FLOAT_OR_NONE = 2.0**53, re.compile(r"-?\d+\.0|(nan|NaN)?")
 """Whole numbers from here on are not all floats; and ids as pandas writes them where some rows have none."""
 NS_PER_S = 1_000_000_000
 ISO_TIME = re.compile(r"(\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d)(?:[.,](\d{1,9})\d*)?(Z|[+-]\d\d(?::?\d\d)?)?")
