@@ -168,7 +168,7 @@ print(n, {damage.kind for damage in log.damage}, log.damage[0].detail)
 
 
 def test_a_few_bytes_that_claim_to_be_many_are_damage(tmp_path):
-    (tmp_path / "log.mcap").write_bytes(log_bytes([("/a", 0, bytes(chunk.SMALL_BYTES))], chunk_size=1 << 30))
+    (tmp_path / "log.mcap").write_bytes(log_bytes([("/a", 0, bytes(budget.SMALL_BYTES))], chunk_size=1 << 30))
     with scan(tmp_path / "log.mcap") as log:
         assert not list(log)
         assert ["at most, got more" in damage.detail for damage in log.damage] == [True]

@@ -20,6 +20,7 @@ import lz4.frame
 import zstandard
 from mcap.opcode import Opcode
 
+from dirprim_filter.recording.container.budget import most_bytes
 from dirprim_filter.recording.container.errors import Damage, DamageKind
 from dirprim_filter.recording.container.file_bytes import BLOCK_BYTES, FileBytes
 from dirprim_filter.recording.container.records import (
@@ -36,9 +37,9 @@ from dirprim_filter.recording.container.records import (
     record_end,
 )
 
-MAX_CHUNK_BYTES, SMALL_BYTES, MOST_TIMES = 1 << 30, 1 << 26, 1000
-"""No chunk is decompressed beyond the first, nor beyond the second and so many times its data: writers close chunks
-after some MiB; a larger claim is damage, or an attack."""
+MAX_CHUNK_BYTES = 1 << 30
+"""No chunk is decompressed beyond this, nor beyond the budget of the file up to its end: writers close chunks after
+some MiB."""
 COMPRESSIONS = {b"": "", b"zstd": "zstd", b"lz4": "lz4"}
 FIXED_SIZE = CHUNK.size + U64.size
 """Bytes of a chunk record besides the compression's name and the data."""
@@ -162,13 +163,13 @@ def _decompress(data: bytes, chunk: Chunk) -> bytes:
     """A chunk's contents, as far as its data go."""
     if not chunk.compression:
         return data
-    limit = min(chunk.size, MAX_CHUNK_BYTES, max(SMALL_BYTES, MOST_TIMES * len(data)))
+    limit = min(chunk.size, MAX_CHUNK_BYTES, most_bytes(chunk.end))
     if chunk.compression == "zstd":
         contents = zstandard.ZstdDecompressor().stream_reader(data).read(limit + 1)
     else:
         contents = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=limit + 1)
     if len(contents) > limit:
-        raise _TooLargeError(f"expected {limit} bytes at most, got more")
+        raise _TooLargeError(f"expected {limit} bytes at most, got more; write the log with smaller chunks")
     return bytes(contents)
 
 

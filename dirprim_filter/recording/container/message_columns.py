@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from io import BytesIO
 from itertools import repeat
-from typing import Any, Self
+from typing import Any, Self, cast
 
 import numpy as np
 
@@ -63,6 +63,11 @@ class MessageColumns:
         if (times[1:] >= times[:-1]).all():
             return self
         return self[np.argsort(times, kind="stable")]
+
+    def compact(self) -> Self:
+        """The same to be kept: contents of which these messages are a part, as beside images, go."""
+        is_small = 2 * int((self.stop - self.start).sum()) < len(self.contents)
+        return cast("Self", gathered([self])) if is_small else self
 
     @property
     def first_channel(self) -> Channel:
@@ -198,7 +203,7 @@ class TimeMerge:
     def hold(self, columns: MessageColumns) -> None:
         """Keep the messages of a chunk."""
         runs = self._runs
-        runs.append(_Run(columns))
+        runs.append(_Run(columns.compact()))
         while len(runs) > 1 and runs[-2].n_bytes <= 2 * runs[-1].n_bytes:
             runs[-2:] = [_joined(runs[-2:])]
 

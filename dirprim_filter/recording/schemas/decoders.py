@@ -192,7 +192,7 @@ def batches(
     for part in columns:
         readable = part.by_channel(decoders.reads)
         for piece in pieces(part if readable.all() else part[readable]):
-            batch.append(piece)
+            batch.append(piece.compact())
             n += len(piece)
             size += int((piece.stop - piece.start).sum())
             if size >= BATCH_BYTES or n >= BATCH_MESSAGES or (at_once and n):
