@@ -1,5 +1,6 @@
 """Pipes, standard input and URLs read as files do; seeking opens no more chunks than needed; memory is bounded."""
 
+import gzip
 import io
 import os
 import subprocess
@@ -11,6 +12,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import zstandard
 from mcap.writer import CompressionType, Writer
 from mcap_files import log_bytes
 
@@ -318,3 +320,22 @@ def test_track_with_a_lag_takes_a_live_pipe_as_a_file(written_live, ring_map):
     assert not any(late)
     piped, filed = (read_estimates(folder / f"{name}.out") for name in ("pipe", "ring.mcap"))
     np.testing.assert_array_equal(piped.position, filed.position)
+
+
+@pytest.mark.parametrize("pack", [zstandard.ZstdCompressor().compress, gzip.compress], ids=["zstd", "gzip"])
+def test_a_log_that_is_compressed_as_a_whole_is_read_as_the_log(tmp_path, caplog, pack):
+    """In several frames too; cut, what comes before is read and both losses are said; a bomb is refused."""
+    whole = Path("recordings/roundabout_track.mcap").read_bytes()
+    tracks = read_tracks(Path("recordings/roundabout_track.mcap"))
+    packed = tmp_path / "log.mcap.packed"
+    for parts in ([whole], [whole[:1000], whole[1000:]]):
+        packed.write_bytes(b"".join(map(pack, parts)))
+        read = read_tracks(packed)
+        np.testing.assert_array_equal(read.position, tracks.position)
+    packed.write_bytes(pack(whole)[: len(pack(whole)) // 2])
+    log = scan(packed)
+    assert sum(1 for _ in log) > 0
+    assert log.damage
+    packed.write_bytes(pack(bytes(1 << 28)))
+    with pytest.raises(RecordingError, match="expected a log of at most 67108864 bytes inside, got more"):
+        read_tracks(packed)

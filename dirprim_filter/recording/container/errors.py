@@ -66,8 +66,8 @@ OTHER_FORMATS = {
     b"FEA1": ("a Feather table", AS_TABLE),
     b"\x89HDF": ("an HDF5 file", "write it as Parquet, in pandas by `read_hdf(FILE).to_parquet(NEW)`"),
     b"PK\x03\x04": ("a zip archive", "unpack it first"),
-    b"\x28\xb5\x2f\xfd": ("a file compressed by zstd", "decompress it first"),
-    b"\x1f\x8b": ("a file compressed by gzip", "decompress it; `dirprim convert` reads a .csv.gz as it is"),
+    b"\x28\xb5\x2f\xfd": ("a file compressed by zstd", "it does not decompress: look how it was made"),
+    b"\x1f\x8b": ("a file compressed by gzip", "it does not decompress; `dirprim convert` reads a .csv.gz"),
     b"\x89MCAP": ("an MCAP log", "it needs no converting: `dirprim info` shows what it contains"),
 }
 """By how their files begin, formats that are no MCAP, or no table, and what to do, a clause."""

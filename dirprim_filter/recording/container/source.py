@@ -25,6 +25,8 @@ from dirprim_filter.recording.container.temporary_copy import Copy
 STDIN = "-"
 BAGS = (".db3", ".bag")
 """What the names of bags end in: in SQLite, and of ROS 1."""
+COMPRESSED = b"\x28\xb5\x2f\xfd", b"\x1f\x8b"
+"""What files of zstd and of gzip begin with."""
 VERSION_FREE_MAGIC = MAGIC[:5]
 """A log whose opening magic differs only behind this is read, and reported as damaged."""
 
@@ -84,15 +86,26 @@ def _standard_input() -> Pipe:
     return Pipe(STDIN, sys.stdin.buffer)
 
 
+def _unpacked(file: Path, bytes_of: FileBytes) -> tuple[Path, FileBytes]:
+    opening = bytes_of.read(0, READ_BYTES)
+    if not opening.startswith(COMPRESSED):
+        return file, bytes_of
+    from dirprim_filter.recording.container.compressed_file import decompressed  # noqa: PLC0415 - few are
+
+    copy = _copy(Path(f"{file} inside"), lambda: decompressed(file, bytes_of, opening))
+    inside = copy.bytes_of(live=False)
+    return file, inside if len(inside) else bytes_of
+
+
 def log_files(path: str | PathLike[str], *, live: bool = False) -> list[tuple[Path, FileBytes]]:
-    """The same of an MCAP log.
+    """The same of an MCAP log, which may be compressed as a whole.
 
     Raises:
         NotMcapError: a file is empty, or neither starts nor ends like one.
         RecordingError: as `open_files`.
         OSError: as there.
     """
-    files = open_files(path, live=live)
+    files = [_unpacked(file, bytes_of) for file, bytes_of in open_files(path, live=live)]
     for file, bytes_of in files:
         opening = bytes_of.read(0, READ_BYTES)
         if not opening.startswith(VERSION_FREE_MAGIC):

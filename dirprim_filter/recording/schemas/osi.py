@@ -4,8 +4,8 @@ The base of an object is the centre of its bounding box, x east, y north in grou
 
 In `osi3.SensorData` positions are in the axes of the virtual sensor. Its mounting position is in the axes of the host
 vehicle, whose origin is the rear axle; where that is in the world is in the copy of the sensor view. Velocities are
-relative to the moving sensor, so they are left out: direction and speed come from the positions in the world. Errors are
-those of `base_rmse`, along the sensor's axes.
+relative to the moving sensor, so they are left out: direction and speed come from the positions in the world. Errors
+are those of `base_rmse`, along the sensor's axes.
 
 Source: ASAM OSI 3.7, osi_object.proto, osi_sensordata.proto (`mounting_position`), osi_common.proto (`Orientation3d`:
 turned about z by yaw, then about the new y by pitch, then about the new x by roll).
