@@ -87,7 +87,7 @@ def _table(path: Path, reading: Reading, *, as_json: bool) -> int:
 def _whole(path: Path, reading: Reading) -> tuple[LogSummary, list[str]]:
     """What a log holds, and the faults of the tracks that `dirprim learn` would read."""
     from dirprim_filter.recording.container.log import Log
-    from dirprim_filter.recording.errors import RecordingError
+    from dirprim_filter.recording.errors import MissingTransformError, RecordingError
     from dirprim_filter.recording.inspection import inspect
     from dirprim_filter.recording.plausibility import ImplausibleError
     from dirprim_filter.recording.reader import read_track_logs
@@ -98,9 +98,9 @@ def _whole(path: Path, reading: Reading) -> tuple[LogSummary, list[str]]:
             return summary, []
         try:
             return summary, read_track_logs(log, reading.options(), strict=False).losses.faults
-        except ImplausibleError as error:
+        except (ImplausibleError, MissingTransformError) as error:
             return summary, [str(error)]
-        except RecordingError as error:  # `learn` would say so too: detections alone, or frames that no transform joins
+        except RecordingError as error:  # `learn` would say so too: detections alone
             logger.info("%s: not looked for faults of tracks: %s", path, error)
             return summary, []
 

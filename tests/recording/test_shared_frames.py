@@ -6,6 +6,7 @@ from ros_messages import header, write_ros2_log
 from test_ros2_schemas import carla, point, quaternion
 from test_transforms import START_NS, STEP_NS, ros_transform
 
+from dirprim_filter.cli.main import run
 from dirprim_filter.recording.errors import MissingTransformError
 from dirprim_filter.recording.reader import read_track_logs, read_tracks, stream_detections
 from dirprim_filter.store import add_logs, find_logs
@@ -146,3 +147,17 @@ def test_a_frame_without_a_name_is_reported_where_there_are_transforms(tmp_path,
     read_tracks(path, frame="map")
     read_tracks(log(tmp_path / "none.mcap", *parked(frame="")))
     assert not caplog.records
+
+
+def test_a_frame_whose_transforms_end_while_it_stands_is_reported(tmp_path, caplog):
+    still = [placed(START_NS + k * STEP_NS, "map", "base_link", (1.0, 0.0)) for k in range(3)]
+    for more, n_reported in ((range(20), 0), (range(40), 1)):
+        caplog.clear()
+        read_tracks(log(tmp_path / "log.mcap", *still, *parked(more)))
+        assert caplog.text.count("frame 'base_link' is taken to stand in 'map'") == n_reported
+
+
+def test_info_says_which_transform_is_missing(tmp_path, capsys):
+    path = log(tmp_path / "log.mcap", *moving(), *parked(frame="lidar"))
+    assert run(["info", str(path)]) == 0
+    assert f"faults: {path}: expected a transform from frame 'lidar' to frame 'map'" in capsys.readouterr().out

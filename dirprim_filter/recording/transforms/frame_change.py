@@ -178,17 +178,17 @@ class FrameChange:
             return None
         if found is None:
             raise self._missing(frame, self.target, int(time_ns[0]))
-        self._report(frame)
+        self._report(frame, time_ns)
         return found
 
-    def _report(self, frame: str) -> None:
+    def _report(self, frame: str, time_ns: IntArray) -> None:
         """Say once what is odd with the transforms of a frame."""
         if self.tree is None or frame in self._reported:
             return
         self._reported.add(frame)
         up, down = self.tree.between(frame, self.target) or ([], [])
         for name in (*up, *down):
-            note = self.tree.edges[name].note
+            note = self.tree.edges[name].notes(time_ns)
             if name not in self._own:
                 note = f"is placed in {self.tree.edges[name].parent!r} by the other logs, as this one does not"
             if note:

@@ -47,8 +47,8 @@ FIXED = ("world", "map", "odom")
 """Frames that stand still on the ground by name, those further up first: without a transform they may be the map."""
 JUMP_M, JUMP_SHARE = 0.5, 0.1
 """Frames do not go so far back and forth between one transform and the next, and do so for so many of them."""
-OTHER_CLOCK_S = 3600.0
-"""No log is so long that its transforms are of the same clock."""
+OTHER_CLOCK_S = 600.0
+"""Transforms so far from an object's time may be of another clock."""
 SHOWN = 4
 """Frames in one line."""
 SAME = 1e-6
@@ -116,6 +116,13 @@ class Edge:
             return self
         time_ns, translation, rotation = (np.concatenate([getattr(e, of) for e in (first, last)]) for of in COLUMNS)
         return replace(self, time_ns=time_ns, translation=translation, rotation=rotation)
+
+    def notes(self, time_ns: IntArray) -> str:
+        """What is odd with it, and with its use at some times."""
+        away_ns = max(int(self.time_ns[0] - time_ns.min()), int(time_ns.max() - self.time_ns[-1]))
+        if self.note or self.is_static or away_ns <= MAX_GAP_NS or not self.at(time_ns).known.any():
+            return self.note
+        return f"is taken to stand in {self.parent!r}, as do its transforms of {away_ns * 1e-9:.1f} s before or after"
 
     def span(self, time_ns: int) -> str:
         """The parent, and which times are known, beside one that is not."""
