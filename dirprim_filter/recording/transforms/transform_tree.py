@@ -23,7 +23,7 @@ from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from dirprim_filter.recording.container.log import Log, LogSource, Scan, opened
 from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.decoding.field_columns import NO_TIME, FieldColumns, SchemaError, signed
-from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError
+from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError, RecordingError
 from dirprim_filter.recording.losses import TRANSFORMS as TRANSFORM_LOSS
 from dirprim_filter.recording.losses import Losses
 from dirprim_filter.recording.schemas.decoders import Decoders, batches, by_schema, family_of
@@ -119,7 +119,7 @@ class Edge:
 
     def notes(self, time_ns: IntArray) -> str:
         """What is odd with it, and with its use at some times."""
-        away_ns = max(int(self.time_ns[0] - time_ns.min()), int(time_ns.max() - self.time_ns[-1]))
+        away_ns = max(int(self.time_ns[0]) - int(time_ns.min()), int(time_ns.max()) - int(self.time_ns[-1]))
         if self.note or self.is_static or away_ns <= MAX_GAP_NS or not self.at(time_ns).known.any():
             return self.note
         return f"is taken to stand in {self.parent!r}, as do its transforms of {away_ns * 1e-9:.1f} s before or after"
@@ -281,9 +281,17 @@ class SharedTransforms:
         for path, source in self._logs.items():
             if path != log.path:
                 if path not in self._trees:
-                    with opened(source) as other:
-                        self._trees[path] = TransformTree.of_log(other)
+                    self._trees[path] = _tree_of(source)
                 yield self._trees[path]
+
+
+def _tree_of(source: LogSource) -> TransformTree:
+    """That of a log beside; one that cannot be opened has none, and is reported where it is read itself."""
+    try:
+        with opened(source) as log:
+            return TransformTree.of_log(log)
+    except (RecordingError, OSError):
+        return TransformTree({})
 
 
 def _rows(columns: FieldColumns, messages: MessageColumns, frames: Numbers) -> AnyArray:
@@ -321,7 +329,8 @@ def _edges(path: Path, rows: AnyArray, written: list[str]) -> dict[str, Edge]:
     order = np.argsort(rows["child"], kind="stable")
     for here in np.split(order, np.flatnonzero(np.diff(rows["child"][order])) + 1) if order.size else ():
         name = names[rows["child"][here[0]]]
-        edges[name] = _edge(rows[here], names)
+        with np.errstate(all="ignore"):  # translations of any size
+            edges[name] = _edge(rows[here], names)
     for root in FIXED:
         up = TransformTree(edges).chain(root)
         if root in up[1:]:
