@@ -1,0 +1,90 @@
+"""Two days of a crossing in latitude and longitude: whatever meets the first day's log is on its plane, or refused."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cli.commands import DONE, FAILED, dirprim
+from dirprim_filter import load_map, read_estimates, read_tracks
+from dirprim_filter.recording.tables.files import columns_of
+
+pytest.importorskip("pyproj", reason="the extra geo is not installed")
+
+
+@pytest.fixture
+def days(tmp_path, monkeypatch):
+    """Day 1 begins on the one road, day 2 on the other, 170 m away; and the map of day 1."""
+    monkeypatch.chdir(tmp_path)
+    for name, first in (("day1.csv", 0), ("day2.csv", 1)):
+        rng, rows = np.random.default_rng(first), []
+        for i in range(12):
+            for k in range(45):
+                along = np.array([-120 + 5.0 * k, 0.0])[:: 1 if (i + first) % 2 else -1]
+                north, east = along + rng.normal(0, 0.2, 2)
+                rows.append((20 * i + 0.5 * k, i, 48.1 + north / 111200, 11.5 + east / 74400))
+        lines = [f"{t},v{i},{latitude:.8f},{longitude:.8f}" for t, i, latitude, longitude in sorted(rows)]
+        Path(name).write_text("\n".join(["time_s,track_id,latitude_deg,longitude_deg", *lines]))
+    assert dirprim("learn day1.csv -o map.mcap --tessellation grid --cell-size 8") == DONE
+
+
+TRACK = "--map map.mcap -o out.mcap --noise 0.3 --particles 30 --force"
+
+
+def test_the_second_day_is_on_the_plane_of_the_map_and_comes_out_in_degrees(days, capsys):
+    origin = load_map("map.mcap").origin
+    assert dirprim("convert day2.csv -o day2.mcap") == DONE  # with an origin of its own
+    assert read_tracks("day2.mcap").origin not in (None, origin)
+    for log in ("day2.csv", "day2.mcap"):
+        capsys.readouterr()
+        assert dirprim(f"track {log} {TRACK}") == DONE
+        said = capsys.readouterr()
+        assert f"map.mcap: origin {origin}, of the logs" in said.err
+        assert float(re.search(r"([\d.]+)% outside the map", said.out)[1]) < 3
+        assert read_estimates("out.mcap").origin == origin
+    assert dirprim("export out.mcap -o out.csv") == DONE
+    table = columns_of(Path("out.csv"))
+    estimates = read_estimates("out.mcap")
+    degrees = table.numbers(("latitude_deg", "longitude_deg"))
+    np.testing.assert_allclose(degrees, origin.to_globe(estimates.position), atol=1e-9)
+    assert dirprim("score out.mcap out.csv --truth day2.csv --json") == DONE
+    for command in (
+        "smooth out.csv --map map.mcap -o smooth.mcap --particles 30",
+        "plot map.mcap -o map.png --log day2.csv --estimates out.mcap",
+    ):
+        assert dirprim(command) == DONE
+    assert read_estimates("smooth.mcap").origin == origin
+
+
+def test_a_store_has_the_origin_of_its_first_log(days, capsys):
+    pytest.importorskip("deltalake", reason="the extra fleet is not installed")
+    assert dirprim("store add fleet day1.csv") == DONE
+    assert dirprim("store add fleet day2.csv") == DONE
+    assert dirprim("learn fleet -o both.mcap --tessellation grid --cell-size 8") == DONE
+    assert load_map("both.mcap").origin == load_map("map.mcap").origin
+    capsys.readouterr()
+    Path("metres.csv").write_text("time_s,track_id,x_m,y_m\n" + "".join(f"{k},v,{5 * k},0\n" for k in range(9)))
+    assert dirprim("store add fleet metres.csv") == FAILED
+    assert "expected latitudes and longitudes" in capsys.readouterr().err
+
+
+def test_another_plane_is_refused(days, capsys, monkeypatch):
+    origin = load_map("map.mcap").origin
+    Path("metres.csv").write_text("time_s,track_id,x_m,y_m\n" + "".join(f"{k},v,{5 * k},0\n" for k in range(9)))
+    assert dirprim("learn metres.csv -o plain.mcap --tessellation grid --cell-size 8") == DONE
+    for command, said in (
+        (f"track metres.csv {TRACK}", f"say --set origin={origin}"),
+        (f"track day2.csv {TRACK} --set origin=48,11", "map.mcap: expected origin 48.0,11.0, as --set origin=... st"),
+        (f"track day2.csv {TRACK.replace('map.mcap', 'plain.mcap')}", "as of plain.mcap, which has no origin"),
+        ("learn day1.csv metres.csv -o x", "metres.csv: expected latitudes and longitudes, as day1.csv has the origin"),
+    ):
+        capsys.readouterr()
+        assert dirprim(command) == FAILED
+        assert said in " ".join(capsys.readouterr().err.split())
+    assert dirprim(f"track metres.csv {TRACK} --set origin={origin}") != FAILED
+    monkeypatch.setitem(__import__("sys").modules, "pyproj", None)
+    for command in (f"track day2.csv {TRACK}", "export out.mcap -o out.csv"):
+        capsys.readouterr()
+        assert dirprim(command) == FAILED
+        assert capsys.readouterr().err.splitlines()[-1].endswith("pip install 'dirprim-filter[geo]'")
