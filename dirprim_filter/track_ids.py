@@ -51,7 +51,7 @@ def stand_for_none(names: AnyArray, place: IntArray, time_ns: IntArray) -> BoolA
     """
     is_none = np.isin(np.strings.strip(names), NO_NAMES)
     minus = names == "-1"
-    if minus.any() and np.strings.isdecimal(names[~(minus | is_none)]).all():
+    if minus.any() and all(name.rpartition("/")[2].isdecimal() for name in names[~(minus | is_none)].tolist()):
         times = time_ns[minus[place]]
         is_none |= minus & (np.unique(times).size < times.size)
     return np.asarray(is_none)

@@ -94,7 +94,7 @@ def _whole(path: Path, reading: Reading) -> tuple[LogSummary, list[str]]:
 
     with Log(path) as log:
         summary = inspect(log, reading.options())
-        if not any(topic.tracks for topic in summary.topics):
+        if all(topic.tracks is None for topic in summary.topics):
             return summary, []
         try:
             return summary, read_track_logs(log, reading.options(), strict=False).losses.faults

@@ -16,7 +16,7 @@ from dirprim_filter.recording.rows import LEFT_OUT, Rows
 
 
 class ImplausibleError(RecordingError):
-    """No log of vehicles looks so."""
+    """What was read is no log of tracks."""
 
 
 OFTEN = 0.1
@@ -61,7 +61,9 @@ def plausible(rows: Rows, losses: Losses, path: Path) -> Rows:
             "; are ids given again, or to two at once, or are two sessions in one (give each a `group`)? Parts of "
             f"{made[0].rpartition('~')[0]} and others are vehicles of their own, as {made[0]}, {len(made)} in all"
         )
-    elif jumps.left_out.any():
+    elif not jumps.left_out.any():  # a correction of the position
+        return rows
+    else:
         line += ": is that a place that stands for none, such as 0 0, or an outlier?"
     losses.faults.append(line)
     losses.drop(OFF_WAY, jumps.left_out)

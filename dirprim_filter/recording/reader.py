@@ -16,14 +16,14 @@ from dirprim_filter.origin import Origin
 from dirprim_filter.recording import topic_names
 from dirprim_filter.recording.container.errors import Damage
 from dirprim_filter.recording.container.log import Log, LogSource, Scan, opened
-from dirprim_filter.recording.errors import DamagedRecordingError, NoTracksError, RecordingError
+from dirprim_filter.recording.errors import DamagedRecordingError, NoTracksError
 from dirprim_filter.recording.inspection import inspect
 from dirprim_filter.recording.losses import REPEATED, Losses
 from dirprim_filter.recording.name_patterns import is_table
 from dirprim_filter.recording.objects.observations import DetectionStream, Observations
 from dirprim_filter.recording.objects.options import EVERYTHING, ReadOptions, TimeSource
 from dirprim_filter.recording.objects.topics import choose_topics
-from dirprim_filter.recording.plausibility import plausible
+from dirprim_filter.recording.plausibility import ImplausibleError, plausible
 from dirprim_filter.recording.rows import Rows, TrackResult, rows_of_log, rows_of_logs
 from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
 from dirprim_filter.recording.schemas.dirprim import decode_estimates
@@ -135,7 +135,7 @@ def _require_ids(path: Path, n_detections: int) -> None:
     """Raises where there are detections alone, none with an id that comes again."""
     if n_detections:
         way = "`dirprim track --no-ids` tracks them"
-        raise RecordingError(f"{path}: expected tracks, got {n_detections} detections without ids; {way}")
+        raise ImplausibleError(f"{path}: expected tracks, got {n_detections} detections without ids; {way}")
 
 
 def _of_first(one: LogSource, options: ReadOptions, origin: Origin | None, frame: str = "") -> ReadOptions:

@@ -15,7 +15,7 @@ from dirprim_filter.detections import NO_ID
 from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.recording.decoding.field_columns import NO_TIME
 from dirprim_filter.recording.losses import ALONE, Losses
-from dirprim_filter.track_ids import Numbers, as_track_ids, numbered, vehicle_numbers
+from dirprim_filter.track_ids import Numbers, as_track_ids, numbered, stand_for_none, vehicle_numbers
 from dirprim_filter.tracks import Tracks
 
 LEFT_OUT: Any = None
@@ -179,6 +179,11 @@ def rows_of_log(parts: Iterable[Rows]) -> Rows:
             names = [name or f"{time}/{next(unlabelled)}" for name, time in named]
         read.append(replace(rows, track_id=numbers.of(names), **dict.fromkeys(OF_MESSAGES, LEFT_OUT)))
     whole = Rows.concatenate(read[1:] or read, names=np.array(list(numbers), dtype=np.str_), but=OF_MESSAGES)
+    if (is_none := stand_for_none(whole.names, whole.track_id, whole.time_ns)[whole.track_id]).any():
+        made = [f"{time}/{next(unlabelled)}" for time in whole.time_ns[is_none].tolist()]
+        number = whole.track_id.copy()
+        number[is_none] = whole.names.size + np.arange(len(made))
+        whole = replace(whole, track_id=number, names=np.array([*whole.names.tolist(), *made], np.str_))
     return whole.by_group() if whole.group.any() else whole
 
 

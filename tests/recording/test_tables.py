@@ -7,6 +7,7 @@ from datetime import datetime
 from decimal import Decimal
 from importlib.util import find_spec
 from pathlib import Path
+from re import escape as re_escape
 
 import numpy as np
 import pyarrow as pa
@@ -379,3 +380,52 @@ def test_values_are_tables_that_read_back(tmp_path, ring):
     back = Detections.concatenate(stream_detections(tmp_path / "t.parquet"))
     np.testing.assert_array_equal(back.covariance, seen.covariance)
     assert {"time_ns", "track_id", "x_m", "course_rad"} <= set(estimates_of(["a"]).to_arrow().column_names)
+
+
+@pytest.mark.parametrize("none", ["", "nan", "None", "NULL", "N/A", "<NA>", "-1"])
+def test_ids_that_stand_for_none_are_those_of_detections(tmp_path, none):
+    rows = [f"{0.1 * k:.1f},{name},{k},{20 * n}" for k in range(20) for n, name in enumerate(("1", none, none))]
+    (seen,) = read(tmp_path, PLACES, rows).detections.values()
+    assert sorted({*seen.track_id}) == ["", "1"]
+    assert (seen.track_id == "").sum() == 40
+    honest = [f"{0.1 * k:.1f},{name},{k},{20 * n}" for k in range(20) for n, name in enumerate(("0", "-1", "5"))]
+    assert read(tmp_path, PLACES, honest).tracks.n_tracks == 3
+
+
+def test_ids_that_became_floats_are_whole_again_and_inexact_or_like_ones_are_refused(tmp_path):
+    rows = [f"{0.1 * k:.1f},{name},{k},{20 * n}" for k in range(20) for n, name in enumerate(("1.0", "2.0", ""))]
+    (seen,) = read(tmp_path, PLACES, rows).detections.values()
+    assert sorted({*seen.track_id}) == ["", "1", "2"]
+    path = tmp_path / "t.parquet"
+    for ids, said in (([2.0**60] * 3, "expected texts or whole numbers as track_id"), ([1.0, 2.0, 1.0], "")):
+        pa.parquet.write_table(
+            pa.table({"time_s": [0.0, 0.0, 1.0], "track_id": ids, "x_m": [0.0, 1, 2], "y_m": [0.0, 1, 2]}), path
+        )
+        if said:
+            with pytest.raises(RecordingError, match=said):
+                read_named(path)
+    assert {*read_named(path).tracks.track_id.tolist()} == {1}
+    for other in ("a\0", "a "):
+        with pytest.raises(RecordingError, match=r"NUL|more than spaces"):
+            read(tmp_path, PLACES, [f"{k},{name},{k},{n}" for k in range(3) for n, name in enumerate(("a", other))])
+
+
+@pytest.mark.parametrize(("ours", "theirs"), [
+    ("time_s", "timestamp_ms"), ("time_ns", "timestampMs"), ("time_ns", "Time [us]"), ("x_m", "pos_cm"),
+    ("x_m", "x_ft"), ("speed_mps", "v_kmh"), ("speed_mps", "sog_kn"), ("course_rad", "cog_deg"), ("latitude_deg", "lat_rad"),
+])  # fmt: skip
+def test_a_renamed_column_whose_name_states_another_unit_is_refused(tmp_path, ours, theirs):
+    names = ["time_s", "track_id", "x_m", "y_m", theirs]
+    path = table(tmp_path, "\n".join([",".join(names), *(f"{k},a,{k},{k},{k}" for k in range(3))]))
+    with pytest.raises(RecordingError, match=rf"expected column {ours}, got {re_escape(theirs)}"):
+        read_named(path, columns={ours: theirs})
+
+
+def test_a_column_of_absurd_speeds_is_refused_and_single_ones_are_derived(tmp_path):
+    rows = [[f"{0.1 * k:.1f}", name, str(k), "0", "1.5", "1e300"] for k in range(30) for name in "ab"]
+    with pytest.raises(RecordingError, match=r"expected speeds in m/s, got 1e\+300"):
+        read(tmp_path, HEADER.replace("heading", "course"), map(",".join, rows))
+    few = [",".join([*row[:5], "1e300" if k == 7 else "10"]) for k, row in enumerate(rows)]
+    found = read(tmp_path, HEADER.replace("heading", "course"), few)
+    np.testing.assert_allclose(found.tracks.speed, 10.0)
+    assert "1 speeds above 1000 m/s are not used" in found.losses.faults

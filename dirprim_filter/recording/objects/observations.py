@@ -36,7 +36,7 @@ from dirprim_filter.recording.schemas.decoders import Decoders, batches, by_sche
 from dirprim_filter.recording.transforms.frame_change import FrameChange
 from dirprim_filter.recording.transforms.geodesy import FARTHEST_M
 from dirprim_filter.recording.transforms.transform_tree import SharedTransforms
-from dirprim_filter.track_ids import repeated_rows, vehicle_numbers
+from dirprim_filter.track_ids import NO_NAMES, repeated_rows, vehicle_numbers
 
 logger = logging.getLogger(__name__)
 
@@ -275,7 +275,7 @@ class DetectionStream:
         is_one_world = self._options.group is not None  # the group that was asked for goes under its own ids
         known_cue = np.isfinite(rows.cue).all(axis=1) & (rows.cue[:, 1] >= 0) & (rows.cue[:, 1] <= SHARPEST)
         seen = Detections(
-            track_id=rows.track_id,
+            track_id=np.where(np.isin(rows.track_id, NO_NAMES), NO_ID, rows.track_id),
             time_ns=rows.time_ns,
             position=rows.position,
             covariance=np.where(is_covariance(rows.covariance)[:, None, None], rows.covariance, np.nan),

@@ -298,6 +298,9 @@ class _Objects:
             return np.asarray(self._spread(name, self._columns.times(name), NO_TIME))
         seconds = self.read("time_s")
         fits = np.abs(seconds) < FARTHEST_S
+        if (far := np.isfinite(seconds) & ~fits).any():
+            why = f"expected seconds as time_s, got {seconds[far][0]:g}: are they ms, us or ns? time= takes whole ns"
+            self._columns.fail(np.unique(self.message[far]), why)
         return np.where(fits, np.round(np.where(fits, seconds, 0.0) * 1e9).astype(np.int64), NO_TIME)
 
     def known(self, what: str, values: FloatArray) -> FloatArray:
