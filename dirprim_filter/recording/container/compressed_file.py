@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import zstandard
 
+from dirprim_filter.recording.container.budget import most_bytes
 from dirprim_filter.recording.container.errors import RecordingError
 from dirprim_filter.recording.container.temporary_copy import Copy
 
@@ -22,8 +23,8 @@ logger = logging.getLogger(__name__)
 
 GZIP = b"\x1f\x8b"
 """What files of gzip begin with; others are of zstd."""
-MOST_TIMES, SMALL_BYTES, BLOCK_BYTES = 100, 1 << 26, 1 << 20
-"""No file is decompressed beyond so many times its size, unless that is little; some at a time."""
+BLOCK_BYTES = 1 << 20
+"""So many are decompressed at a time."""
 
 
 def decompressed(file: Path, bytes_of: FileBytes, opening: bytes) -> Copy:
@@ -37,7 +38,7 @@ def decompressed(file: Path, bytes_of: FileBytes, opening: bytes) -> Copy:
 
 
 def _blocks(file: Path, bytes_of: FileBytes, opening: bytes) -> Iterator[bytes]:
-    source, most = io.BufferedReader(_Stream(bytes_of)), max(SMALL_BYTES, MOST_TIMES * len(bytes_of))
+    source, most = io.BufferedReader(_Stream(bytes_of)), most_bytes(len(bytes_of))
     reader: Any = gzip.GzipFile(fileobj=source)
     if not opening.startswith(GZIP):
         reader = zstandard.ZstdDecompressor().stream_reader(source, read_across_frames=True)

@@ -95,8 +95,8 @@ class OutputTables:
                 self.clocks[clock] = (place, nanos) if part in _SECONDS else (seconds, place)
                 continue
             if kind == "time" and form not in ("int", "unsigned"):
-                seconds = "; time_s= takes seconds" if form in ("float", "double") else ""
-                raise SchemaError(f"{self.schema}: expected a time at {self.fields[label].path}, got a {form}{seconds}")
+                way = "; time_s= takes seconds" if form in ("float", "double") else ""
+                raise SchemaError(f"{self.schema}: expected a time at {self.fields[label].path}, got a {form}{way}")
             if kind == "presence" and form != "presence":
                 raise SchemaError(f"{self.schema}: expected a message at {self.fields[label].path}, got a {form}")
             if kind == "number" and form in ("cells", "bytes"):

@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from dirprim_filter.arrays import IntArray
+from dirprim_filter.recording.container.budget import SMALL_BYTES
 from dirprim_filter.recording.container.message_columns import MessageColumns, gathered
 from dirprim_filter.recording.container.records import ENCODINGS, Channel, Schema, refused_encoding
 from dirprim_filter.recording.decoding.cdr_plan import CdrPlan, full_name
@@ -25,8 +26,6 @@ Plan = ColumnPlan | CdrPlan | JsonPlan
 BATCH_MESSAGES = 1 << 14
 BATCH_BYTES = 1 << 21
 """Messages are decoded together up to about so many: memory is bounded by a batch."""
-LARGEST_BYTES = 1 << 26
-"""Of messages once decompressed, together or of one."""
 ZSTD = b"\x28\xb5\x2f\xfd"
 """What a frame of zstd begins with."""
 NOT_KNOWN = "its schema is not known to hold objects; --set fields=... says where they are"
@@ -160,7 +159,7 @@ def unpacked(messages: MessageColumns) -> MessageColumns:
     Those that do not decompress stay as they are.
 
     Raises:
-        TooManyRowsError: several together are larger than `LARGEST_BYTES`.
+        TooManyRowsError: several together are larger than `SMALL_BYTES`.
     """
     data, filled = np.frombuffer(messages.contents, np.uint8), messages.start < messages.stop
     if not (data[messages.start[filled]] == ZSTD[0]).any():
@@ -172,11 +171,11 @@ def unpacked(messages: MessageColumns) -> MessageColumns:
         part = messages.contents[first:end]
         if part.startswith(ZSTD):
             with suppress(zstandard.ZstdError):
-                if zstandard.frame_content_size(part) <= LARGEST_BYTES:
-                    part = decompressor.decompress(part, max_output_size=LARGEST_BYTES)
+                if zstandard.frame_content_size(part) <= SMALL_BYTES:
+                    part = decompressor.decompress(part, max_output_size=SMALL_BYTES)
         parts.append(part)
         size += len(part)
-        if size > LARGEST_BYTES and len(messages) > 1:
+        if size > SMALL_BYTES and len(messages) > 1:
             raise TooManyRowsError
     stop = np.cumsum([len(part) for part in parts])
     start = np.append(0, stop[:-1])
