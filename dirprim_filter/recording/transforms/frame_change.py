@@ -168,8 +168,10 @@ class FrameChange:
         if self.tree is None:
             self.tree = TransformTree.of_log(self._log, strict=self._strict)
             self._own = frozenset(self.tree.edges)
-        found = self.tree.placement(frame, self.target or self.tree.root_of(frame), time_ns)
-        is_whole = found is not None and found.known.all() and (self.target or self.tree.root_of(frame) in FIXED)
+        target = self.target or self.tree.root_of(frame)
+        found = None if frame == target else self.tree.placement(frame, target, time_ns)
+        is_whole = frame == target or (found is not None and found.known.all())
+        is_whole = is_whole and bool(self.target or target in FIXED)
         if not is_whole and self._shared is not None:
             self.tree, self._shared = self.tree.lent(self._shared.beside(self._log)), None
             return self._find(frame, time_ns)
