@@ -116,7 +116,9 @@ def _lines(summary: LogSummary, faults: list[str], *, of_table: bool = False) ->
     lines += columns([["topic", "schema", "encoding", "rows" if of_table else "messages", "tracks"], *rows], n_left=3)
     if summary.is_checked and not of_table:
         carrying = ", ".join(t.name for t in summary.topics if t.tracks)
-        lines.append(f"tracks in: {carrying}" if carrying else "no topic carries tracks")
+        seen = ", ".join(f"{t.name} ({t.detections})" for t in summary.topics if t.detections)
+        lines += [f"tracks in: {carrying}" if carrying else "no topic carries tracks"] * bool(carrying or not seen)
+        lines += [f"detections without ids in: {seen}, for `dirprim track`"] * bool(seen)
     lines += _unread(summary)
     lines += [f"labels in {topic}: {_counts(counts)}" for topic, counts in summary.labels.items()]
     lines += [

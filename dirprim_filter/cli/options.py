@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 from decimal import Decimal, InvalidOperation
 from glob import glob, has_magic
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -61,29 +61,28 @@ def time_ns(text: str | None) -> int | None:
 
 
 def _log(text: str) -> Path:
-    """A file or folder that exists, "-", or a URL."""
+    """A file or folder that exists, "-", a URL, or a quoted pattern."""
     path = Path(text)
-    if text != "-" and "://" not in text and not path.exists():
+    if text != "-" and "://" not in text and not has_magic(text) and not path.exists():
         raise typer.BadParameter(f"File '{text}' does not exist.")
     return path
-
-
-def _pattern(text: str) -> Path:
-    """As `_log`, or a quoted pattern."""
-    return Path(text) if has_magic(text) else _log(text)
 
 
 def _found(paths: list[Path]) -> list[Path]:
     """The files of quoted patterns, in order of their names, and others as they are."""
     found: list[Path] = []
     for path in paths:
-        text = str(path)
-        is_pattern = has_magic(text) and "://" not in text and not path.exists()
-        own = sorted(map(Path, glob(text, recursive=True))) if is_pattern else [path]  # noqa: PTH207 (Path has no absolute patterns)
+        is_named = not has_magic(str(path)) or "://" in str(path) or path.exists()
+        own = [path] if is_named else sorted(map(Path, glob(str(path), recursive=True)))  # noqa: PTH207 (Path has no absolute patterns)
         if not own:
-            raise typer.BadParameter(f"'{text}': expected files, found none; check the pattern")
+            raise typer.BadParameter(f"'{path}': expected files, found none; check the pattern")
         found += own
     return found
+
+
+def _several(text: str, **more: Any) -> Any:
+    """Files, URLs and quoted patterns, with a text for the help."""
+    return typer.Argument(help=text, parser=_log, callback=_found, **more)
 
 
 def seconds(text: str) -> float:
@@ -113,35 +112,17 @@ Log = Annotated[
     Path, typer.Argument(help="An MCAP log, rosbag2 folder or table; - for standard input, or a URL.", parser=_log)
 ]
 Logs = Annotated[
-    list[Path],
-    typer.Argument(
-        help="MCAP logs, rosbag2 folders or tables; - for standard input, URLs, or quoted patterns.",
-        parser=_pattern,
-        callback=_found,
-    ),
+    list[Path], _several("MCAP logs, rosbag2 folders or tables; - for standard input, URLs, or quoted patterns.")
 ]
 LogsOrStore = Annotated[
     list[Path],
-    typer.Argument(
-        metavar="LOG...|STORE",
-        help="MCAP logs or tables; - for standard input, URLs, or quoted patterns. Or one store.",
-        parser=_pattern,
-        callback=_found,
+    _several(
+        "MCAP logs, tables, URLs, or quoted patterns; - for standard input. Or one store.", metavar="LOG...|STORE"
     ),
 ]
-Files = Annotated[
-    list[Path],
-    typer.Argument(
-        help="An .rrd, a map, a log, the tracks of `dirprim track`; or several.", parser=_pattern, callback=_found
-    ),
-]
+Files = Annotated[list[Path], _several("An .rrd, a map, a log, the tracks of `dirprim track`; or several.")]
 Outputs = Annotated[
-    list[Path],
-    typer.Argument(
-        help="Logs of `dirprim track`, or .csv or .parquet in the formats of `dirprim export`.",
-        parser=_pattern,
-        callback=_found,
-    ),
+    list[Path], _several("Logs of `dirprim track`, or .csv or .parquet in the formats of `dirprim export`.")
 ]
 Map = Annotated[Path, typer.Option("--map", help="A map that `dirprim learn` wrote.", exists=True, dir_okay=False)]
 Output = Annotated[Path, typer.Option("--output", "-o", help="The file to write.", callback=named_file), WRITTEN]

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from dirprim_filter.detections import NO_ID
 from dirprim_filter.recording.container.log import LogSource, Scan, opened
 from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.container.records import Channel
@@ -50,11 +51,11 @@ def inspect(source: LogSource, options: ReadOptions = EVERYTHING) -> LogSummary:
         attachments = tuple(name for file in one.files for _, name in file.outline.attachments)
     if options.strict and damage:
         raise DamagedRecordingError(one.path, damage)
-    if options.mapping and not any(reading.track_ids.values()):
+    if options.mapping and not (any(reading.track_ids.values()) or reading.detections.total()):
         why = next(filter(None, (reading.why(key)[1] for key in reading.messages)), "in no message")
         logger.warning("%s: expected objects at %s, got none: %s", one.path, options.mapping, why)
     return LogSummary(
-        topics=topics_of(reading.messages, reading.track_ids, reading.why),
+        topics=topics_of(reading.messages, reading.track_ids, reading.detections, reading.why),
         messages=reading.messages.total(),
         start_ns=min(reading.times, default=None),
         end_ns=max(reading.times, default=None),
@@ -77,6 +78,7 @@ class _Inspection:
     def __init__(self, log: Scan, decoders: Decoders) -> None:
         self.messages: Counter[TopicKey] = Counter()
         self.track_ids: dict[TopicKey, set[str]] = {}  # of topics whose schema carries objects
+        self.detections: Counter[TopicKey] = Counter()
         self.labels: dict[str, Counter[str]] = {}
         self.groups: dict[str, Counter[int]] = {}
         self.refused: dict[TopicKey, str] = {}
@@ -114,7 +116,9 @@ class _Inspection:
         order = np.argsort(channel, kind="stable")
         for own in np.split(order, np.flatnonzero(np.diff(channel[order])) + 1) if len(rows) else ():
             of, here = messages.channels[channel[own[0]]], rows[own]
-            self.track_ids[key_of(of)].update(here.track_id[is_placed[own]].tolist())
+            ids = here.track_id[is_placed[own]]
+            self.track_ids[key_of(of)].update(ids[ids != NO_ID].tolist())
+            self.detections[key_of(of)] += int((ids == NO_ID).sum())
             self.labels.setdefault(of.topic, Counter()).update(here.label.tolist())
             self.groups.setdefault(of.topic, Counter()).update(here.group.tolist())
         for i, reason in failures.items():

@@ -30,6 +30,7 @@ class TopicSummary:
         encoding: of its messages.
         messages: how many could be read.
         tracks: distinct track ids in them; None where the schema carries none, or they were not counted.
+        detections: objects without an id in them.
         undecodable: how many of the messages cannot be decoded.
         why: the most frequent reason; or why objects are not read of this topic; empty where they are.
     """
@@ -39,6 +40,7 @@ class TopicSummary:
     encoding: str
     messages: int
     tracks: int | None
+    detections: int = 0
     undecodable: int = 0
     why: str = ""
 
@@ -53,7 +55,7 @@ def key_of(channel: Channel) -> TopicKey:
 
 
 def topics_of(
-    messages: Mapping[TopicKey, int], track_ids: Mapping[TopicKey, Collection[str]],
+    messages: Mapping[TopicKey, int], track_ids: Mapping[TopicKey, Collection[str]], detections: Counter[TopicKey],
     why: Callable[[TopicKey], tuple[int, str]] = lambda _: (0, ""),
 ) -> tuple[TopicSummary, ...]:  # fmt: skip
     """The topics by name; without ids, those of schemas that carry none; and as `TopicSummary` has it, why not."""
@@ -63,6 +65,7 @@ def topics_of(
         tracks = len({*track_ids[key]} - {""}) if key in track_ids else None
         found.append(TopicSummary(
             name=name, schema=schema, encoding=encoding, messages=n, tracks=tracks, undecodable=undecodable, why=reason,
+            detections=detections[key],
         ))  # fmt: skip
     return tuple(found)
 
@@ -132,7 +135,8 @@ def summarise_by_index(
                 messages[key_of(channel)] += section.statistics.channel_message_counts.get(channel_id, 0)
     times = [(of.message_start_time, of.message_end_time) for _, of in sections if of.message_count and not wanted]
     return LogSummary(
-        topics=topics_of(messages, {}), messages=messages.total(), damage=(), is_checked=False, labels={}, groups={},
+        topics=topics_of(messages, {}, Counter()), messages=messages.total(), damage=(), is_checked=False, labels={},
+        groups={},
         start_ns=min((start for start, _ in times), default=None), end_ns=max((end for _, end in times), default=None),
         attachments=tuple(one.name for section, _ in sections for one in section.attachments),
         metadata=tuple(one.name for section, _ in sections for one in section.metadata),

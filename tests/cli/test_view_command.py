@@ -149,5 +149,7 @@ def test_tables_patterns_and_logs_without_ids_are_shown(folder, tmp_path, capsys
     shown = capsys.readouterr().out
     assert "seen.csv:" in shown
     assert "seen.mcap:" in shown
+    assert "detections without ids in: /detections (3), for `dirprim track`" in shown
+    assert "tracks in" not in shown
     assert dirprim("info seen.csv --time-source log") == 2
     assert dirprim("info nothing*") == 2
