@@ -84,14 +84,14 @@ def peers(output: str) -> dict[str, Any]:
     return {name: row | {"behind": {part: row[key] for part, key in parts.items()}} for name, row in rows.items()}
 
 
-def real_sensors(output: str) -> dict[str, Any]:
-    """The methods of every table of `real_sensors.py`, each with what the map gains on it."""
+def neutral(output: str) -> dict[str, Any]:
+    """The methods of every table of `neutral.py`, each with what the first gains on it."""
     found: dict[str, dict[str, Any]] = {}
     for title, table in json.loads(output).items():
-        where = title.partition(":")[0].partition(", drives")[0]
+        where = re.sub(r" \(.*?\)", "", title.partition(":")[0])
         for name, row in table["rows"].items():
-            gains = [gain for of, gain in table["gains"].items() if of.startswith(f"with the map against {name}, less")]
-            found.setdefault(f"{where}: {name}", {}).update(row | {"gain": gains[0] if gains else None})
+            gains = [gain for of, gain in table["gains"].items() if f" against {name}, " in of]
+            found[f"{where}: {name}"] = row | {"gain": gains[0] if gains else None}
     return found
 
 

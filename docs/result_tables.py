@@ -19,10 +19,10 @@ from result_figures import (
     group,
     mean_of,
     mechanisms,
+    neutral,
     of_key,
     peers,
     printed,
-    real_sensors,
     rows_of,
     trackers,
     worth,
@@ -138,7 +138,44 @@ LOGS: dict[str, Log] = {
     **_dense("highway", 2.5, "SUMO, vehicles weave and overtake; some 60 at once"),
 }  # fmt: skip
 
+NEUTRAL = "python tests/benchmarks/neutral.py {options} --json"
 TABLES: dict[str, Table] = {
+    "neutral": Table(
+        command=NEUTRAL,
+        runs=(
+            Run(name="GeoLife", options="geolife", source="geolife"),
+            Run(name="Chicago", options="chicago_bus", source="chicago_bus"),
+            Run(name="Austin", options="austin_bus", source="austin_bus"),
+            Run(name="Solent", options="solent_ais", source="solent_ais"),
+            Run(name="Mcity", options="mcity_blind", source="mcity_roadside"),
+            Run(name="town", options="town", source="town03"),
+        ),
+        entries=neutral,
+        columns=(
+            Column(head="error, m", read=of_key("error")),
+            Column(head="energy score, m", read=of_key("energy")),
+            Column(head="answered, %", read=of_key("answered", times=100.0), digits=0),
+            Column(head="in the 50 % region", read=of_key("in 50 %")),
+            Column(head="in the 90 % region", read=of_key("in 90 %")),
+            Column(head="the map is nearer, %", read=of_key("gain", times=100.0), digits=0),
+        ),
+        minutes=240,
+    ),
+    "neutral_boxes": Table(
+        command=NEUTRAL,
+        runs=(
+            Run(name="KITTI", options="kitti", source="kitti_tracking"),
+            Run(name="MOT17", options="mot17", source="mot17"),
+            Run(name="PETS09", options="pets09", source="mot15"),
+        ),
+        entries=neutral,
+        columns=(
+            *(Column(head=head, read=of_key(head.lower()), digits=1) for head in ("HOTA", "AssA", "MOTA", "IDF1")),
+            Column(head="switches", read=of_key("switches"), digits=0),
+            Column(head="the first method's HOTA less this", read=of_key("gain"), digits=1),
+        ),
+        minutes=240,
+    ),
     "tracking": Table(
         command=f"dirprim evaluate tracking {{logs}} --set learn=0.9 --seeds 5 --set smooth=true{TRACKERS} --json",
         runs=LOGGED[:3],
@@ -274,34 +311,6 @@ TABLES: dict[str, Table] = {
             ("RMSE in sight, m / ms a frame", (2, 4)),
         ),
     ),
-    "real_sensors": Table(
-        command="python tests/benchmarks/real_sensors.py {options} --json",
-        runs=(
-            Run(name="Mcity", options="mcity --seeds 1", source="mcity_roadside"),
-            Run(name="autoferry", options="autoferry --seeds 1", source="autoferry"),
-        ),
-        entries=real_sensors,
-        columns=(
-            Column(head="HOTA", read=of_key("hota"), digits=3),
-            Column(head="RMSE (Mcity: over raw; autoferry: m)", read=of_key("rmse")),
-            Column(head="NEES", read=of_key("nees"), digits=1),
-            Column(head="in the 90 % ellipse", read=of_key("in 90 %")),
-            Column(head="the map is nearer, %", read=of_key("gain", times=100.0), digits=0),
-        ),
-        left_out=(
-            "coasting: raw", "coasting: raw less bias and latency", "interacting models", "one cell",
-            "true positions + 0.35 m, without the map", "true positions + 0.35 m, with the map", "the rival's noise",
-        ),
-    ),
-    "buses": Table(
-        command="python tests/benchmarks/real_sensors.py buses --json",
-        runs=(Run(name="buses", source="chicago_bus"),),
-        entries=real_sensors,
-        columns=(
-            Column(head="log density, nat", read=of_key("log density"), digits=3),
-            *(Column(head=f"energy at {s} s, m", read=of_key(f"{s} s"), digits=1) for s in (5, 10, 20)),
-        ),
-    ),
     "ablation": Table(
         command="python tests/benchmarks/ablation.py --part tracking --json",
         runs=(Run(name="tracking"),),
@@ -315,7 +324,6 @@ TABLES: dict[str, Table] = {
             Column(head="misbehaviour", read=worth("misbehaviour", in_sight=(100.0, 1), lost=(100.0, 2))),
             Column(head="Mcity", read=worth("Mcity", in_sight=(100.0, 1))),
             Column(head="autoferry", read=worth("autoferry", HOTA=(100.0, 2))),
-            Column(head="buses", read=worth("buses", energy_at_5_s=(100.0, 1))),
         ),
         minutes=240,
     ),
@@ -369,6 +377,11 @@ TABLES: dict[str, Table] = {
 
 NEARER = ("the map is nearer in sight, %", "in gaps, %", "the map is nearer at 1 s, %", "the map is nearer at 5 s, %")
 SUMMARY = (
+    *(("error in gaps, online", " %", "neutral", run, f"{where}, online: {row}", "the map is nearer, %")
+      for run, where in (("GeoLife", "geolife, gaps of 60 s"), ("Mcity", "mcity_blind, 6 s of 4 drives"))
+      for row in ("without the map", "constant velocity")),
+    *(("error in gaps, smoothed", " %", "neutral", run, f"{where}, smoothed: constant velocity", "the map is nearer, %")
+      for run, where in (("GeoLife", "geolife, gaps of 60 s"), ("Mcity", "mcity_blind, 6 s of 4 drives"))),
     *(("error in gaps of 3 s", " %", "tracking", run, "constant velocity", NEARER[1])
       for run in ("roundabout", "intersection", "Lankershim")),
     *(("error in sight", " %", "tracking", run, "constant velocity", NEARER[0])
@@ -377,9 +390,6 @@ SUMMARY = (
        "the map's HOTA less this") for run in ("Lankershim", "dense intersection", "dense highway")),
     *(("forecasts 5 s ahead", " %", "forecasts", run, row, NEARER[3])
       for run in ("roundabout", "Lankershim") for row in ("constant velocity", "trajectory memory")),
-    *(("real detections", " %", "real_sensors", run, row, "the map is nearer, %")
-      for run, row in (("Mcity", "Mcity, in sight: without the map"),
-                       ("autoferry", "autoferry, both: without the map"))),
     *(("HOTA beside other packages", "", "peers", run, row, "ours with the map, HOTA more")
       for run, row in (("A", "norfair"), ("B", "norfair"), ("Lankershim", "norfair"), ("Mcity", "norfair"),
                        ("autoferry", "Stone Soup GNN"))),

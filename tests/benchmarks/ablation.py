@@ -7,8 +7,7 @@ whose interval holds 0 everywhere gains nothing that can be shown. Two processes
 has done is kept in `.cache/ablation/COMMIT`, so that a run may be resumed, or made in pieces.
 
 Scenes: the town's roundabout and intersection and Lankershim (with ids, each vehicle out of sight once for 3 s); dense
-traffic without ids (a fifth missed, ten false a frame); vehicles that misbehave; Mcity's and autoferry's real sensors;
-buses' GPS.
+traffic without ids (a fifth missed, ten false a frame); vehicles that misbehave; Mcity's and autoferry's real sensors.
 Data that are absent are left out, and said.
 """
 

@@ -13,7 +13,6 @@ import numpy as np
 from dirprim_filter.arrays import AnyArray, FloatArray
 from dirprim_filter.config import FilterConfig, from_table
 from dirprim_filter.detections import Detections
-from dirprim_filter.evaluation.belief_forecasts import forecast_beliefs
 from dirprim_filter.evaluation.forecast_cases import SCORES, Cases, score_cases
 from dirprim_filter.evaluation.forecasting import rollouts_of
 from dirprim_filter.evaluation.scenes import Scene, followed
@@ -21,7 +20,7 @@ from dirprim_filter.evaluation.scores import RowErrors, TrackedScene, scored
 from dirprim_filter.evaluation.splits import held_out
 from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
 from dirprim_filter.filtering import Tracker
-from dirprim_filter.filtering.particle_filter import ParticleFilter, bayes_filter_of
+from dirprim_filter.filtering.particle_filter import bayes_filter_of
 from dirprim_filter.primitives.learning import learn_primitives
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording.tables import read_named
@@ -30,12 +29,10 @@ from dirprim_filter.tracks import Tracks
 DATA = Path(__file__).parents[2] / "../shared/data"
 NEEDS = {
     "roundabout": "town03", "intersection": "town03", "misbehaviour": "town03", "Lankershim": "lankershim",
-    "Mcity": "mcity_roadside", "autoferry": "autoferry", "buses": "chicago_bus",
+    "Mcity": "mcity_roadside", "autoferry": "autoferry",
 }  # fmt: skip
 ALONE = FilterConfig(interaction="none")
 LOST_M = 3.0
-BUS_NOISE_M = 1.6
-"""Of a GPS fix. Of .1, .4 and 1.6 m the best without draws given measurements; with them .4 m is better still."""
 N_SAMPLES = 100
 HORIZONS_S = (1.0, 5.0)
 
@@ -240,11 +237,11 @@ class Drives:
         import mcity_drives as mcity
 
         parts = []
-        for drive in mcity.WITH_TRUTH:
+        for drive in mcity.with_truth():
             sensor = mcity.calibrated(drive)
             config, tracking = mcity.configured(sensor)
             config = replace(config, **off.filter)
-            model = stripped(bayes_filter_of(mcity.maps(drive, self.seed)[0], config, sensor), off)
+            model = stripped(bayes_filter_of(mcity.fair_map(drive, self.seed), config, sensor), off)
             tracker = Tracker(
                 model, config=config, sensor=sensor,
                 tracking=replace(tracking, **off.tracking), rng=np.random.default_rng(self.seed),
@@ -267,7 +264,6 @@ class Harbour:
     def tracked(self, _: None, off: Any) -> Outcome:
         """HOTA of each scenario, and errors of the true positions that have an estimate."""
         import autoferry_scenarios as ferry
-        from real_sensors import points_of
 
         parts, hotas = [], []
         for number in ferry.SCENARIOS:
@@ -277,36 +273,12 @@ class Harbour:
             )
             model = stripped(bayes_filter_of(ferry.learned(number, self.seed), scenario.config, None), off)
             found = ferry.nearby(scenario.tracked(model, self.seed), number)
-            hotas.append(points_of(found, number, scenario.instants)[0])
+            hotas.append(ferry.hota_of(found, number, scenario.instants))
             parts.append(_of_keys(found, ferry.true(number), scenario.instants, ferry.SIMILARITY_M, number))
         names = np.array(list(map(str, ferry.SCENARIOS)))
         return {"HOTA": Figure(names, np.array(hotas))} | {
             name: _joined([part[name] for part in parts]) for name in ("in sight", "NEES in sight")
         }
-
-
-@dataclass
-class Trips:
-    """Buses that report themselves each three seconds, half of them with a map of the others."""
-
-    seed: int
-
-    def learned(self) -> None:
-        """Each half has a map of its own."""
-
-    def tracked(self, _: None, off: Any) -> Outcome:
-        """Energies of forecasts that start from tracked beliefs."""
-        import bus_trips as buses
-
-        fold = list(buses.folds())[self.seed % buses.N_FOLDS]
-        cases = buses.starts_of(fold.test)
-        path = forecast_beliefs(
-            buses.maps(fold.seed)["with the map"], cases, buses.HORIZONS_S, noise_m=BUS_NOISE_M, n_samples=N_SAMPLES,
-            rng=np.random.default_rng(self.seed),
-            filter_of=lambda learned, config: stripped(ParticleFilter(learned, replace(config, **off.filter)), off),
-        )  # fmt: skip
-        energy = score_cases(path, cases.later)[..., SCORES.index("energy")]
-        return {"energy at 5 s": Figure(cases.name, energy[:, buses.HORIZONS_S.index(5.0)])}
 
 
 def _of_keys(found: Any, truth: Tracks, time_ns: AnyArray, gate_m: float, cluster: int) -> Outcome:
@@ -335,5 +307,4 @@ SCENES: dict[str, Callable[[int], Any]] = {
     "misbehaviour": misbehaviour,
     "Mcity": Drives,
     "autoferry": Harbour,
-    "buses": Trips,
 }

@@ -6,13 +6,13 @@ learned from their true tracks. Detections have no ids.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from paired_errors import RowErrors, likeliest
+from paired_errors import true_rows
 
 from dirprim_filter import PrimitiveMap, Tracks, learn_primitives
 from dirprim_filter.arrays import IntArray
@@ -20,7 +20,10 @@ from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.evaluation.calibration.pairing import Scene, frames_of
-from dirprim_filter.filtering import BayesFilter, ConstantVelocityKalman, Tracker
+from dirprim_filter.evaluation.metrics.comparison import Comparison
+from dirprim_filter.evaluation.metrics.hota import hota
+from dirprim_filter.evaluation.tracked_rows import TrackedRows
+from dirprim_filter.filtering import BayesFilter, Tracker
 
 DATA = Path(__file__).parents[2] / "../shared/data/autoferry"
 SCENARIOS = (2, 3, 4, 5, 6)
@@ -33,7 +36,6 @@ BESIDE_M = 50.0
 """Beyond the boats' bounding box by so much it is not known what is there: estimates are not judged."""
 MAX_GAP_S = 10.0
 """Six turns of the radar."""
-Run = Callable[[int], Estimates]
 
 
 class Measured(NamedTuple):
@@ -103,13 +105,13 @@ class Scenario(NamedTuple):
     tracking: TrackingConfig
 
     @classmethod
-    def of(cls, scenario: int, sensors: Sequence[str], *, noise_factor: float = 1.0) -> Scenario:
+    def of(cls, scenario: int, sensors: Sequence[str]) -> Scenario:
         """With a covariance at each detection: its own sensor's."""
         known = [measured(sensor, scenario) for sensor in sensors]
         seen = [detected(scenario, sensor) for sensor in sensors]
         frames = [frames_of(part)[:, 1] for part in seen]
         share = np.array([part.size for part in frames]) / sum(part.size for part in frames)
-        spread = [noise_factor * of.noise_m for of in known]
+        spread = [of.noise_m for of in known]
         covariance = np.concatenate(
             [np.tile(s**2 * np.eye(2), (len(part), 1, 1)) for part, s in zip(seen, spread, strict=True)]
         )
@@ -128,10 +130,10 @@ class Scenario(NamedTuple):
             ),
         )  # fmt: skip
 
-    def tracked(self, model: PrimitiveMap | BayesFilter, seed: int, seen: Detections | None = None) -> Estimates:
+    def tracked(self, model: PrimitiveMap | BayesFilter, seed: int) -> Estimates:
         """All estimates, at frames in which nothing was seen as well."""
         tracker = Tracker(model, config=self.config, tracking=self.tracking, rng=np.random.default_rng(seed))
-        frames = {int(frame.time_ns[0]): frame for frame in (self.seen if seen is None else seen).frames()}
+        frames = {int(frame.time_ns[0]): frame for frame in self.seen.frames()}
         kept = []
         for time_ns in self.instants.tolist():
             kept.append(tracker.step(frames.get(time_ns, Detections.none()), time_ns=time_ns))
@@ -145,31 +147,10 @@ def nearby(estimates: Estimates, scenario: int) -> Estimates:
     return estimates[((estimates.position > low) & (estimates.position < high)).all(axis=1)]
 
 
-def labelled(scenario: int, seen: Detections) -> Detections:
-    """The boats' own detections, by the truth: a rival is fitted as if all were assigned to the right one."""
-    near = RowErrors.of(seen, true(scenario), gate_m=GATE_M)
-    rows = seen[near.column]
-    return Detections(
-        track_id=np.char.add("boat ", (near.key % 64).astype(np.str_)), time_ns=rows.time_ns, position=rows.position,
-        covariance=rows.covariance, group=rows.group,
-    )  # fmt: skip
-
-
-@cache
-def log_density(scenario: int, sensors: tuple[str, ...], acceleration: float, noise_factor: float) -> float:
-    """Of a scenario's truth under constant velocity's estimates."""
-    scene = Scenario.of(scenario, sensors, noise_factor=noise_factor)
-    model = ConstantVelocityKalman(acceleration_density=acceleration, config=scene.config)
-    found = scene.tracked(model, 0, labelled(scenario, scene.seen))
-    return RowErrors.of(found, true(scenario), gate_m=SIMILARITY_M).log_density()
-
-
-def fitted(sensors: tuple[str, ...], without: int) -> tuple[float, ...]:
-    """Acceleration, and factor of the noise, under which the truth of all scenarios but one is likeliest."""
-    return likeliest(
-        lambda at: sum(log_density(other, sensors, *at) for other in SCENARIOS if other != without),
-        acceleration=0.1, noise_factor=1.0,
-    )  # fmt: skip
+def hota_of(found: Estimates, scenario: int, instants: IntArray) -> float:
+    """HOTA of a scenario."""
+    truth = true_rows(true(scenario), instants)[0]
+    return hota(Comparison.of(truth, TrackedRows.of(found, group=scenario), similarity_m=SIMILARITY_M)).hota
 
 
 @cache
@@ -177,15 +158,3 @@ def learned(scenario: int, seed: int) -> PrimitiveMap:
     """A map of the other scenarios' true tracks."""
     others = Tracks.concatenate([true(other) for other in SCENARIOS if other != scenario])
     return learn_primitives(others, rng=np.random.default_rng(seed))
-
-
-def methods(scenario: int, sensors: tuple[str, ...]) -> Iterator[tuple[str, Run]]:
-    """What is compared on a scenario."""
-    scene, (acceleration, factor) = Scenario.of(scenario, sensors), fitted(sensors, scenario)
-    own = Scenario.of(scenario, sensors, noise_factor=factor)
-    yield (
-        "constant velocity",
-        lambda _: own.tracked(ConstantVelocityKalman(acceleration_density=acceleration, config=own.config), 0),
-    )
-    yield "without the map", lambda seed: scene.tracked(learned(scenario, seed).without_places(), seed)
-    yield "with the map", lambda seed: scene.tracked(learned(scenario, seed), seed)

@@ -1,28 +1,27 @@
-"""Mcity's roadside detections of eight drives, of which four have RTK-GPS truth, and what tracks them.
+"""Mcity's roadside detections of several drives, some with RTK-GPS truth: sensor and map of those left over.
 
-Of drives 3, 4, 13 and 14 one is left out in turn: the sensor is calibrated on the other three, and the map is learned
-from the detections of all other drives, less the bias.
+A drive with truth is left out in turn: the sensor is calibrated on the others of these, and the map is learned from the
+detections of all other drives, less the bias.
 """
 
 from __future__ import annotations
 
 import runpy
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from paired_errors import RowErrors, likeliest
 from pyarrow import parquet
 
 from dirprim_filter import PrimitiveMap, Tracks, learn_primitives
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import EstimateList, Estimates
-from dirprim_filter.evaluation.calibration import calibrate, self_calibrate
-from dirprim_filter.filtering import ConstantVelocityKalman, Tracker
+from dirprim_filter.evaluation.calibration import calibrate
+from dirprim_filter.filtering import Tracker
 from dirprim_filter.origin import Origin
 from dirprim_filter.recording.tables import Table, read_named
 from dirprim_filter.replay import replay
@@ -31,11 +30,18 @@ from dirprim_filter.sensor import Sensor, without_bias
 DATA = Path(__file__).parents[2] / "../shared/data/mcity_roadside"
 ORIGIN = Origin.parse("42.300947,-83.698649")
 VEHICLES = {str(label) for label in range(2, 8)}
-WITH_TRUTH = {3: "3", 4: "4", 13: "13_c", 14: "14_c"}
-DRIVES = (1, 2, 3, 4, 11, 12, 13, 14)
 GATE_M = 5.0
-Method = Callable[[int], Estimates]
-"""By the seed."""
+
+
+def drives() -> list[int]:
+    """All that were recorded."""
+    return sorted(int(path.stem.removeprefix("detection_")) for path in (DATA / "dets").glob("detection_*.json"))
+
+
+def with_truth() -> dict[int, str]:
+    """The drives of instrumented vehicles, and what their file is called: one that was cut is preferred."""
+    names = sorted(path.stem.removeprefix("gps_data_") for path in (DATA / "gts").glob("gps_data_*.json"))
+    return {int(name.removesuffix("_c")): name for name in names if name.removesuffix("_c").isdigit()}
 
 
 MCITY = runpy.run_path(str(Path(__file__).parents[2] / "docs/examples/mcity.py"))["mcity"]
@@ -61,7 +67,7 @@ def detected(drive: int) -> Tracks:
 @cache
 def true(drive: int) -> Tracks:
     """Where the instrumented vehicles were."""
-    rows = table_of(f"gts/gps_data_{WITH_TRUTH[drive]}.json").tracks
+    rows = table_of(f"gts/gps_data_{with_truth()[drive]}.json").tracks
     return replace(rows, group=np.full(len(rows), drive))
 
 
@@ -75,8 +81,8 @@ def in_one_group(parts: Iterable[Tracks]) -> Tracks:
 @cache
 def calibrated(without: int) -> Sensor:
     """The sensor by the truth of all drives but one."""
-    drives = [drive for drive in WITH_TRUTH if drive != without]
-    return calibrate(Detections.of(in_one_group(map(detected, drives))), in_one_group(map(true, drives))).sensor
+    others = [drive for drive in with_truth() if drive != without]
+    return calibrate(Detections.of(in_one_group(map(detected, others))), in_one_group(map(true, others))).sensor
 
 
 def tracked(seen: Detections, tracker: Tracker) -> Estimates:
@@ -94,81 +100,13 @@ def without_own_bias(found: Estimates, sensor: Sensor) -> Estimates:
     return replace(found, position=found.position - off)
 
 
-def kalman(acceleration: float, noise_m: float, sensor: Sensor, seen: Detections) -> Estimates:
-    """What constant velocity with white noise says, less the sensor's latency and bias, as ours has them."""
-    config = replace(configured(sensor)[0], noise_m=noise_m)
-    model = ConstantVelocityKalman(acceleration_density=acceleration, config=config)
-    tracker = Tracker(model, config=config, tracking=configured(sensor)[1], sensor=sensor, rng=np.random.default_rng(0))
-    return without_own_bias(tracked(seen, tracker), sensor)
-
-
 def configured(sensor: Sensor) -> tuple[FilterConfig, TrackingConfig]:
     """What a sensor determines; the rest at its defaults."""
     return sensor.informs(FilterConfig(), TrackingConfig())
 
 
-def corrected(drive: int) -> RowErrors:
-    """Detections less the latency and, by the true course, the bias that other drives show: no filter's doing."""
-    sensor = calibrated(drive)
-    late = RowErrors.of(Detections.of(detected(drive)), true(drive), gate_m=GATE_M, lag_s=sensor.latency_s)
-    return late.less(sensor.along.bias_m, sensor.across.bias_m)
-
-
-def of_instrumented(drive: int) -> Detections:
-    """The detections of those vehicles whose truth is known."""
-    seen = Detections.of(detected(drive))
-    near = RowErrors.of(seen, true(drive), gate_m=GATE_M)
-    return seen[np.isin(seen.track_id, np.unique(seen.track_id[near.column]))]
-
-
 @cache
-def log_density(drive: int, acceleration: float, noise_m: float) -> float:
-    """Of a drive's truth under a rival's estimates; latency and bias as the other drives show them."""
-    found = kalman(acceleration, noise_m, calibrated(drive), of_instrumented(drive))
-    return RowErrors.of(found, true(drive), gate_m=GATE_M).log_density()
-
-
-def fitted(without: int) -> tuple[float, ...]:
-    """Acceleration, m^2/s^3, and noise of constant velocity.
-
-    Those under which the truth of all drives but one is likeliest, which the filters on a map are not shown. Latency
-    and bias of each of these drives are of all others, the one left out among them: a little in the rival's favour.
-    """
-    return likeliest(
-        lambda at: sum(log_density(drive, *at) for drive in WITH_TRUTH if drive != without), acceleration=0.5, noise=1.0
-    )
-
-
-@cache
-def maps(drive: int, seed: int) -> tuple[PrimitiveMap, PrimitiveMap]:
-    """Of all other drives: less the bias, and as a user who knows no bias learns it."""
-    others = [detected(other) for other in DRIVES if other != drive]
-    fair = in_one_group(without_bias(of, calibrated(drive)) for of in others)
-    rng = np.random.default_rng(seed)
-    return learn_primitives(fair, rng=rng), learn_primitives(in_one_group(others), rng=rng)
-
-
-def methods(drive: int) -> Iterator[tuple[str, Method]]:
-    """What is compared on a drive."""
-    seen, sensor = Detections.of(detected(drive)), calibrated(drive)
-    config, tracking = configured(sensor)
-
-    def by(model: Callable[[int], PrimitiveMap]) -> Method:
-        return lambda seed: tracked(
-            seen, Tracker(model(seed), config=config, tracking=tracking, sensor=sensor, rng=np.random.default_rng(seed))
-        )
-
-    yield "constant velocity", lambda _: kalman(*fitted(drive), sensor, seen)
-    yield "without the map", by(lambda seed: maps(drive, seed)[0].without_places())
-    yield "with the map", by(lambda seed: maps(drive, seed)[0])
-    yield "as a user runs it", lambda seed: by_default(seen, maps(drive, seed)[1], seed)
-
-
-def by_default(seen: Detections, learned: PrimitiveMap, seed: int) -> Estimates:
-    """As `dirprim track`: the noise is learned from the log, where it shows; else it is the default."""
-    try:
-        sensor = self_calibrate(seen, rng=np.random.default_rng(0)).sensor
-    except ValueError:
-        sensor = None
-    rng = np.random.default_rng(seed)
-    return tracked(seen, Tracker(learned, sensor=sensor, rng=rng))
+def fair_map(drive: int, seed: int) -> PrimitiveMap:
+    """Of all other drives, less the bias."""
+    others = (without_bias(detected(other), calibrated(drive)) for other in drives() if other != drive)
+    return learn_primitives(in_one_group(others), rng=np.random.default_rng(seed))

@@ -218,17 +218,17 @@ def drives(_: int) -> list[Fold]:
         return Part(seen=seen, truth=truth, judged=near_the_truth)
 
     def fold(i: int) -> Fold:
-        drive, after, *_ = (*mcity.WITH_TRUTH, *mcity.WITH_TRUTH)[i:]
+        drive, after, *_ = (*mcity.with_truth(), *mcity.with_truth())[i:]
         sensor = mcity.calibrated(drive)
         config, tracking = mcity.configured(sensor)
-        others = (mcity.detected(other) for other in mcity.DRIVES if other != drive)
+        others = (mcity.detected(other) for other in mcity.drives() if other != drive)
         return Fold(
             judged=(part(drive),), training=(part(after),),
             traffic=mcity.in_one_group(without_bias(of, sensor) for of in others), noise_m=config.noise_m,
             tracking=tracking, sensor=sensor,
         )  # fmt: skip
 
-    return [fold(i) for i in range(len(mcity.WITH_TRUTH))]
+    return [fold(i) for i in range(len(mcity.with_truth()))]
 
 
 def near_the_truth(rows: TrackedRows, truth: Tracks) -> TrackedRows:

@@ -60,7 +60,7 @@ SMOOTH = Sensor(
     uncertainty={"along.bias_m": 0.5 * WIDE, "across.bias_m": 0.5 * WIDE, "latency_s": 0.1 * WIDE},
 )  # fmt: skip
 """Of detections that a filter ran over: little noise, half a metre of bias and a tenth of a second of latency. On
-Mcity's drives NEES is then 2.0, and was 12.8 with 0.5 m of white noise (`tests/benchmarks/real_sensors.py mcity`)."""
+Mcity's drives NEES is then 2.0, and was 12.8 with 0.5 m of white noise."""
 START = np.array([math.log(0.5), 0.0, math.log(0.5), 0.0, math.log(1.5), 0.7])
 RANGE: tuple[tuple[float, float], ...] = (
     (-4.0, 2.0), (-5.0, 5.0), (math.log(0.05), math.log(LONGEST_LASTING_S)), (-4.0, 2.0), (0.0, 1.5), (0.05, 1.5),

@@ -1,0 +1,212 @@
+"""Real GPS and AIS: gaps of some usual intervals of the log, cut into trips that no map has seen.
+
+Files named `train*` are learned from where others are beside them. Else every fourth block of consecutive groups is
+held out, or of trips where there is one group: pieces of one user follow each other. The map is learned as a user's
+would be, from positions; where these are too seldom to show a course, there is no map, and its methods are silent.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from dirprim_filter import PrimitiveMap, Tracks
+from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray
+from dirprim_filter.config import FilterConfig
+from dirprim_filter.evaluation.settings import Axis, Choice, choose
+from dirprim_filter.origin import Origin
+from grounds.findings import WITH, WITHOUT, Asked, Findings, learned
+from grounds.windows import N_SAMPLES, Answer, Window, judged, marks, ours
+
+N_BLOCKS = 24
+INTERVALS = (2, 5, 20)
+CONTEXT = 20
+"""Measurements before a gap, and half as many after it."""
+MOST_WINDOWS, TRAINING_WINDOWS = 120, 200
+FITTED_WINDOWS = 40
+"""That our noise is chosen by."""
+OUR_GAIN = 0.01
+"""Of the log energy scores: what chance may bring."""
+MOVES_M = 5.0
+"""From one end of a window to the other: of what stands nothing is to be found."""
+
+
+class Log(NamedTuple):
+    """Rows in order of trip and time."""
+
+    trip: AnyArray
+    time_s: FloatArray
+    place: FloatArray
+    block: AnyArray
+    is_held_out: BoolArray
+
+    def of(self, rows: AnyArray) -> Log:
+        """The chosen rows."""
+        return Log(*(column[rows] for column in self))
+
+    def tracks(self) -> Tracks:
+        """As a user reads them."""
+        return Tracks.from_positions(
+            track_id=self.trip, time_ns=np.round(self.time_s * 1e9).astype(np.int64), position=self.place
+        )
+
+    def trips(self) -> Iterator[Log]:
+        """Each trip."""
+        for rows in np.split(np.arange(self.trip.size), np.flatnonzero(self.trip[1:] != self.trip[:-1]) + 1):
+            yield self.of(rows)
+
+
+def _csv(path: Path) -> Sequence[AnyArray]:
+    """Trip, group, time and place of each row."""
+    of = np.genfromtxt(path, delimiter=",", names=True, dtype=None, encoding="utf-8")
+    group = of["group"] if "group" in (of.dtype.names or ()) else np.zeros(of.size, np.int64)
+    trip = np.char.add(np.char.add(group.astype(np.str_), "/"), of["track_id"].astype(np.str_))
+    return trip, group, of["time_s"].astype(np.float64), np.column_stack([of["x_m"], of["y_m"]])
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """A data set.
+
+    Attributes:
+        folder: of the data.
+        noise_m: of a fix.
+        density: m^2/s^3, where the fit of constant velocity begins.
+        gaps_s: judged beside those of `INTERVALS`.
+        rows: reads a file.
+    """
+
+    folder: str
+    noise_m: float
+    density: float
+    gaps_s: tuple[float, ...] = ()
+    rows: Callable[[Path], Sequence[AnyArray]] = _csv
+
+
+def _austin(path: Path) -> Sequence[AnyArray]:
+    """A day of Austin's buses; a trip of a vehicle is one, and a vehicle a group."""
+    of = np.genfromtxt(path, delimiter=",", names=True, dtype=None, encoding="utf-8", invalid_raise=False)
+    stamp = np.array([text[:19] for text in of["timestamp"]], "datetime64[s]")
+    place = Origin.parse("30.27,-97.74").to_plane(np.column_stack([of["latitude"], of["longitude"]]))
+    trip = [f"{path.stem}/{vehicle}/{name}" for vehicle, name in zip(of["vehicle_id"], of["trip_id"], strict=True)]
+    return np.array(trip), of["vehicle_id"].astype(np.int64), stamp.astype(np.float64), place
+
+
+SOURCES = {
+    "geolife": Source("geolife", 5.0, 1.0, gaps_s=(10.0, 60.0)),
+    "chicago_bus": Source("chicago_bus", 3.0, 1.0),
+    "solent_ais": Source("solent_ais", 10.0, 0.01),
+    "austin_bus": Source("austin_bus", 10.0, 1.0, rows=_austin),
+}
+
+
+def log_of(source: Source, data: Path) -> Log:
+    """All rows of a folder's files, one of each trip and time, and which are held out."""
+    files = sorted(path for path in (data / source.folder).iterdir() if ".csv" in path.name)
+    parts = [(*source.rows(path), np.full(1, path.name.startswith("train"))) for path in files]
+    of_train = np.concatenate([np.repeat(part[-1], part[2].size) for part in parts])
+    trip, group, time_s, place = (np.concatenate([part[i] for part in parts]) for i in range(4))
+    order = np.lexsort((time_s, trip))
+    order = order[np.isfinite(place[order]).all(axis=1)]
+    order = order[np.append(True, (trip[order][1:] != trip[order][:-1]) | (np.diff(time_s[order]) > 0))]
+    own = group if np.unique(group).size > 1 else np.unique(trip, return_inverse=True)[1]
+    number = np.unique(own, return_inverse=True)[1]
+    block = number * N_BLOCKS // (number.max() + 1)
+    held_out = ~of_train if of_train.any() and not of_train.all() else block % 4 == 3
+    return Log(trip[order], time_s[order], place[order], block[order], held_out[order])
+
+
+def windows_of(log: Log, gap_s: float, *, most: int, seed: int = 0) -> list[Window]:
+    """Gaps of this length, a few of each trip, drawn at random; what is measured about each is enough to see by."""
+    found = []
+    for of in log.trips():
+        rng, n = np.random.default_rng([seed, of.trip.size]), of.trip.size
+        for start in rng.permutation(np.arange(3, np.searchsorted(of.time_s, of.time_s[-3:][0] - gap_s)))[:3]:
+            end = int(np.searchsorted(of.time_s, of.time_s[start] + gap_s - 1e-6))
+            first, last = max(start + 1 - CONTEXT, 0), min(end + CONTEXT // 2, n)
+            steps = np.diff(of.time_s[first : start + 1]), np.diff(of.time_s[end:last])
+            usual = np.median(np.concatenate(steps)) if n - end >= 3 and start >= 3 else 0.0
+            if end <= start + 1 or usual == 0 or max(map(np.max, steps)) > max(3.0 * usual, 2.0):
+                continue
+            moved, lasted_s = of.place[end] - of.place[start], of.time_s[end] - of.time_s[start]
+            if np.hypot(*moved) < MOVES_M or lasted_s > 1.5 * gap_s:
+                continue
+            seen, hidden = np.r_[first : start + 1, end:last], np.arange(start + 1, end)
+            since = of.time_s[first]
+            found.append(
+                Window(
+                    str(of.block[0]), of.time_s[seen] - since, of.place[seen], of.time_s[hidden] - since,
+                    of.place[hidden],
+                )
+            )  # fmt: skip
+    chosen = np.random.default_rng(seed).permutation(len(found))[:most]
+    return [found[i] for i in sorted(chosen)]
+
+
+def of_gps(name: str, asked: Asked) -> list[Findings]:
+    """All gaps of a data set."""
+    source = SOURCES[name]
+    log = log_of(source, asked.data)
+    train, test = log.of(~log.is_held_out), log.of(log.is_held_out)
+    steps = np.concatenate([np.diff(of.time_s) for of in log.trips()])
+    usual_s = float(np.median(steps))
+    try:
+        options = {"tessellation": "grid", "cell_size": 50.0} if asked.is_smoke else {}
+        with_map = learned(train.tracks(), asked, name, **options)
+    except ValueError as error:
+        logging.getLogger(__name__).warning("%s: no map, %s", name, error)
+        with_map = None
+    tables = []
+    for gap_s in (*(times * usual_s for times in INTERVALS[: 1 if asked.is_smoke else None]), *source.gaps_s):
+        most = 6 if asked.is_smoke else MOST_WINDOWS
+        windows = windows_of(test, gap_s, most=most)
+        training = windows_of(train, gap_s, most=6 if asked.is_smoke else TRAINING_WINDOWS, seed=1)
+        if not windows or not training:
+            logging.getLogger(__name__).warning("%s: no trip with a gap of %g s between other rows", name, gap_s)
+            continue
+        config = FilterConfig(
+            noise_m=source.noise_m, max_gap_s=2.0 * gap_s + 5.0, interaction="none",
+            n_particles=100 if asked.is_smoke else 1000,
+        )  # fmt: skip
+        if with_map:
+            config, choice = noise_fitted(training, with_map.without_places(), config)
+        by_map = {WITH: with_map, WITHOUT: with_map.without_places() if with_map else None}
+        answers = {
+            method: partial(_answers, windows, model, config) for method, model in by_map.items()
+        }  # fmt: skip
+        tables += judged(
+            windows, training, answers, about=f"{name}, gaps of {gap_s:g} s ({gap_s / usual_s:.1f} intervals)",
+            n_seeds=asked.n_seeds, density=source.density, noise_m=source.noise_m,
+        )  # fmt: skip
+        if with_map:
+            tables[-1].settings += choice
+    return tables
+
+
+def noise_fitted(
+    windows: Sequence[Window], model: PrimitiveMap, config: FilterConfig
+) -> tuple[FilterConfig, tuple[Choice, ...]]:
+    """Our noise, as the rivals' is chosen: by energy scores on training windows, of the filter without the map."""
+
+    def score(values: tuple[float, ...]) -> float:
+        found = ours(windows[:FITTED_WINDOWS], model, replace(config, noise_m=values[0]), seed=0)
+        return -float(sum(np.log(marks(windows[:FITTED_WINDOWS], answer).energy.mean()) for answer in found))
+
+    choice = choose([Axis("our noise_m", config.noise_m)], score, least_gain=OUR_GAIN)
+    return replace(config, noise_m=choice[0].chosen), choice
+
+
+def _answers(
+    windows: Sequence[Window], model: PrimitiveMap | None, config: FilterConfig, seed: int
+) -> tuple[Answer, Answer]:
+    if model is None:
+        n = sum(of.hidden_s.size for of in windows)
+        silent = Answer(*(np.full((n, *shape), np.nan) for shape in ((2,), (2, 2), (N_SAMPLES, 2))))
+        return silent, silent
+    return ours(windows, model, config, seed=seed)
