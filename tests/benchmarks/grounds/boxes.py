@@ -24,10 +24,13 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.evaluation.intervals import difference_of_means, interval
 from dirprim_filter.evaluation.rivals import log_evidence
 from dirprim_filter.evaluation.settings import Axis, Choice, choose
+from dirprim_filter.evaluation.tracking_report import normalised_squared
 from dirprim_filter.filtering import BayesFilter, ConstantVelocityKalman, Tracker
 from grounds.findings import STRAIGHT, WITH, WITHOUT, Findings
 
 OVERLAP = 0.5
+MEDIAN_SQUARED = 1.386
+"""Of chi-squared with two degrees."""
 COLUMNS = ("hota", "assa", "deta", "mota", "idf1", "switches")
 
 
@@ -93,6 +96,12 @@ class Scene(NamedTuple):
             name[mine[a[near]]] = self.truth.name[own[b[near]]] + 1
         return self.seen._replace(name=name)
 
+    def place_of(self, named: Boxes) -> FloatArray:
+        """(n, 2) where the vehicles truly were that detections are of."""
+        keys = [self.truth.frame << 32 | self.truth.name + 1, named.frame << 32 | named.name]
+        order = np.argsort(keys[0])
+        return self.truth.place[order[np.searchsorted(keys[0][order], keys[1])]]
+
 
 def _frames(one: Boxes, other: Boxes) -> Iterator[tuple[IntArray, IntArray]]:
     for frame in np.intersect1d(one.frame, other.frame):
@@ -117,13 +126,16 @@ class Fitted(NamedTuple):
     settings: tuple[Choice, ...]
 
     @classmethod
-    def of(cls, scenes: Sequence[Scene], *, density: float) -> Fitted:
-        """Of greatest evidence for their detections, each under its vehicle's name."""
-        parts, hits, n_true, n_false, n_new, frames, areas = [], 0, 0, 0, 0, 0, []
+    def of(cls, scenes: Sequence[Scene], *, factor: float = 1.0) -> Fitted:
+        """The spread by how far detections are from the truth, as errors of boxes last; the acceleration of greatest
+        evidence for them, each under its vehicle's name. A factor widens the spread.
+        """
+        parts, squared, hits, n_true, n_false, n_new, frames, areas = [], [], 0, 0, 0, 0, 0, []
         for number, scene in enumerate(scenes):
             named = scene.named()
             kept = named.of(named.name > 0)
             parts.append(_detections(kept, scene, names=[f"{number}/{name}" for name in kept.name]))
+            squared.append(normalised_squared(kept.place - scene.place_of(kept), kept.covariance))
             hits, n_true = hits + kept.frame.size, n_true + scene.truth.frame.size
             n_false += named.frame.size - kept.frame.size
             n_new += np.unique(scene.truth.name).size
@@ -131,16 +143,18 @@ class Fitted(NamedTuple):
             areas.append(scene.area)
         seen, area = Detections.concatenate(parts), float(np.mean(areas))
 
+        scale = factor * float(np.median(np.concatenate(squared)) / MEDIAN_SQUARED)
+        noisy = replace(seen, covariance=scale * seen.covariance)
+
         def evidence(values: tuple[float, ...]) -> float:
-            noisy = replace(seen, covariance=values[1] * seen.covariance)
             return log_evidence(ConstantVelocityKalman(acceleration_density=values[0]), noisy) / len(seen)
 
-        choices = choose([Axis("density", density), Axis("scale", 1.0)], evidence)
+        choices = choose([Axis("density", 1.0)], evidence)
         tracking = TrackingConfig(
             detection_probability=min(hits / n_true, 0.99), clutter_density=max(n_false, 1) / frames / area,
             birth_density=n_new / frames / area, vehicle_density=n_true / frames / area,
         )  # fmt: skip
-        return cls(choices[1].chosen, choices[0].chosen, tracking, choices)
+        return cls(scale, choices[0].chosen, tracking, choices)
 
 
 def _detections(of: Boxes, scene: Scene, names: Sequence[str] | None = None) -> Detections:
@@ -173,6 +187,16 @@ def above_mean(tracks: Boxes, least: float) -> Boxes:
     _, number = np.unique(tracks.name, return_inverse=True)
     mean = np.bincount(number, tracks.score) / np.maximum(np.bincount(number), 1)
     return tracks.of(mean[number] > least if number.size else np.zeros(0, np.bool_))
+
+
+def widened(hota_at: Callable[[float], Sequence[float]], own: int | None = None) -> Choice:
+    """The factor of the spread of the greatest mean HOTA of constant velocity; of other sequences than one's own."""
+
+    def hota(values: tuple[float, ...]) -> float:
+        found = np.asarray(hota_at(values[0]))
+        return float((found if own is None or found.size == 1 else np.delete(found, own)).mean())
+
+    return choose([Axis("factor", 1.0, 4.0)], hota, least_gain=0.1)[0]
 
 
 Write = Callable[[Boxes], Iterable[str]]

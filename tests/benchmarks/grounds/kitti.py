@@ -12,7 +12,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ import numpy as np
 
 from dirprim_filter import Tracks
 from dirprim_filter.arrays import AnyArray, FloatArray
-from grounds.boxes import Boxes, Fitted, Scene, above_mean, add_rows, compared, trackeval
+from grounds.boxes import Boxes, Fitted, Scene, above_mean, add_rows, compared, trackeval, widened
 from grounds.findings import WITHOUT, Asked, Findings, learned, published
 
 FRAME_S = 0.1
@@ -104,13 +104,27 @@ def of_kitti(asked: Asked) -> list[Findings]:
     scenes = [scene_of(data, name) for name in names]
     options = {"tessellation": "grid", "cell_size": 20.0} if asked.is_smoke else {}
     background = learned(traffic_of(data, others), asked, "kitti", **options).without_places()
-    fits = [Fitted.of([scene for scene in scenes if scene is not own] or scenes, density=1.0) for own in scenes]
+    judge = partial(_judged, data, scenes)
+    n_particles = 100 if asked.is_smoke else 1000
+
+    def fit(own: Scene, factor: float = 1.0) -> Fitted:
+        return Fitted.of([scene for scene in scenes if scene is not own] or scenes, factor=factor)
+
+    @cache
+    def hota_at(factor: float) -> list[float]:
+        fits = [fit(own, factor) for own in scenes]
+        runs = compared(Findings(""), scenes, {}, fits, n_seeds=1, n_particles=n_particles)
+        (found,) = judge({name: of[0] for name, of in runs.items()}).values()
+        return [found[name]["hota"] for name in names]
+
+    factors = [widened(hota_at, i) for i in range(len(scenes))]
+    fits = [fit(own, choice.chosen) for own, choice in zip(scenes, factors, strict=True)]
     table = Findings(f"kitti: {len(scenes)} sequences ({' '.join(names)}), PointRCNN, {asked.n_seeds} seeds")
     runs = compared(
         table, scenes, {WITHOUT: lambda _: background}, fits, n_seeds=asked.n_seeds,
-        n_particles=100 if asked.is_smoke else 1000,
+        n_particles=n_particles,
     )  # fmt: skip
-    judge = partial(_judged, data, scenes)
+    table.settings += factors
     scores = SCORES[:2] if asked.is_smoke else SCORES
     hota = {}
     for least in scores:

@@ -11,7 +11,7 @@ spread of pixels); Dendorfer et al., MOTChallenge, 2021; Zhang et al., ByteTrack
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,7 +19,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from dirprim_filter.arrays import FloatArray
-from grounds.boxes import Boxes, Fitted, Scene, add_rows, compared, trackeval
+from grounds.boxes import Boxes, Fitted, Scene, add_rows, compared, trackeval, widened
 from grounds.findings import WITH, WITHOUT, Asked, Findings, learned, published
 
 CONFIDENCES = (0.0, 0.3, 0.5, 0.6, 0.7)
@@ -188,24 +188,25 @@ def of_mot(kind: str, asked: Asked) -> list[Findings]:
     models = {WITH: lambda i: maps[i], WITHOUT: lambda i: maps[i].without_places()}
     names = [of.name for of in sequences]
     table = Findings(f"{kind}: second halves of {' '.join(names)}, {asked.n_seeds} seeds")
-    reached = {}
-    for least in CONFIDENCES[1:3] if asked.is_smoke else CONFIDENCES:
+
+    @cache
+    def hota_at(factor: float, least: float) -> list[float]:
         cut = [scene.above(least) for scene in first]
-        fits = [Fitted.of([scene], density=1.0) for scene in cut]
+        fits = [Fitted.of([scene], factor=factor) for scene in cut]
         runs = compared(Findings(""), cut, {}, fits, n_seeds=1, n_particles=n_particles)
         (found,) = judges[0]({name: of[0] for name, of in runs.items()}).values()
-        reached[least] = found["COMBINED_SEQ"]["hota"]
-    chosen = max(reached, key=reached.__getitem__)
+        return [found[name]["hota"] for name in names]
+
+    factor = widened(partial(hota_at, least=0.5))
+    table.settings.append(factor)
+    confidences = CONFIDENCES[1:3] if asked.is_smoke else CONFIDENCES
+    chosen = max(confidences, key=lambda least: float(np.mean(hota_at(factor.chosen, least))))
     for least, label in ((0.0, ", all detections"), (chosen, f", confidence of {chosen:g} and more")):
-        fits = [Fitted.of([scene.above(least)], density=1.0) for scene in first]
+        fits = [Fitted.of([scene.above(least)], factor=factor.chosen) for scene in first]
         runs = compared(
-            table,
-            [scene.above(least) for scene in second],
-            models,
-            fits,
-            n_seeds=asked.n_seeds,
+            table, [scene.above(least) for scene in second], models, fits, n_seeds=asked.n_seeds,
             n_particles=n_particles,
-        )
+        )  # fmt: skip
         add_rows(table, label, runs, names, judges[1])
     if kind == "mot17":
         for name, source, figures in UCMC:
