@@ -6,10 +6,12 @@ of its files are which.
 
 from __future__ import annotations
 
-import errno
 import inspect
 import os
+import re
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext, redirect_stdout, suppress
 from functools import wraps
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
@@ -20,7 +22,7 @@ from typer.core import TyperCommand, TyperGroup
 from dirprim_filter.cli.compiling import compiling_notice, mend_cache
 from dirprim_filter.cli.options import FIGURE, WRITTEN
 from dirprim_filter.cli.reading import OPTIONS
-from dirprim_filter.partial_file import OutputExistsError
+from dirprim_filter.partial_file import PartialFile
 
 Result = TypeVar("Result")
 FORMATS = (".png", ".pdf", ".svg")
@@ -80,7 +82,7 @@ def checked(command: Callable[..., Result]) -> Callable[..., Result]:
         mend_cache()
         from dirprim_filter.recording.container.source import copied_once  # not for `--help`
 
-        with compiling_notice(), copied_once():
+        with compiling_notice(), copied_once(), _beside(list(written.values())):
             return command(*positional, **given)
 
     return check
@@ -91,22 +93,23 @@ def check_outputs(written: Sequence[Path], read: Sequence[Path], *, force: bool)
 
     Raises:
         ValueError: an output is an input, or two outputs are one file.
-        OutputExistsError: an output exists, and `force` is not given.
-        OSError: a folder cannot be written.
+        OSError: as `PartialFile`.
     """
     for i, output in enumerate(written):
-        if any(_is_same(output, path) for path in read):
-            raise ValueError(f"{output}: is an input of this command; choose another name for the output")
-        if any(_is_same(output, other) for other in written[:i]):
-            raise ValueError(f"{output}: expected another file for each output, got it twice")
-        if output.is_file() and not force:
-            raise OutputExistsError(output)
-        _require_writable(output)
+        if not output.is_char_device():
+            if any(_is_same(output, path) or _is_part(output, path) for path in read):
+                raise ValueError(f"{output}: is an input of this command; choose another name for the output")
+            if any(_is_same(output, other) for other in written[:i]):
+                raise ValueError(f"{output}: expected another file for each output, got it twice")
+        PartialFile(output, force=force)
 
 
 def _paths(value: Any) -> Iterator[Path]:
+    """Those in an argument; of texts those that are files, such as `truth=FILE`."""
     if isinstance(value, Path):
-        yield value
+        yield Path(re.sub("^(file|local):/+", "/", str(value)))
+    elif isinstance(value, str):
+        yield from (path for text in (value, value.partition("=")[2]) if (path := Path(text)).is_file())
     elif isinstance(value, list | tuple):
         for one in value:
             yield from _paths(one)
@@ -117,15 +120,17 @@ def _is_same(one: Path, other: Path) -> bool:
     try:
         return one.samefile(other)
     except OSError:
-        return one.absolute() == other.absolute()
+        return os.path.realpath(one) == os.path.realpath(other)
 
 
-def _require_writable(output: Path) -> None:
-    """Some outputs make their folder: then the nearest that is there must let them."""
-    folder = output.absolute().parent
-    while not folder.exists():
-        folder = folder.parent
-    if not folder.is_dir():
-        raise NotADirectoryError(errno.ENOTDIR, f"expected a folder, {folder} is a file", str(output))
-    if not os.access(folder, os.W_OK | os.X_OK, effective_ids=os.access in os.supports_effective_ids):
-        raise PermissionError(errno.EACCES, f"the folder {folder} cannot be written; choose another", str(output))
+def _is_part(output: Path, folder: Path) -> bool:
+    """Whether it is a file of a folder that is read, such as a rosbag2 recording."""
+    return output.exists() and folder.is_dir() and output.resolve().is_relative_to(folder.resolve())
+
+
+def _beside(written: Sequence[Path]) -> AbstractContextManager[object]:
+    """Within, texts for people go to standard error where an output is what standard output leads to."""
+    with suppress(OSError):
+        if any(not path.is_char_device() and os.path.samestat(path.stat(), os.fstat(1)) for path in written):
+            return redirect_stdout(sys.stderr)
+    return nullcontext()

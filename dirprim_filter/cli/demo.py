@@ -8,6 +8,8 @@ no ids.
 from __future__ import annotations
 
 import signal
+import sys
+from contextlib import redirect_stdout
 from dataclasses import replace
 from enum import StrEnum
 from multiprocessing import get_context
@@ -19,8 +21,12 @@ import typer
 
 from dirprim_filter.cli import exit_codes
 from dirprim_filter.cli.compiling import has_kernels, warm_up
-from dirprim_filter.cli.options import WRITTEN, Force, Seed
-from dirprim_filter.cli.texts import FIGURES, columns, number
+from dirprim_filter.cli.learn import learn
+from dirprim_filter.cli.options import Force, Seed
+from dirprim_filter.cli.plot import plot
+from dirprim_filter.cli.texts import FIGURES, Shown, columns, number
+from dirprim_filter.cli.track import track as track_log
+from dirprim_filter.partial_file import PartialFile
 
 if TYPE_CHECKING:
     from dirprim_filter.arrays import BoolArray, FloatArray
@@ -102,7 +108,7 @@ class Run(NamedTuple):
 
 
 def demo(
-    folder: Annotated[Path, typer.Option("--output", "-o", help="Folder for the outputs."), WRITTEN] = Path("demo"),
+    folder: Annotated[Path, typer.Option("--output", "-o", help="Folder for the outputs.")] = Path("demo"),
     scene: Annotated[Scene, typer.Option(help="Which recordings to use.")] = Scene.ROUNDABOUT,
     seed: Seed = 0,
     force: Force = False,
@@ -115,14 +121,11 @@ def demo(
 
     Example: dirprim demo --scene intersection -o demo_intersection
     """
-    from dirprim_filter.recording.errors import OutputExistsError
-
     names = ("map.mcap", "tracks.mcap", "tracks.rrd", "demo.png")
     map_file, estimates, shown, picture = outputs = [folder / name for name in names]
-    for path in outputs:
-        if path.exists() and not force:
-            raise OutputExistsError(path)
     folder.mkdir(parents=True, exist_ok=True)
+    for path in outputs:
+        PartialFile(path, force=force)
     with (
         TemporaryDirectory() as work,
         get_context("spawn").Pool(1, signal.signal, (signal.SIGINT, signal.SIG_IGN)) as second,
@@ -135,14 +138,18 @@ def demo(
         seen, truth = _seen(scene, Path(work)), read_tracks(tracking)
         run = Run(seen, read_tracks(learning), seed, is_blind=scene is Scene.BLIND)
         rivals = {CONSTANT_VELOCITY: second.apply_async(by_constant_velocity, (run,))}
-        _step("learn", learning, "-o", map_file, "--seed", seed)
+        learn(logs=[learning], output=map_file, seed=seed, force=True)
         rivals[WITHOUT_MAP] = second.apply_async(track, (run, load_map(map_file).without_places()))
         second.apply_async(get_ready_to_draw)
         if compiled is not None:
             compiled.wait(LONGEST_S)
-        _step("track", seen, "--map", map_file, "-o", estimates, "--save", shown, "--seed", seed,
-              "--noise", NOISE_M, "--forecast", FORECAST_S, "--set", f"truth={tracking}")  # fmt: skip
-        drawn = second.apply_async(_step, ("plot", map_file, "-o", picture, "--estimates", estimates))
+        code = track_log(
+            log=seen, map_file=map_file, output=estimates, save=shown, seed=seed, noise=NOISE_M, forecast=FORECAST_S,
+            given=[f"truth={tracking}"], force=True,
+        )  # fmt: skip
+        if code not in (exit_codes.DONE, exit_codes.INPUT_LOST):
+            raise typer.Exit(code)
+        drawn = second.apply_async(_draw, (map_file, picture, estimates))
         found = {WITH_MAP: read_estimates(estimates)}
         found |= {name: rivals[name].get(LONGEST_S) for name in (WITHOUT_MAP, CONSTANT_VELOCITY)}
         figures = BLIND_FIGURES if run.is_blind else SEEN_FIGURES
@@ -155,12 +162,10 @@ def demo(
     typer.echo("      `dirprim info LOG` summarises a log of yours")
 
 
-def _step(*words: object) -> None:
-    """Run another command, whose outputs may be overwritten."""
-    from dirprim_filter.cli.main import run
-
-    if (code := run([*map(str, words), "--force"])) not in (exit_codes.DONE, exit_codes.INPUT_LOST):
-        raise typer.Exit(code)
+def _draw(map_file: Path, picture: Path, estimates: Path) -> None:
+    """In the second process; who reads what it says may leave."""
+    with redirect_stdout(Shown(sys.stdout)):
+        plot(map_file=map_file, output=picture, estimates=estimates, force=True)
 
 
 def _seen(scene: Scene, folder: Path) -> Path:
@@ -179,7 +184,6 @@ def _seen(scene: Scene, folder: Path) -> Path:
 
 def get_ready_to_draw() -> None:
     """Import what the second process draws with, which takes it long, while the first one tracks."""
-    import dirprim_filter.cli.main
     import dirprim_filter.viewer.figures  # noqa: F401
 
 

@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
-
-import typer
+from typing import Any
 
 from dirprim_filter.cli import exit_codes
-from dirprim_filter.cli.options import Force, LogsOrStore, Output, Seed, SensorFile, Tessellation
+from dirprim_filter.cli.options import (
+    CellCount,
+    CellSize,
+    Force,
+    HowModes,
+    HowShaped,
+    LogsOrStore,
+    Output,
+    Seed,
+    SensorFile,
+    Tessellation,
+)
 from dirprim_filter.cli.reading import Reading, reads_logs
+from dirprim_filter.cli.results import save_learned
 from dirprim_filter.cli.texts import counted
-
-if TYPE_CHECKING:
-    from dirprim_filter.primitives.primitive_map import PrimitiveMap
-
-
-CellSize = Annotated[float | None, typer.Option(help="Metres. Default: chosen on held-out vehicles.")]
-CellCount = Annotated[int | None, typer.Option("--cells", help="Approximate number of cells, instead of their size.")]
-HowModes = Annotated[Literal["bic", "dbscan"], typer.Option(help="bic, or the paper's dbscan.")]
-HowShaped = Annotated[Literal["curved", "flat"], typer.Option(help="How a primitive varies inside its cell.")]
 
 
 @reads_logs()
@@ -71,28 +71,8 @@ def learn(
         )  # fmt: skip
     said = {"seed": seed, **options, "sensor": None if sensing is None else repr(sensing), **reading.said()}
     counts = f"{counted(tracks.n_tracks, 'track')}, {counted(len(tracks), 'row')}"
-    save(learned, output, inputs=logs, said=said, counts=counts, force=force)
+    save_learned(learned, output, inputs=logs, said=said, counts=counts, force=force)
     return exit_codes.of_losses(log.losses)
-
-
-def save(
-    learned: PrimitiveMap, output: Path, *, said: dict[str, Any], counts: str, force: bool, inputs: Sequence[Path] = ()
-) -> None:
-    """Write a map with what its metadata says, and say what it is; `counts`: of what it was learned from."""
-    from dirprim_filter.cli.results import provenance
-    from dirprim_filter.config import LearningConfig
-    from dirprim_filter.recording import save_map
-
-    save_map(learned, output, metadata=provenance("learn", inputs=inputs, config=LearningConfig(), **said), force=force)
-    typer.echo(f"{output}: {map_text(learned)}, from {counts}")
-
-
-def map_text(learned: PrimitiveMap) -> str:
-    """How many cells, of what size, and their modes."""
-    size_m = float(learned.tessellation.area.mean()) ** 0.5
-    n_modes = float((learned.own_weight > 0).sum(axis=1).mean())
-    origin = "" if learned.origin is None else f", origin {learned.origin}"
-    return f"{counted(learned.tessellation.n_cells, 'cell')} of {size_m:.3g} m, {n_modes:.1f} modes each{origin}"
 
 
 def _is_store(path: Path) -> bool:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import gc
 import logging
 import sys
+from contextlib import redirect_stderr, redirect_stdout
 from itertools import chain
 from typing import Any
 
@@ -34,6 +35,7 @@ from dirprim_filter.cli import (
     view,
 )
 from dirprim_filter.cli.commands import register, titled
+from dirprim_filter.cli.texts import Shown, hold_standard_streams
 
 COMMANDS: dict[str, list[Any]] = {
     "See what is there": [info.info, plot.plot, view.view, doctor.doctor],
@@ -119,6 +121,7 @@ def main() -> None:
     before the interpreter ends, would take a third of a short command.
     """
     gc.set_threshold(UNCOLLECTED)
+    hold_standard_streams()
     exit_codes.listen()
     code = run(sys.argv[1:])
     gc.freeze()
@@ -127,13 +130,15 @@ def main() -> None:
 
 def run(arguments: list[str]) -> int:
     """Run the command line; -> its exit code."""
+    with redirect_stdout(Shown(sys.stdout)), redirect_stderr(Shown(sys.stderr)):
+        return _run(arguments)
+
+
+def _run(arguments: list[str]) -> int:
     try:
         code = app(arguments, prog_name="dirprim", standalone_mode=False)
     except KeyboardInterrupt:
         code = exit_codes.INTERRUPTED
-    except BrokenPipeError:  # the reader of our output has seen enough
-        sys.stderr.close()
-        return exit_codes.DONE
     except Exception as error:
         if hasattr(error, "exit_code") and hasattr(error, "show"):  # the parser's own: usage
             error.show()

@@ -138,6 +138,10 @@ Tessellation = Annotated[
     Cells,
     typer.Option(help="joint: Voronoi cells learned with the primitives; voronoi: by positions only; grid: squares."),
 ]
+CellSize = Annotated[float | None, typer.Option(help="Metres. Default: chosen on held-out vehicles.")]
+CellCount = Annotated[int | None, typer.Option("--cells", help="Approximate number of cells, instead of their size.")]
+HowModes = Annotated[Literal["bic", "dbscan"], typer.Option(help="bic, or the paper's dbscan.")]
+HowShaped = Annotated[Literal["curved", "flat"], typer.Option(help="How a primitive varies inside its cell.")]
 Topics = Annotated[
     str | None,
     typer.Option("--topics", help="Topic name or regular expression. Default: the best available."),

@@ -33,12 +33,16 @@ def _bar(what: str) -> Iterator[Callable[..., None] | None]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+    from dirprim_filter.recording.container.errors import one_line
+
     columns: tuple[Any, ...] = (
         SpinnerColumn(), TextColumn("{task.description}"), BarColumn(bar_width=24), TextColumn("{task.fields[text]}"),
         TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(),
     )  # fmt: skip
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
-        yield partial(progress.update, progress.add_task(what, total=None, text=""))
+    with Progress(
+        *columns, console=Console(file=getattr(sys.stderr, "stream", sys.stderr)), transient=True
+    ) as progress:
+        yield partial(progress.update, progress.add_task(one_line(what), total=None, text=""))
 
 
 def with_progress(frames: Iterable[Frame], *, what: str, end_ns: int | None = None) -> Iterator[Frame]:

@@ -207,8 +207,8 @@ def reads_logs(*own: str) -> Callable[[Callable[..., Result]], Callable[..., Res
 
         @wraps(command)
         def read(**given: Any) -> Result:
-            settings = assignments(given.pop("given") or [])
-            options = {name: given.pop(name) for name in OPTIONS}
+            settings = assignments(given.pop("given", None) or [])
+            options = {name: given.pop(name, DEFAULTS[name]) for name in OPTIONS}
             reading = Reading(
                 {name: of for name, of in options.items() if of != DEFAULTS[name]}
                 | {name: settings.pop(name) for name in READING if name in settings}

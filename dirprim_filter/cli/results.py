@@ -16,12 +16,14 @@ import typer
 
 from dirprim_filter.cli import exit_codes
 from dirprim_filter.cli.settings import Settings, deal
+from dirprim_filter.cli.texts import counted
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from dirprim_filter.cli.reading import Reading
     from dirprim_filter.config import FilterConfig, TrackingConfig
+    from dirprim_filter.primitives.primitive_map import PrimitiveMap
     from dirprim_filter.recording.losses import Losses
 
 FORMAT_VERSION = 2
@@ -42,6 +44,25 @@ def provenance(command: str, *, inputs: Sequence[Path], config: Any = None, **op
     for path, name in zip(inputs, names, strict=True):
         said[f"sha256 {name if names.count(name) == 1 else without_secrets(str(path))}"] = checksum(path)
     return said
+
+
+def save_learned(
+    learned: PrimitiveMap, output: Path, *, said: dict[str, Any], counts: str, force: bool, inputs: Sequence[Path] = ()
+) -> None:
+    """Write a map with what its metadata says, and say what it is; `counts`: of what it was learned from."""
+    from dirprim_filter.config import LearningConfig
+    from dirprim_filter.recording import save_map
+
+    save_map(learned, output, metadata=provenance("learn", inputs=inputs, config=LearningConfig(), **said), force=force)
+    typer.echo(f"{output}: {_map_text(learned)}, from {counts}")
+
+
+def _map_text(learned: PrimitiveMap) -> str:
+    """How many cells, of what size, and their modes."""
+    size_m = float(learned.tessellation.area.mean()) ** 0.5
+    n_modes = float((learned.own_weight > 0).sum(axis=1).mean())
+    origin = "" if learned.origin is None else f", origin {learned.origin}"
+    return f"{counted(learned.tessellation.n_cells, 'cell')} of {size_m:.3g} m, {n_modes:.1f} modes each{origin}"
 
 
 def metadata_of(path: Path) -> dict[str, str]:

@@ -58,11 +58,10 @@ def add(
     with step_progress(f"adding to {shown(folder)}", "logs") as progress:
         workers_ = Workers.of(len(found), workers, scheduler)
         added = add_logs(folder, found, config=config, workers=workers_, progress=progress)
-    for line in failures(added):
-        typer.echo(f"error: {line}", err=True)
+    say(*(f"error: {line}" for line in failures(added)), err=True)
     done = [receipt for receipt in added.receipts if not receipt.error]
     origin = f"; origin {added.store.origin}" if added.store and added.store.origin else ""
-    typer.echo(
+    say(
         f"{shown(folder)}: added {counted(len(done), 'log')}, {counted(sum(r.n_rows for r in done), 'row')}; "
         f"{added.known} known, {len(added.receipts) - len(done)} failed{origin}"
     )
@@ -85,8 +84,7 @@ def info(
     contents = there.contents()
     entries, recordings = list(contents.entries.values()), contents.recordings()
     size, n_rows = sum(e.size for e in entries), sum(e.n_rows for e in recordings)
-    for line in contents.damaged:
-        typer.echo(f"error: {line}", err=True)
+    say(*(f"error: {line}" for line in contents.damaged), err=True)
     if as_json:
         logs = [
             {
@@ -123,12 +121,12 @@ def forget(
     Example: dirprim store forget fleet recordings/roundabout_learn.mcap
     """
     from dirprim_filter.store.forgetting import forget
-    from dirprim_filter.store.logs import url_of
+    from dirprim_filter.store.logs import name_of
     from dirprim_filter.store.store import Store
 
     there = Store.open(folder)
-    for entry in forget(there, [url_of(log) for log in logs]):
-        typer.echo(f"{there}: forgot {entry.log}, {counted(entry.n_rows, 'row')}")
+    for entry in forget(there, [name_of(log) for log in logs]):
+        say(f"{there}: forgot {entry.log}, {counted(entry.n_rows, 'row')}")
 
 
 def merge(
@@ -146,7 +144,7 @@ def merge(
     first = sources[0]
     into = Store.open(folder) if Store.is_at(folder) else Store.create(folder, first.config, first.frame)
     n = sum(merge(into, source) for source in sources)
-    typer.echo(f"{into}: {counted(n, 'log')} new, {len(into.contents().entries)} in all")
+    say(f"{into}: {counted(n, 'log')} new, {len(into.contents().entries)} in all")
 
 
 def keep(
@@ -171,9 +169,9 @@ def keep(
     with step_progress(f"thinning {there}", "logs") as progress:
         months = keep(there, n_vehicles=vehicles or VEHICLES, month=of_month, progress=progress)
     for done in months:
-        typer.echo(f"{there}: {done.month}, {done.n_after} of {counted(done.n_before, 'vehicle')} kept")
+        say(f"{there}: {done.month}, {done.n_after} of {counted(done.n_before, 'vehicle')} kept")
     if not months:
-        typer.echo(f"{there}: nothing to thin, for it has no such month; the last is left as it is")
+        say(f"{there}: nothing to thin, for it has no such month; the last is left as it is")
 
 
 for command in (add, store_maps.learn, store_maps.update, info, forget, merge, keep):

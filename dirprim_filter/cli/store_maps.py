@@ -9,10 +9,13 @@ from typing import Annotated, Any
 import typer
 
 from dirprim_filter.cli import exit_codes
-from dirprim_filter.cli.learn import CellCount, CellSize, HowModes, HowShaped, save
 from dirprim_filter.cli.options import (
     WRITTEN,
+    CellCount,
+    CellSize,
     Force,
+    HowModes,
+    HowShaped,
     Output,
     Scheduler,
     Seed,
@@ -23,7 +26,9 @@ from dirprim_filter.cli.options import (
     seconds,
     time_ns,
 )
-from dirprim_filter.cli.texts import counted
+from dirprim_filter.cli.results import metadata_of, save_learned
+from dirprim_filter.cli.texts import counted, say
+from dirprim_filter.partial_file import PartialFile
 
 
 def learn(
@@ -81,6 +86,7 @@ def learn_store(
     from dirprim_filter.store.store import Store
     from dirprim_filter.store.workers import Workers
 
+    PartialFile(output, force=force)  # of `update` it is not the user's to name, and not checked yet
     with learning_progress() as bars:
         found = learn_from_store(
             Store.open(folder), workers=Workers.of(0, workers, scheduler), done=bars.tiles, progress=bars.progress,
@@ -88,8 +94,7 @@ def learn_store(
             min_vehicles=min_vehicles, half_life_s=half_life_s, now_ns=time_ns(now),
             hours=None if hours is None else Hours.parse(hours, zone), **options,
         )  # fmt: skip
-    for line in found.damaged:
-        typer.echo(f"error: {line}", err=True)
+    say(*(f"error: {line}" for line in found.damaged), err=True)
     said = {
         "seed": seed, **options, "min_vehicles": min_vehicles, "half_life_s": half_life_s, "now": now, "hours": hours,
         "zone": None if hours is None else zone, "sha256 store": found.digest,
@@ -98,7 +103,7 @@ def learn_store(
         f"{counted(found.n_logs, 'log')}, {counted(found.n_rows, 'row')}; {found.n_fitted} of "
         f"{counted(found.n_blocks, 'block')} learned anew"
     )
-    save(found.primitive_map, output, said=said, counts=counts, force=force)
+    save_learned(found.primitive_map, output, said=said, counts=counts, force=force)
     return exit_codes.INPUT_LOST if found.damaged else exit_codes.DONE
 
 
@@ -123,8 +128,6 @@ def update(
 
     Example: dirprim store update map.mcap fleet
     """
-    from dirprim_filter.cli.results import metadata_of
-
     said = metadata_of(map_file)
     if "sha256 store" not in said:
         raise ValueError(f"{map_file}: expected a map of a store; learn it with `dirprim learn STORE`")

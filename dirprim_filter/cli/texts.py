@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Sequence
+from io import TextIOBase
+from typing import TextIO
 
 import typer
 
@@ -53,7 +56,73 @@ def figure_lines(names: Sequence[str], cell: Callable[[int, str], str]) -> list[
 
 
 def say(*lines: str, err: bool = False) -> None:
-    """Print lines; what a log calls its things neither breaks them nor steers the terminal."""
+    """Print lines; what a log calls its things does not break them."""
+    if lines:
+        typer.echo("\n".join(map(_shown, lines)), err=err)
+
+
+class Shown(TextIOBase):
+    """Standard output or error: without secrets, and without what steers a terminal, whoever writes.
+
+    Who reads it may leave, or not be there: what is written then goes nowhere, and the work goes on.
+    """
+
+    encoding, errors = "utf-8", "strict"
+
+    def __init__(self, stream: TextIO | None) -> None:
+        self.stream = stream
+
+    def fileno(self) -> int:
+        """As of the stream."""
+        return -1 if self.stream is None else self.stream.fileno()
+
+    def isatty(self) -> bool:
+        """Whether it is a terminal."""
+        return self.stream is not None and self.stream.isatty()
+
+    def write(self, text: str) -> int:
+        """Show it.
+
+        Raises:
+            OSError: there is no room for it.
+        """
+        if self.stream is not None:
+            shown, encoding = "\n".join(map(_shown, text.split("\n"))), self.stream.encoding or "utf-8"
+            self._have(self.stream.write, shown.encode(encoding, "backslashreplace").decode(encoding))
+        return len(text)
+
+    def flush(self) -> None:
+        """Have it read.
+
+        Raises:
+            OSError: as `write`.
+        """
+        if self.stream is not None:
+            self._have(self.stream.flush)
+
+    def _have(self, does: Callable[..., object], *what: str) -> None:
+        try:
+            does(*what)
+        except OSError as error:
+            nowhere = os.open(os.devnull, os.O_WRONLY)  # what is left in the stream's buffer would fail again at exit
+            os.dup2(nowhere, self.fileno())
+            os.close(nowhere)
+            if not isinstance(error, BrokenPipeError):
+                raise OSError(error.errno, error.strerror, "standard output") from error
+
+
+def hold_standard_streams() -> None:
+    """Have the numbers 0 to 2 taken: of a stream that is closed an output would get the number, and its texts."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # the lowest number that is free
+
+
+def _shown(text: str) -> str:
+    if text.isprintable() and ":/" not in text:  # most, such as the help, which would feel the import
+        return text
     from dirprim_filter.recording.container.errors import one_line
 
-    typer.echo("\n".join(map(one_line, lines)), err=err)
+    return one_line(text)

@@ -10,14 +10,15 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
+from dirprim_filter.recording.container.errors import without_secrets
 from dirprim_filter.recording.container.source import copied_once
 from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.reader import ReadOptions, TrackResult, read_track_logs
 from dirprim_filter.store.config import StoreConfig
 from dirprim_filter.store.delta import address_of
 from dirprim_filter.store.files import Contents, File
-from dirprim_filter.store.logs import LogFile
-from dirprim_filter.store.rows import Rows
+from dirprim_filter.store.logs import FoundLog
+from dirprim_filter.store.rows import StoredRows
 from dirprim_filter.store.store import Store
 from dirprim_filter.store.workers import Workers
 
@@ -27,21 +28,21 @@ EVERY_S = 1.0
 """A commit: what was read since is read again if this process is killed."""
 
 
-Task = tuple[LogFile, Sequence[str]]
+Task = tuple[FoundLog, Sequence[str]]
 """A log, and by their URLs those whose transforms serve it."""
 
 
 class Receipt(NamedTuple):
     """What came of a log."""
 
-    log: LogFile
+    log: FoundLog
     files: list[File]  # written, and not committed yet
     frame: str
     error: str  # why it cannot be added, in one line; empty where it can
 
     @property
     def n_rows(self) -> int:
-        """Rows that the store has of it."""
+        """StoredRows that the store has of it."""
         return sum(file.n_rows for file in self.files if not file.halo)
 
     @property
@@ -66,7 +67,7 @@ class Added(NamedTuple):
 
 def add_logs(
     path: str | Path,
-    logs: Sequence[LogFile],
+    logs: Sequence[FoundLog],
     *,
     config: StoreConfig | None = None,
     workers: Workers | None = None,
@@ -88,10 +89,12 @@ def add_logs(
     store = Store.open(path) if Store.is_at(path) else None
     if store is not None and config is not None:
         store.check_config(config)
+    if store is None:
+        Store.require_room(path)
     config = store.config if store is not None else config or StoreConfig()
     _ = config.reading  # that logs can be read so is asked before anything is made
     known = store.contents().entries if store is not None else {}
-    new = [log for log in logs if log.url not in known or known[log.url].mark != log.version]
+    new = [log for log in logs if log.name not in known or known[log.name].mark != log.version]
     splits, receipts = _splits(logs), list[Receipt]()
     tasks = [(log, splits[log.url]) for log in new]
     fresh: list[Receipt] = []
@@ -108,7 +111,7 @@ def add_logs(
             progress(len(receipts), len(new))
     if store is not None:
         commit(store, fresh)
-    return Added(store, len(logs) - len(new), sorted(receipts, key=lambda receipt: receipt.log.url))
+    return Added(store, len(logs) - len(new), sorted(receipts, key=lambda receipt: receipt.log.name))
 
 
 def commit(store: Store, receipts: list[Receipt]) -> None:
@@ -120,7 +123,7 @@ def commit(store: Store, receipts: list[Receipt]) -> None:
 
     def change(contents: Contents) -> tuple[list[File], list[File]]:
         done = [receipt for receipt in receipts if receipt.files]
-        before = [file for receipt in done for file in contents.files.get(receipt.log.url, [])]
+        before = [file for receipt in done for file in contents.files.get(receipt.log.name, [])]
         return [file for receipt in done for file in receipt.files], before
 
     store.commit(change)
@@ -131,7 +134,7 @@ def _in_frame(receipt: Receipt, store: Store | None) -> Receipt:
     if not receipt.files or store is None:
         return receipt
     try:
-        store.check_frame(receipt.log.url, receipt.frame)
+        store.check_frame(receipt.log.name, receipt.frame)
     except ValueError as error:
         return receipt._replace(files=[], error=str(error))
     return receipt
@@ -149,10 +152,10 @@ def _receipts(
             there = replace(there, frame=receipt.frame)
             break
     work = partial(_written, store=there, reading=there.reading)
-    yield from workers.each(work, rest, [f"add-{log.url}-{log.version}-{time.time_ns()}" for log, _ in rest])
+    yield from workers.each(work, rest, [f"add-{log.name}-{log.version}-{time.time_ns()}" for log, _ in rest])
 
 
-def _splits(logs: Sequence[LogFile]) -> dict[str, list[str]]:
+def _splits(logs: Sequence[FoundLog]) -> dict[str, list[str]]:
     """By a log's URL those of its recording that may hold its transforms: the first split, and those around it."""
     bags: dict[str, list[str]] = {}
     for url in sorted((log.url for log in logs), key=lambda url: (len(url), url)):
@@ -170,16 +173,16 @@ def _written(task: Task, *, store: Store, reading: ReadOptions) -> Receipt:
     try:
         with copied_once():
             read = _read(log, reading, beside)
-        rows = Rows.of(read.tracks)
+        rows = StoredRows.of(read.tracks)
     except (RecordingError, OSError, ValueError) as error:
-        reason = " ".join(str(error).split()) or type(error).__name__
-        return Receipt(log, [], "", reason if log.url in reason else f"{log.url}: {reason}")
+        reason = without_secrets(" ".join(str(error).split())) or type(error).__name__
+        return Receipt(log, [], "", reason if log.name in reason else f"{log.name}: {reason}")
     status = "damaged" if read.losses.damage or read.losses.dropped else "whole"
-    files = store.write(rows, log=log.url, mark=log.version, status=status)
+    files = store.write(rows, log=log.name, mark=log.version, status=status)
     return Receipt(log, files, read.frame, "")
 
 
-def _read(log: LogFile, reading: ReadOptions, beside: Sequence[str]) -> TrackResult:
+def _read(log: FoundLog, reading: ReadOptions, beside: Sequence[str]) -> TrackResult:
     read = read_track_logs(log.url, reading, beside=beside)
     if not len(read.tracks):
         raise RecordingError(f"{log.url}: expected moving objects, got none; left out: {read.losses}")

@@ -7,11 +7,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from dirprim_filter.recording.container.errors import without_secrets
 from dirprim_filter.recording.errors import MissingExtraError, RecordingError
 
 ANSI = re.compile(r"\x1b\[[0-9;]*m")
-SECRET = re.compile(r"(?<=://)[^/@\s]*@|(?<=[?&])[^=&\s]*(?:sig|token|key|secret)[^=&\s]*=[^&\s]*", re.IGNORECASE)
-"""In a URL: what stands before @, and signatures."""
 
 
 def address_of(path: str | Path) -> str:
@@ -24,7 +23,7 @@ def address_of(path: str | Path) -> str:
 
 def shown(path: str | Path) -> str:
     """As messages name it: without what is secret in a URL."""
-    return SECRET.sub("***", address_of(path) if ":/" in str(path) else str(path))
+    return without_secrets(address_of(path) if ":/" in str(path) else str(path))
 
 
 def asked(path: str | Path, ask: Callable[[Any], Any]) -> Any:
@@ -43,5 +42,5 @@ def asked(path: str | Path, ask: Callable[[Any], Any]) -> Any:
     try:
         return ask(deltalake)
     except (OSError, DeltaError, ValueError, TypeError) as error:
-        reason = SECRET.sub("***", " ".join(ANSI.sub("", str(error)).replace("↳", "").split()))
+        reason = " ".join(ANSI.sub("", str(error)).replace("↳", "").split())
         raise RecordingError(f"{shown(path)}: {reason or type(error).__name__}") from error

@@ -16,6 +16,8 @@ PARTITIONS = ("log", "mark", "recording", "added", "status", "block", "halo")
 COLUMNS = pa.schema([*SCHEMA, *((name, pa.bool_() if name == "halo" else pa.string()) for name in PARTITIONS)])
 """Of the table."""
 PATH = re.compile(r"rows/[0-9a-f]{32}-([0-9a-f]{64})\.parquet")
+FIT = re.compile(r"_fits/-?\d{1,6}_-?\d{1,6}/[0-9a-f]{64}\.mcap")
+"""As a store writes them: names of others are left alone."""
 DIGEST = re.compile("[0-9a-f]{64}")
 
 
@@ -26,7 +28,7 @@ class File(NamedTuple):
     size: int  # bytes
     log: str  # URL or absolute path
     mark: str  # its size, and its ETag or time of change
-    recording: str  # `Rows.digest`
+    recording: str  # `StoredRows.digest`
     added: str  # a number of its own each time that the log was added
     status: str  # "whole" or "damaged"
     block: Block

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dirprim_filter.store.files import Contents, Entry, File
-from dirprim_filter.store.rows import Rows
+from dirprim_filter.store.rows import StoredRows
 from dirprim_filter.store.sampling import kept_of, turns_in
 from dirprim_filter.store.store import Store
 
@@ -68,9 +68,9 @@ def keep(
     return done
 
 
-def whole(store: Store, entry: Entry) -> Rows:
+def whole(store: Store, entry: Entry) -> StoredRows:
     """All rows of a log."""
-    return Rows.together([store.read(file) for file in entry.files if not file.halo])
+    return StoredRows.together([store.read(file) for file in entry.files if not file.halo])
 
 
 def month_of(t_ms: int) -> str:
@@ -78,7 +78,7 @@ def month_of(t_ms: int) -> str:
     return datetime.fromtimestamp(t_ms * 1e-3, UTC).strftime("%Y-%m")
 
 
-def _replace(store: Store, entry: Entry, left: Rows) -> None:
+def _replace(store: Store, entry: Entry, left: StoredRows) -> None:
     """A log's files by those of the rows that are left, unless another process changed it in between."""
     files = store.write(
         left, log=entry.log, mark=entry.mark, status=entry.status, recording=entry.recording,

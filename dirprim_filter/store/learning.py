@@ -26,7 +26,7 @@ from dirprim_filter.recording import load_map, save_map
 from dirprim_filter.store.blocks import Block
 from dirprim_filter.store.files import Contents, File
 from dirprim_filter.store.joining import joined
-from dirprim_filter.store.rows import Rows
+from dirprim_filter.store.rows import StoredRows
 from dirprim_filter.store.sampling import MOST_ROWS, Ageing, Hours, Recording, drawn, sample_of
 from dirprim_filter.store.store import FITS, DamagedFileError, GoneError, Store
 from dirprim_filter.store.workers import Workers
@@ -225,7 +225,7 @@ def _recordings(store: Store, files: tuple[File, ...], hours: Hours | None, dama
         by_name[file.recording].append(file)
     for name, own in by_name.items():
         try:
-            rows = Rows.together([store.read(file) for file in own])
+            rows = StoredRows.together([store.read(file) for file in own])
         except DamagedFileError as error:
             damaged.append(str(error))
         else:

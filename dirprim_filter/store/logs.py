@@ -4,28 +4,37 @@ from __future__ import annotations
 
 import errno
 import glob
+import hashlib
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from dirprim_filter.recording.container.errors import without_secrets
 from dirprim_filter.recording.errors import MissingExtraError, RecordingError
 
 MARKS = ("ETag", "etag", "LastModified", "last_modified", "mtime", "updated")
 """What file systems call it."""
+ACCESS = re.compile(
+    r"[^=]*(sig|token|key|secret|pass|auth|cred|expires|policy)|x-(amz|goog)-|s[a-z]{1,2}=", re.IGNORECASE
+)
+"""In a URL's query: what is signed, by whom and for how long; of S3, Google and Azure, and as others call it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LogFile:
+class FoundLog:
     """A log that can be read.
 
     Attributes:
-        url: its URL, or its absolute path.
+        url: its URL, or its absolute path, by which it is read.
+        name: what a store calls it, see `name_of`.
         size: bytes.
         mark: its ETag or time of change; empty where it is unknown.
     """
 
     url: str
+    name: str
     size: int
     mark: str
 
@@ -35,14 +44,14 @@ class LogFile:
         return f"{self.size} {self.mark}"
 
 
-def find_logs(patterns: Iterable[str]) -> list[LogFile]:
+def find_logs(patterns: Iterable[str]) -> list[FoundLog]:
     """The logs of paths, URLs, and patterns with `*` and `**` of either, each once, in order of their names.
 
     Raises:
         RecordingError: a pattern finds nothing, a URL cannot be asked, or standard input is asked for.
         OSError: a file cannot be read.
     """
-    found: dict[str, LogFile] = {}
+    found: dict[str, FoundLog] = {}
     for pattern in patterns:
         if pattern == "-":
             raise RecordingError(
@@ -51,16 +60,26 @@ def find_logs(patterns: Iterable[str]) -> list[LogFile]:
         logs = _remote(pattern) if "://" in pattern else _local(pattern)
         if not logs:
             raise RecordingError(f"{pattern}: expected logs, found none; check the pattern, and quote it")
-        found |= {log.url: log for log in logs}
-    return [found[url] for url in sorted(found)]
+        found |= {log.name: log for log in logs}
+    return [found[name] for name in sorted(found)]
 
 
-def url_of(text: str) -> str:
-    """What a store calls a log."""
-    return text if "://" in text else str(Path(text).resolve())
+def name_of(text: str) -> str:
+    """What a store calls a log: its absolute path, or its URL without what gives access; a name is its own name.
+
+    Of a query a hash stays, so that two logs have two names, but of none of what changes as a URL is signed anew.
+    """
+    if "://" not in text:
+        return str(Path(text).resolve())
+    place, asks, query = text.partition("?")
+    if not asks or query.startswith("..."):
+        return without_secrets(text)
+    lasting = "&".join(of for of in query.split("&") if not ACCESS.match(of))
+    digest = hashlib.sha256(lasting.encode(errors="surrogateescape")).hexdigest()[:12] if lasting else ""
+    return f"{without_secrets(place)}?...{digest}"
 
 
-def _local(pattern: str) -> list[LogFile]:
+def _local(pattern: str) -> list[FoundLog]:
     paths = [pattern] if Path(pattern).exists() else glob.glob(pattern, recursive=True)  # noqa: PTH207 (Path has no absolute patterns)
     if not paths and not glob.has_magic(pattern):
         raise FileNotFoundError(errno.ENOENT, "No such file", pattern)
@@ -68,11 +87,11 @@ def _local(pattern: str) -> list[LogFile]:
     for path in map(Path, paths):
         if path.is_file():
             stat = path.stat()
-            logs.append(LogFile(url=url_of(str(path)), size=stat.st_size, mark=str(stat.st_mtime_ns)))
+            logs.append(_found(name_of(str(path)), stat.st_size, str(stat.st_mtime_ns)))
     return logs
 
 
-def _remote(pattern: str) -> list[LogFile]:
+def _remote(pattern: str) -> list[FoundLog]:
     try:
         import fsspec  # noqa: PLC0415 (an extra)
     except ImportError as error:
@@ -89,9 +108,13 @@ def _remote(pattern: str) -> list[LogFile]:
     except Exception as error:  # of the scheme's own package
         raise RecordingError(f"{pattern}: expected a URL that fsspec can ask: {error}; copy the logs here") from error
     return [
-        LogFile(url=files.unstrip_protocol(path), size=int(info.get("size") or 0), mark=_mark(info))
+        _found(files.unstrip_protocol(path), int(info.get("size") or 0), _mark(info))
         for path, info in about.items() if info.get("type") != "directory"
     ]  # fmt: skip
+
+
+def _found(url: str, size: int, mark: str) -> FoundLog:
+    return FoundLog(url=url, name=name_of(url), size=size, mark=mark)
 
 
 def _is_pattern(url: str) -> bool:

@@ -35,7 +35,7 @@ MOST_ROWS = 20_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class Rows:
+class StoredRows:
     """Columns of some rows of a recording, in order of vehicles, then of time."""
 
     track: IntArray  # (n,) number of the vehicle in the recording

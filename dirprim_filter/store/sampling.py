@@ -19,7 +19,7 @@ import numpy as np
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.distributions._random import UIntArray
-from dirprim_filter.store.rows import Rows
+from dirprim_filter.store.rows import StoredRows
 from dirprim_filter.tracks import Tracks
 
 MOST_ROWS = 500_000
@@ -36,10 +36,10 @@ QUARTER_S = 900
 
 
 class Recording(NamedTuple):
-    """Rows of a recording."""
+    """StoredRows of a recording."""
 
-    name: str  # `Rows.digest`
-    rows: Rows
+    name: str  # `StoredRows.digest`
+    rows: StoredRows
 
 
 class Ageing(NamedTuple):
@@ -77,7 +77,7 @@ class Hours(NamedTuple):
             raise ValueError(f"--zone: expected a time zone such as Europe/Berlin, got {zone!r}") from error
         return cls(int(first), int(last), zone)
 
-    def of(self, rows: Rows) -> Rows:
+    def of(self, rows: StoredRows) -> StoredRows:
         """Those of the vehicles that come in these hours."""
         first, clocks = rows.first, ZoneInfo(self.zone)
         quarter, at = np.unique(rows.t_ms[first] // (1000 * QUARTER_S), return_inverse=True)
@@ -139,13 +139,13 @@ def drawn(recordings: Iterable[Recording], *, most_rows: int = MOST_ROWS) -> tup
     return [_weighed(part, n_of, most) for part in parts], sum(n_of.values())
 
 
-def kept_of(rows: Rows, name: str, n_of: dict[int, int], most: int) -> Rows:
+def kept_of(rows: StoredRows, name: str, n_of: dict[int, int], most: int) -> StoredRows:
     """Of a recording, the vehicles that are drawn where `n_of` take each turn in all, weighed; see `turns_in`."""
     (part,), _ = _thinned([_Part(Recording(name, rows), _turns(rows), _numbers(Recording(name, rows)))], n_of, most)
     return _weighed(part, n_of, most).rows
 
 
-def turns_in(rows: Rows) -> dict[int, int]:
+def turns_in(rows: StoredRows) -> dict[int, int]:
     """How many vehicles take each turn."""
     turn, n = np.unique(_turns(rows), return_counts=True)
     return dict(zip(turn.tolist(), n.tolist(), strict=True))
@@ -190,7 +190,7 @@ def _supported(tracks: Tracks, weight: FloatArray, least: int) -> BoolArray:
     return np.asarray(n[way_of] >= least - 1e-3)  # weights have seven digits
 
 
-def _turns(rows: Rows) -> IntArray:
+def _turns(rows: StoredRows) -> IntArray:
     """(n_vehicles,) a number of the squares that each comes from and goes to."""
     if not len(rows):
         return np.empty(0, np.int64)

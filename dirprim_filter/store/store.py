@@ -9,6 +9,7 @@ and whatever is read is compared with it.
 from __future__ import annotations
 
 import hashlib
+import re
 import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
@@ -19,6 +20,7 @@ from typing import Any, Self
 from uuid import uuid4
 
 import numpy as np
+import pyarrow as pa
 
 from dirprim_filter.origin import Origin
 from dirprim_filter.recording.errors import RecordingError
@@ -26,15 +28,27 @@ from dirprim_filter.recording.reader import ReadOptions
 from dirprim_filter.store.blocks import Block, blocks_near
 from dirprim_filter.store.config import StoreConfig
 from dirprim_filter.store.delta import address_of, asked, shown
-from dirprim_filter.store.files import COLUMNS, PARTITIONS, Contents, File, contents_of, partition_of, statistics_of
-from dirprim_filter.store.rows import Rows
+from dirprim_filter.store.files import (
+    COLUMNS,
+    FIT,
+    PARTITIONS,
+    PATH,
+    Contents,
+    File,
+    contents_of,
+    partition_of,
+    statistics_of,
+)
+from dirprim_filter.store.rows import StoredRows
 
 FITS = "_fits"
 """Folder of what was fitted; Delta leaves alone what begins so."""
 MOST_COMMITS = 200
 """Tries, while others commit."""
-ORPHANS_H = 24
-"""After so many hours a file that was never committed is what a killed process left."""
+LOG = re.compile(r"_delta_log/(\d{20}\..*|_last_checkpoint|_commit_.*\.tmp)")
+"""Of Delta's library."""
+ORPHANS_NS = 24 * 3600 * 10**9
+"""So old a file that was never committed is what a killed process left."""
 
 
 class DamagedFileError(RecordingError):
@@ -94,9 +108,10 @@ class Store:
         """A new one; of two who make it at once, one does, and the other takes that.
 
         Raises:
-            RecordingError: it cannot be made.
+            RecordingError: it cannot be made, or something else is there.
             ValueError: another made one at the same time, that reads otherwise.
         """
+        cls.require_room(path)
         try:
             asked(path, lambda delta: delta.DeltaTable.create(
                 address_of(path), delta.Schema.from_arrow(COLUMNS), mode="error", partition_by=list(PARTITIONS),
@@ -109,6 +124,25 @@ class Store:
         made.check_config(config)
         made.check_frame(made.path, frame)
         return made
+
+    @classmethod
+    def require_room(cls, path: str | Path) -> None:
+        """Whether a new one may be made there: where nothing is but what one leaves that is killed as it makes one.
+
+        Raises:
+            RecordingError: something is there.
+        """
+        made = cls(address_of(path), StoreConfig(), "")
+        if "://" not in made.path and not Path(made.path).is_dir():
+            return
+        for top in made._listed("", deep=False):
+            is_own = top.path in ("rows", FITS, "_delta_log") and not top.is_file
+            within = [at.path for at in made._listed(top.path) if at.is_file] if is_own else [top.path]
+            if other := next((name for name in within if not _is_own(name) and not LOG.fullmatch(name)), None):
+                raise RecordingError(
+                    f"{made}: expected a store or an empty folder, got one with {other} in it; choose another name, "
+                    "such as that of a new folder in it"
+                )
 
     def __str__(self) -> str:
         return shown(self.path)
@@ -175,23 +209,32 @@ class Store:
             time.sleep(0.01 * (1 + uuid4().int % (4 + attempt)))
         else:
             raise RecordingError(f"{self}: others commit all the time; run again")
-        for file in removed:
-            with suppress(OSError):  # what stays is what no one knows of
-                self._folder.delete_file(file.path)
+        self._delete(file.path for file in removed)
         for block in {file.block for file in (*added, *removed)}:  # what was learned there is not asked for any more
-            with suppress(OSError):
-                self._folder.delete_dir(f"{FITS}/{block}")
+            with suppress(RecordingError):
+                self._delete(each.path for each in self._listed(f"{FITS}/{block}"))
 
     def tidy(self) -> None:
-        """Delete what processes left that were killed before they committed, unless others commit meanwhile."""
+        """Delete the rows that processes left which were killed before they committed them."""
         with suppress(RecordingError):
-            table = self._table()
-            asked(self.path, lambda _: table.vacuum(
-                ORPHANS_H, dry_run=False, enforce_retention_duration=False, full=True
-            ))  # fmt: skip
+            there = self._listed("rows")
+            known = set(pa.table(self._table().get_add_actions())["path"].to_pylist())
+            since_ns = time.time_ns() - ORPHANS_NS
+            old = (each.path for each in there if each.mtime_ns is not None and each.mtime_ns < since_ns)
+            self._delete(path for path in old if path not in known)
+
+    def _delete(self, paths: Iterable[str]) -> None:
+        """Those of them that a store wrote, if they are there."""
+        for path in filter(_is_own, paths):
+            with suppress(OSError):  # what stays is what no one knows of
+                self._folder.delete_file(path)
+
+    def _listed(self, folder: str, *, deep: bool = True) -> list[Any]:
+        """What pyarrow knows of the files in a folder, and of folders."""
+        return list(asked(self.path, lambda _: self._folder.get_file_info_selector(folder, True, deep)))
 
     def write(
-        self, rows: Rows, *, log: str, mark: str, status: str, recording: str | None = None,
+        self, rows: StoredRows, *, log: str, mark: str, status: str, recording: str | None = None,
         span: tuple[int, int] = (0, 0),
     ) -> list[File]:  # fmt: skip
         """Write the files of a log, which count once they are committed; of no rows one, so that the log stays known.
@@ -201,7 +244,7 @@ class Store:
             log: its URL or absolute path.
             mark: its size, and its ETag or time of change.
             status: whether all of it could be read.
-            recording: `Rows.digest` of all its rows, where not all are left.
+            recording: `StoredRows.digest` of all its rows, where not all are left.
             span: milliseconds, from when to when it is, where none is left.
 
         Raises:
@@ -224,7 +267,7 @@ class Store:
                 ))  # fmt: skip
         return files
 
-    def read(self, file: File) -> Rows:
+    def read(self, file: File) -> StoredRows:
         """The rows of a file.
 
         Raises:
@@ -309,7 +352,12 @@ class Store:
         return bool(asked(self.path, commit))
 
 
-def _rows_of(file: File, data: bytes) -> Rows:
+def _is_own(path: str) -> bool:
+    """Whether a store gives this name to what it writes."""
+    return bool(PATH.fullmatch(path) or FIT.fullmatch(path))
+
+
+def _rows_of(file: File, data: bytes) -> StoredRows:
     """The rows in the bytes of a file.
 
     Raises:
@@ -317,7 +365,7 @@ def _rows_of(file: File, data: bytes) -> Rows:
     """
     if hashlib.sha256(data).hexdigest() != file.digest:
         raise ValueError("other bytes than were written")
-    rows = Rows.from_parquet(data)
+    rows = StoredRows.from_parquet(data)
     if len(rows) != file.n_rows:
         raise ValueError(f"{len(rows)} rows in place of {file.n_rows}")
     return rows

@@ -27,7 +27,7 @@ from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.drawing import shapes
 from dirprim_filter.drawing.colors import speed_color
 from dirprim_filter.estimates import Estimates
-from dirprim_filter.partial_file import OutputExistsError, PartialFile
+from dirprim_filter.partial_file import PartialFile
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
 
@@ -130,14 +130,11 @@ def save_figure(figure: Figure, path: Path, *, force: bool = False) -> None:
         ValueError: the suffix is no format that matplotlib writes.
         OSError: the file cannot be written.
     """
-    if path.exists() and not force:
-        raise OutputExistsError(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    drawn = BytesIO()
+    output, drawn = PartialFile(path, force=force), BytesIO()
     undated = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}.get(path.suffix.lower())
     with mpl.rc_context({"svg.hashsalt": "dirprim", "svg.fonttype": "none", "pdf.fonttype": 42}):
         figure.savefig(drawn, metadata=undated, format=path.suffix[1:].lower())
-    with PartialFile(path, force=force) as file:
+    with output as file:
         file.write(drawn.getvalue())
 
 

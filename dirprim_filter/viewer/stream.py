@@ -91,7 +91,6 @@ class Stream:
             self._places[name] = stream
 
         if save is not None:
-            save.parent.mkdir(parents=True, exist_ok=True)
             file = PartialFile(save, force=force)
         if spawn:
             add("the viewer", rr.GrpcSink(spawn_viewer()))
@@ -99,9 +98,10 @@ class Stream:
             require_listener(connect)
             add(connect, rr.GrpcSink(connect))
         if save is not None:
-            _begin(file)
-            self._file = file
-            add(str(save), rr.FileSink(file.partial))
+            if not file.is_stream:  # to which the SDK alone may write
+                _begin(file)
+                self._file = file
+            add(str(save), rr.FileSink(save if file.is_stream else file.partial))
 
     def send_columns(self, path: str, times: rr.TimeColumn, columns: rr.ComponentColumnList) -> None:
         """Columns of an entity."""

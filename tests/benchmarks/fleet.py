@@ -25,7 +25,7 @@ from dirprim_filter import Tracks, read_tracks, write_tracks
 from dirprim_filter.store import add_logs, find_logs, learn_from_store
 from dirprim_filter.store.config import StoreConfig
 from dirprim_filter.store.files import File
-from dirprim_filter.store.rows import Rows
+from dirprim_filter.store.rows import StoredRows
 from dirprim_filter.store.store import Store
 from dirprim_filter.store.workers import Workers
 
@@ -75,7 +75,7 @@ def store_of_columns(path: Path, n_rows: int, *, distinct: int = 1 << 30, side: 
     for i in range(min(distinct, -(-n_rows // ROWS))):
         tracks = repeated(log, ROWS, i, side)
         began_s = processor_s()
-        written.append(store.write(Rows.of(tracks), log=f"/{i}", mark="0", status="whole"))
+        written.append(store.write(StoredRows.of(tracks), log=f"/{i}", mark="0", status="whole"))
         store.commit(lambda _: (written[-1], []))
         took_s += processor_s() - began_s
     copies = [linked(path, file, i) for i in range(distinct, -(-n_rows // ROWS)) for file in written[i % distinct]]
@@ -91,7 +91,7 @@ def linked(path: Path, file: File, i: int) -> File:
 
 
 def columns(n_rows: int) -> None:
-    """Rows a second from columns, and bytes a row, those included that are kept near borders a second time."""
+    """StoredRows a second from columns, and bytes a row, those included that are kept near borders a second time."""
     with tempfile.TemporaryDirectory() as folder:
         store, took_s = store_of_columns(Path(folder) / "store", n_rows)
         files = [file for entry in store.contents().entries.values() for file in entry.files]
@@ -105,7 +105,7 @@ def columns(n_rows: int) -> None:
 
 
 def logs(n_logs: int) -> None:
-    """Rows a second from MCAP logs, by one process and by two."""
+    """StoredRows a second from MCAP logs, by one process and by two."""
     log = read_tracks(ROOT / "recordings/roundabout_learn.mcap")
     with tempfile.TemporaryDirectory() as folder:
         for i in range(n_logs):

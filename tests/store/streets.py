@@ -7,7 +7,7 @@ import numpy as np
 from dirprim_filter import Tracks, save_map, write_tracks
 from dirprim_filter.store import add_logs, find_logs, learn_from_store
 from dirprim_filter.store.config import StoreConfig
-from dirprim_filter.store.rows import Rows
+from dirprim_filter.store.rows import StoredRows
 from dirprim_filter.store.store import Store
 
 GRID = {"tessellation": "grid", "cell_size": 32.0}
@@ -51,7 +51,9 @@ def rows_stored(path, **rows):
     """A store of rows, or of tracks, without logs: sooner made."""
     store = Store.create(path, StoreConfig(), "map")
     for name, each in rows.items():
-        files = store.write(each if isinstance(each, Rows) else Rows.of(each), log=name, mark="0", status="whole")
+        files = store.write(
+            each if isinstance(each, StoredRows) else StoredRows.of(each), log=name, mark="0", status="whole"
+        )
         store.commit(lambda _, files=files: (files, []))
     return store
 

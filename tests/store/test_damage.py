@@ -12,11 +12,11 @@ from streets import GRID, damage, map_bytes, rows_stored, street
 
 from dirprim_filter.store import Store, learn_from_store
 from dirprim_filter.store.forgetting import forget, merge
-from dirprim_filter.store.rows import SCHEMA, Rows
+from dirprim_filter.store.rows import SCHEMA, StoredRows
 from dirprim_filter.store.store import DamagedFileError
 
 N_FLIPS = 400
-ROWS = Rows.of(street(1))
+ROWS = StoredRows.of(street(1))
 
 
 def test_no_flipped_bit_goes_unseen(tmp_path):
@@ -74,7 +74,7 @@ CRAFTED = [
     {"path": "../../etc/passwd"}, {"path": "rows/a.parquet"}, {"path": "https://evil.example/rows/x"},
     {"block": "../x"}, {"recording": "../x"}, {"recording": ""},
 ]  # fmt: skip
-"""Rows of a file, and what an entry says of a sound one."""
+"""StoredRows of a file, and what an entry says of a sound one."""
 
 
 @pytest.mark.parametrize("what", CRAFTED, ids=range(len(CRAFTED)))
@@ -86,7 +86,7 @@ def test_crafted_rows_and_entries_are_refused_and_stop_nobody(tmp_path, what):
         evil = evil._replace(**what)
     else:
         with pytest.raises(ValueError, match="expected"):
-            Rows.from_parquet(what)
+            StoredRows.from_parquet(what)
         evil = evil._replace(path=f"rows/{'0' * 32}-{hashlib.sha256(what).hexdigest()}.parquet")
         store.put(evil.path, what)
     store.commit(lambda _: ([evil], []))

@@ -9,7 +9,7 @@ from streets import GRID, rows_stored, street
 
 from dirprim_filter.store import keep, learn_from_store
 from dirprim_filter.store.keeping import whole
-from dirprim_filter.store.rows import Rows
+from dirprim_filter.store.rows import StoredRows
 from dirprim_filter.store.sampling import Recording, drawn, sample_of, turns_in
 
 ERRORS = norm.isf(1e-4 / 2)
@@ -17,7 +17,7 @@ ERRORS = norm.isf(1e-4 / 2)
 
 
 def recordings_of(*tracks):
-    return [Recording(rows.digest, rows) for rows in map(Rows.of, tracks)]
+    return [Recording(rows.digest, rows) for rows in map(StoredRows.of, tracks)]
 
 
 def counted(rows):

@@ -27,7 +27,7 @@ from streets import GRID, logs_of, map_bytes, rows_stored, store_of, street
 from dirprim_filter.store import add_logs, adding, find_logs, keep, learn_from_store
 from dirprim_filter.store.forgetting import forget, merge
 from dirprim_filter.store.keeping import month_of, whole
-from dirprim_filter.store.rows import Rows
+from dirprim_filter.store.rows import StoredRows
 from dirprim_filter.store.sampling import kept_of, turns_in
 from dirprim_filter.store.store import Store
 
@@ -110,7 +110,7 @@ class StoreModel(RuleBasedStateMachine):
                 shutil.rmtree(self.folder)
 
     def fresh(self, names):
-        return {name: Rows.of(self.say[name]) for name in sorted(names)}
+        return {name: StoredRows.of(self.say[name]) for name in sorted(names)}
 
     def settle(self, *possible):
         """Of what a killed step may have left, take what it did leave: the one or the other, never a mixture."""
@@ -131,7 +131,8 @@ class StoreModel(RuleBasedStateMachine):
     @rule(names=NAMES, kill=KILLS, every_s=st.sampled_from([0.0, np.inf]))
     def add(self, names, kill, every_s):
         """By one commit, or one for each log, as where there is one a second: then those before stay."""
-        known = {name for name in names & self.holds.keys() if self.recording[name] == Rows.of(self.say[name]).digest}
+        says = {name: StoredRows.of(self.say[name]).digest for name in names & self.holds.keys()}
+        known = {name for name, digest in says.items() if self.recording[name] == digest}
         with killed_at(kill), patch.object(adding, "EVERY_S", every_s):
             assert add_logs(self.at, find_logs([self.path[name] for name in names])).known == len(known)
         new = sorted(names - known)
