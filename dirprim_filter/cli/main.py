@@ -156,10 +156,12 @@ def _run(arguments: list[str]) -> int:
 
 def _is_the_users(error: Exception) -> bool:
     """Whether the error is about input, files or the machine; a bug keeps its traceback."""
-    from dirprim_filter.recording.errors import RecordingError
+    if isinstance(error, ValueError | OSError):
+        return True
+    from dirprim_filter.recording.container.errors import RecordingError
     from dirprim_filter.simulation.traffic import SimulationError
 
-    return isinstance(error, ValueError | OSError | RecordingError | SimulationError)
+    return isinstance(error, RecordingError | SimulationError)
 
 
 def _one_line(error: Exception) -> str:
