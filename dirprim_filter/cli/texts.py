@@ -86,8 +86,9 @@ class Shown(TextIOBase):
         Raises:
             OSError: there is no room for it.
         """
-        if self.stream is not None:
-            shown, encoding = "\n".join(map(_shown, text.split("\n"))), self.stream.encoding or "utf-8"
+        shown = "\n".join(map(_shown, text.split("\n")))  # refuses bytes, by which click asks what the stream takes
+        if self.stream is not None and shown:
+            encoding = self.stream.encoding or "utf-8"
             self._have(self.stream.write, shown.encode(encoding, "backslashreplace").decode(encoding))
         return len(text)
 
