@@ -109,7 +109,8 @@ def _paths(value: Any) -> Iterator[Path]:
     if isinstance(value, Path):
         yield Path(re.sub("^(file|local):/+", "/", str(value)))
     elif isinstance(value, str):
-        yield from (path for text in (value, value.partition("=")[2]) if (path := Path(text)).is_file())
+        names = (value, value.partition("=")[2])
+        yield from (Path(name) for name in names if os.path.isfile(name))  # noqa: PTH113 (no error of long texts)
     elif isinstance(value, list | tuple):
         for one in value:
             yield from _paths(one)
