@@ -107,9 +107,11 @@ def _without_query(word: str) -> str:
     path, asks, query = rest.partition("?")
     if not of_url or not asks:
         return word
+    if short := _SHORT.match(query):
+        own = short[0]
+        return word if not query[len(own) :].strip(_BEHIND) else f"{begin}:/{path}?..."
     own = query.rstrip(_BEHIND)
-    short = own if _SHORT.fullmatch(own) else "..."
-    return f"{begin}:/{path}?{short}{query[len(own) :]}"
+    return f"{begin}:/{path}?...{query[len(own) :]}"
 
 
 def one_line(text: str) -> str:
