@@ -116,12 +116,8 @@ class Reading:
         if all(map(is_table, logs)):
             self.require_acting(*OF_TABLES)
 
-    def tracks(self, logs: list[Path], *, if_any: bool = False) -> TrackResult:
+    def tracks(self, logs: list[Path]) -> TrackResult:
         """The tracks of logs, and what was lost; reports implausible units. On a terminal, a bar for each log.
-
-        Args:
-            logs: what is read.
-            if_any: there may be none, as of a log of detections without ids.
 
         Raises:
             RecordingError: as the reader; or nothing is left of what was asked for.
@@ -132,7 +128,7 @@ class Reading:
         self.require_acting_on(logs)
         with step_progress(f"reading {', '.join(path.name for path in logs)}", "s of the log") as progress:
             log = read_track_logs(logs, self.options(), progress=progress)
-        if not (if_any or len(log.tracks)):
+        if not len(log.tracks):
             raise self._nothing_left(logs, log.losses)
         return log
 

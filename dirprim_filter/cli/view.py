@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -97,11 +98,14 @@ def open_viewer(
     What is shown of one `place` shares the layout of a viewer that stays open. A log may have no tracks unless they
     were asked for.
     """
+    from dirprim_filter.recording.plausibility import DetectionsAloneError
     from dirprim_filter.track_ids import qualified_names
     from dirprim_filter.viewer.sink import open_stream
 
     reading = reading or Reading()
-    true = None if truth is None else reading.tracks([truth], if_any=not is_asked)
+    true = None
+    with suppress(*[] if is_asked else [DetectionsAloneError]):
+        true = None if truth is None else reading.tracks([truth])
     viewer = open_stream(f"dirprim {place}", **options)
     if true is not None:
         lost += true.losses

@@ -19,6 +19,10 @@ class ImplausibleError(RecordingError):
     """What was read is no log of tracks."""
 
 
+class DetectionsAloneError(ImplausibleError):
+    """Tracks are asked for, and there are detections without ids alone."""
+
+
 OFTEN = 0.1
 """So many of the steps are jumps, where ids number the objects of each message anew."""
 SAMPLED = 200

@@ -23,7 +23,7 @@ from dirprim_filter.recording.name_patterns import is_table
 from dirprim_filter.recording.objects.observations import DetectionStream, Observations
 from dirprim_filter.recording.objects.options import EVERYTHING, ReadOptions, TimeSource
 from dirprim_filter.recording.objects.topics import choose_topics
-from dirprim_filter.recording.plausibility import ImplausibleError, plausible
+from dirprim_filter.recording.plausibility import DetectionsAloneError, plausible
 from dirprim_filter.recording.rows import Rows, TrackResult, rows_of_log, rows_of_logs
 from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
 from dirprim_filter.recording.schemas.dirprim import decode_estimates
@@ -135,7 +135,7 @@ def _require_ids(path: Path, n_detections: int) -> None:
     """Raises where there are detections alone, none with an id that comes again."""
     if n_detections:
         way = "`dirprim track --no-ids` tracks them"
-        raise ImplausibleError(f"{path}: expected tracks, got {n_detections} detections without ids; {way}")
+        raise DetectionsAloneError(f"{path}: expected tracks, got {n_detections} detections without ids; {way}")
 
 
 def _of_first(one: LogSource, options: ReadOptions, origin: Origin | None, frame: str = "") -> ReadOptions:
