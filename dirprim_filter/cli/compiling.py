@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -46,7 +47,7 @@ def has_kernels(kernel: str) -> bool:
 
 
 def mend_cache() -> None:
-    """Remove what a power cut left empty of the compiler's cache, and say so: the compiler would end in an error.
+    """Remove what a power cut left empty or cut of the compiler's cache, and say so: the compiler would end in an error.
 
     Where there is no place for a cache that is said too.
     """
@@ -70,8 +71,12 @@ def cache_folders() -> list[Path]:
 
 
 def _is_pickled(path: Path) -> bool:
+    """Whether it begins and ends as what numba writes: a cut one does not."""
     with path.open("rb") as file:
-        return file.read(1) == b"\x80"
+        if file.read(1) != pickle.PROTO:
+            return False
+        file.seek(-1, os.SEEK_END)
+        return file.read(1) == pickle.STOP
 
 
 def warm_up() -> None:

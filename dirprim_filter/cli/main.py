@@ -156,7 +156,7 @@ def _run(arguments: list[str]) -> int:
 
 def _is_the_users(error: Exception) -> bool:
     """Whether the error is about input, files or the machine; a bug keeps its traceback."""
-    if isinstance(error, ValueError | OSError):
+    if isinstance(error, ValueError | OSError | MemoryError):
         return True
     from dirprim_filter.recording.container.errors import RecordingError
     from dirprim_filter.simulation.traffic import SimulationError
@@ -169,4 +169,6 @@ def _one_line(error: Exception) -> str:
 
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
         return one_line(f"{error.filename}: {error.strerror}")
+    if isinstance(error, MemoryError):
+        return "expected more memory than there is; give less of the input, as by --start and --end"
     return one_line(" ".join(str(error).split())) or type(error).__name__

@@ -34,6 +34,10 @@ def named_file(path: Path | None) -> Path | None:
     return path
 
 
+MOST_DIGITS = 10
+"""Of seconds: more are no time in nanoseconds of 64 bits."""
+
+
 def time_ns(text: str | None) -> int | None:
     """A time on the command line: seconds from a log's start, nanoseconds with ns behind, or RFC 3339; None stays None.
 
@@ -47,7 +51,8 @@ def time_ns(text: str | None) -> int | None:
             return int(text.removesuffix("ns"))
         from dirprim_filter.recording.objects.options import FromStart
 
-        return FromStart(Decimal(text.removesuffix("s")) * 1_000_000_000)
+        if (seconds := Decimal(text.removesuffix("s"))).adjusted() < MOST_DIGITS:  # else an integer of all of them
+            return FromStart(seconds * 1_000_000_000)
     try:
         moment = datetime.fromisoformat(text)
     except ValueError:

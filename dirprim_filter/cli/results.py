@@ -160,5 +160,6 @@ def read_filter(path: Path | None, settings: Settings, **given: Any) -> tuple[Fi
     made = []
     for (name, kind), own, known in zip(kinds.items(), deal(settings, *names), names, strict=True):
         stated = {of: value for of, value in given.items() if of in known and value is not None}
-        made.append(from_table(kind, dict(config.get(name) or {}) | stated | own, where=name))
+        table = config.get(name, {})
+        made.append(from_table(kind, table | stated | own if isinstance(table, dict) else table, where=name))
     return made[0], made[1]

@@ -28,7 +28,7 @@ def matching(text: str, *, of: str) -> Callable[[str], bool]:
     """
     try:
         pattern = re.compile(text)
-    except re.error as error:
+    except (re.error, RecursionError, OverflowError) as error:
         raise ValueError(f"{of}: expected a name or a regular expression, got {text!r}: {error}") from error
     return lambda name: name == text or pattern.fullmatch(name) is not None
 

@@ -38,7 +38,7 @@ def test_kernels_are_looked_for_by_name_and_damaged_ones_are_compiled_again(tmp_
     assert hasattr(import_module(f"dirprim_filter.filtering.{module}"), function)
     (tmp_path / "filtering_1a2b").mkdir()
     other, kernel = (tmp_path / "filtering_1a2b" / f"{name}-13.py311.nbi" for name in ("_other.x", demo.KERNEL))
-    other.write_bytes(b"\x80\x04")
+    other.write_bytes(b"\x80\x04.")
     assert not compiling.has_kernels(demo.KERNEL)
     kernel.touch()  # as a power cut leaves it
     assert compiling.has_kernels(demo.KERNEL)
@@ -47,6 +47,9 @@ def test_kernels_are_looked_for_by_name_and_damaged_ones_are_compiled_again(tmp_
     assert (kernel.exists(), other.exists()) == (False, True)
     compiling.mend_cache()
     assert capsys.readouterr().err == ""
+    kernel.write_bytes(b"\x80\x04\x95")  # or as a full disk does
+    compiling.mend_cache()
+    assert (kernel.exists(), other.exists()) == (False, True)
 
 
 def test_an_installation_that_keeps_nothing_compiles_in_each_run_and_says_so(tmp_path):

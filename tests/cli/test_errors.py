@@ -1,5 +1,7 @@
 """What cannot be done is said in one line, by its exit code, and nothing is written."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -19,7 +21,8 @@ FILES = {
     "late.toml": f"latency_s = -1\n{SENSOR}", "sensor.toml": SENSOR, "noise.toml": "noise = 1",
     "cut.toml": "noise_m = ", "flat.toml": "noise_m = 1.0", "filter.toml": "[filter]\nnoise = 1.0",
     "deep.toml": f"noise_m = {'[' * 20_000}", "deep.json": f'{{"experiment": {"[" * 20_000}',
-    "fold.toml": "n_fold = 2", "notes.txt": "noise: a lot", "walks.txt": "0 1 2 3\n10 1 3 3\n",
+    "fold.toml": "n_fold = 2", "number.toml": "filter = 1",
+    "notes.txt": "noise: a lot", "walks.txt": "0 1 2 3\n10 1 3 3\n",
 }  # fmt: skip
 CASES = [
     ("frobnicate", USAGE, "No such command"),
@@ -41,6 +44,9 @@ CASES = [
     (f"{TRACK} --sensor late.toml", FAILED, "error: late.toml: latency_s: expected 0 to 5 seconds, got -1"),
     (f"{TRACK} --set particles_out=many", USAGE, "particles_out: expected a value of type int"),
     (f"{TRACK} --config filter.toml", FAILED, "filter: noise: expected one of"),
+    (f"{TRACK} --config number.toml", FAILED, "filter: expected a table of names and values, got 1"),
+    (f"info log.mcap --topics {'(' * 20_000}", FAILED, "topics: expected a name or a regular expression"),
+    (f"{TRACK} --start 1e999999999", FAILED, "'1e999999999': expected seconds from the start"),
     (f"{TRACK} --config flat.toml", FAILED, "flat.toml: noise_m: expected the tables"),
     ("track degrees.csv --map map.mcap -o x", FAILED, "degrees.csv, line 2: expected radians"),
     ("learn no_ids.csv -o x", FAILED, "detections without ids; `dirprim track --no-ids`"),
@@ -104,3 +110,18 @@ def test_it_is_one_line_with_its_code(command, code, said, here, capsys):
     assert said in " ".join(error.split())
     assert code == USAGE or (error.startswith("error: ") and error.count("\n") == 1)
     assert set(here.iterdir()) == before
+
+
+def test_no_memory_and_a_name_of_odd_bytes_are_one_line_too(here, monkeypatch, capsys):
+    command = [sys.executable, "-m", "dirprim_filter.cli", "info", b"lo\xe9g.mcap"]
+    done = subprocess.run(command, capture_output=True, check=False)
+    assert done.returncode == USAGE
+    assert done.stderr.strip().endswith(b"'lo\\udce9g.mcap' does not exist.")
+
+    def inspect(*_):
+        raise MemoryError
+
+    monkeypatch.setattr("dirprim_filter.recording.inspection.inspect", inspect)
+    capsys.readouterr()
+    assert dirprim("info log.mcap") == FAILED
+    assert capsys.readouterr().err.startswith("error: expected more memory than there is; give less")

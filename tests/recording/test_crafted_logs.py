@@ -14,7 +14,7 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from mcap_files import CHUNK, log_bytes, records, write_log
 
 from dirprim_filter import Tracks, read_tracks, write_tracks
-from dirprim_filter.recording.container import chunk, message_columns
+from dirprim_filter.recording.container import budget, chunk, message_columns
 from dirprim_filter.recording.container.recovery import recover
 from dirprim_filter.recording.decoding.protobuf_plan import message_descriptor
 from dirprim_filter.recording.inspection import inspect

@@ -2,6 +2,7 @@
 
 import csv
 import gzip
+import time
 from dataclasses import replace
 from datetime import datetime
 from decimal import Decimal
@@ -18,12 +19,14 @@ from pyproj import Geod
 
 from dirprim_filter import read_tracks
 from dirprim_filter.detections import NO_ID, Detections
+from dirprim_filter.recording.container import budget
 from dirprim_filter.recording.errors import RecordingError, TableError
 from dirprim_filter.recording.estimate_tables import write_estimates
 from dirprim_filter.recording.losses import FAR
 from dirprim_filter.recording.name_patterns import named_values
 from dirprim_filter.recording.reader import read_track_logs, stream_detections
 from dirprim_filter.recording.tables import read_named
+from dirprim_filter.recording.tables.files import columns_of
 from dirprim_filter.recording.tables.named_columns import COLUMNS
 from situations import estimates_of
 
@@ -430,3 +433,45 @@ def test_a_column_of_absurd_speeds_is_refused_and_single_ones_are_derived(tmp_pa
     found = read(tmp_path, HEADER.replace("heading", "course"), few)
     np.testing.assert_allclose(found.tracks.speed, 10.0)
     assert "1 speeds above 1000 m/s are not used" in found.losses.faults
+
+
+def a_packed_text(path):
+    with gzip.open(path, "wb", 9) as file:
+        file.write(f"{PLACES}\n".encode() + b"1,1,1,1\n" * (budget.SMALL_BYTES // 4))
+
+
+def a_column_of_zeros(path):
+    zeros = pa.array(np.zeros(10**6))
+    pa.parquet.write_table(pa.table({f"{k}": zeros for k in range(9)}), path, compression="zstd")
+
+
+def a_long_text_in_each_row(path):
+    text = pa.DictionaryArray.from_arrays(np.zeros(2000, np.int32), ["x" * 50_000])
+    pa.feather.write_feather(pa.table({"label": text}), path)
+
+
+def the_same_in_parquet(path):
+    pa.parquet.write_table(pa.table({"label": ["x" * 50_000] * 2000}), path)
+
+
+@pytest.mark.parametrize("make", [a_packed_text, a_column_of_zeros, a_long_text_in_each_row, the_same_in_parquet])
+def test_a_small_file_that_becomes_much_is_refused_before_it_does(tmp_path, make):
+    """Each would take some 100 MB, as could be any number; of refusing it no more than the budget is taken."""
+    path = tmp_path / ("t.csv.gz" if make is a_packed_text else "t.parquet")
+    make(path)
+    assert path.stat().st_size < budget.SMALL_BYTES // budget.MOST_TIMES
+    before = pa.total_allocated_bytes()
+    with pytest.raises(TableError, match=r"expected at most 64 MiB in memory of so small a file"):
+        columns_of(path)
+    assert pa.total_allocated_bytes() - before < budget.SMALL_BYTES
+
+
+def test_the_work_of_sensors_grows_as_they_do(tmp_path):
+    seconds = []
+    for n in (1000, 8000):
+        lines = "".join(f"{k},v{k},{k},0,s{k}\n" for k in range(n))
+        (tmp_path / "t.csv").write_text(f"{PLACES},sensor\n{lines}")
+        begun = time.process_time()
+        assert len(read_named(tmp_path / "t.csv").detections) == n
+        seconds.append(time.process_time() - begun)
+    assert seconds[1] < 20 * seconds[0]

@@ -17,6 +17,7 @@ import pyarrow.csv
 import pyarrow.feather
 import pyarrow.parquet
 
+from dirprim_filter.recording.container.budget import most_bytes
 from dirprim_filter.recording.container.errors import READ_BYTES, other_format
 from dirprim_filter.recording.errors import TableError
 from dirprim_filter.recording.tables.columns import Columns
@@ -27,6 +28,8 @@ SUFFIXES = (".parquet", ".feather", ".arrow")
 DELIMITERS = ",;\t"
 """Between cells; where it is a semicolon, numbers may have a decimal comma."""
 SAMPLE_BYTES = 1 << 16
+WORD = 8
+"""Bytes of a number."""
 
 
 def text_columns(path: str | Path, names: Sequence[str] = (), *, by_spaces: bool = False) -> Columns:
@@ -72,10 +75,23 @@ def _contents(path: Path) -> bytes:
     if not is_compressed and (known := other_format(opening)):
         raise TableError(path, 1, "a table of text", *known)
     try:
-        data = gzip.decompress(path.read_bytes()) if is_compressed else path.read_bytes()
+        data = _unpacked(path) if is_compressed else path.read_bytes()
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:
         raise TableError(path, "", "a whole gzip file", str(error), "compress the table anew") from error
     return data.removeprefix(b"\xef\xbb\xbf")
+
+
+def _unpacked(path: Path) -> bytes:
+    limit = most_bytes(path.stat().st_size)
+    with gzip.open(path) as file:
+        data = file.read(limit + 1)
+    if len(data) > limit:
+        raise _too_large(path, limit, "unpack it first by `gunzip`")
+    return data
+
+
+def _too_large(path: Path, limit: int, remedy: str) -> TableError:
+    return TableError(path, "", f"at most {limit >> 20} MiB in memory of so small a file", "more", remedy)
 
 
 def _parsed(path: Path, data: bytes, names: Sequence[str], header: int, delimiter: str) -> Any:
@@ -117,10 +133,35 @@ def columns_of(path: str | Path) -> Columns:
     if path.suffix.lower() not in SUFFIXES and not opening.startswith((PARQUET, *ARROW)):
         return text_columns(path)
     try:
-        read = pa.parquet.read_table if opening.startswith(PARQUET) else pa.feather.read_table
-        table = read(path, memory_map=True)
+        table = (_parquet if opening.startswith(PARQUET) else _arrow)(path)
         table.validate(full=True)  # else offsets beyond their buffers are followed
+        if sum(map(_unfolded_bytes, table.columns)) > (limit := most_bytes(path.stat().st_size)):
+            raise _too_large(path, limit, "write a .csv of it")
         return Columns(path, table)
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:  # names of columns are texts too
         got = str(error).partition("\n")[0]
         raise TableError(path, "", "a Parquet, Feather or Arrow file", got, "write the table anew") from error
+
+
+def _parquet(path: Path) -> Any:
+    """Texts as places in a dictionary, as which they are stored; a file that claims more rows than fit is refused."""
+    about, limit = pa.parquet.read_metadata(path), most_bytes(path.stat().st_size)
+    sizes = [group.total_byte_size for group in map(about.row_group, range(about.num_row_groups))]
+    if about.num_rows * about.num_columns * WORD > limit or max(sizes, default=0) > limit:
+        raise _too_large(path, limit, "write a .csv of it")
+    texts = [of.name for of in about.schema.to_arrow_schema() if pa.types.is_string(of.type)]
+    return pa.parquet.read_table(path, memory_map=True, read_dictionary=texts)
+
+
+def _arrow(path: Path) -> Any:
+    return pa.feather.read_table(path, memory_map=True)
+
+
+def _unfolded_bytes(column: Any) -> int:
+    """Of a column in memory, each row with a value of its own."""
+    if not pa.types.is_dictionary(column.type) or not pa.types.is_string(column.type.value_type):
+        return int(column.nbytes)
+    return sum(
+        len(chunk) * WORD + (pc.sum(pc.take(pc.binary_length(chunk.dictionary), chunk.indices)).as_py() or 0)
+        for chunk in column.chunks
+    )

@@ -21,7 +21,7 @@ from dirprim_filter.recording.losses import REPEATED, Losses
 from dirprim_filter.recording.plausibility import plausible
 from dirprim_filter.recording.rows import Rows
 from dirprim_filter.recording.transforms.geodesy import FARTHEST_M
-from dirprim_filter.track_ids import as_track_ids, repeated_rows, stand_for_none
+from dirprim_filter.track_ids import as_track_ids, numbered, repeated_rows, stand_for_none
 from dirprim_filter.tracks import Tracks
 
 logger = logging.getLogger(__name__)
@@ -120,11 +120,12 @@ def table_of(path: Path, rows: Rows, *, sensor: AnyArray | None = None, losses: 
 
 def _detections(rows: Rows, sensor: AnyArray) -> dict[str, Detections]:
     """All rows, by the sensor of each."""
-    detections = {}
-    for name in dict.fromkeys(sensor.tolist()):
-        own = rows[sensor == name]
+    detections, ids = {}, np.strings.strip(rows.names)
+    sensors, of = numbered(sensor)
+    for name, places in zip(sensors, np.split(np.argsort(of, kind="stable"), np.cumsum(np.bincount(of))), strict=False):
+        own = rows[places]
         detections[name] = Detections(
-            track_id=np.strings.strip(own.names)[own.track_id], time_ns=own.time_ns, position=own.position,
+            track_id=ids[own.track_id], time_ns=own.time_ns, position=own.position,
             direction=own.direction, speed=own.speed, size=own.size, cue=own.cue, group=own.group,
             covariance=np.where(is_covariance(own.covariance)[:, None, None], own.covariance, np.nan),
         )  # fmt: skip
