@@ -47,7 +47,7 @@ def has_kernels(kernel: str) -> bool:
 
 
 def mend_cache() -> None:
-    """Remove what a power cut left empty or cut of the compiler's cache, and say so: each command would end in an error.
+    """Remove what a power cut left empty or cut of the compiler's cache, and say so: commands would end in an error.
 
     Where there is no place for a cache that is said too.
     """
