@@ -9,7 +9,7 @@ import numpy as np
 
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions.angles import wrap
-from dirprim_filter.jumps import FASTEST, Scale
+from dirprim_filter.jumps import FASTEST, SAMPLED, Scale
 
 MAX_STEP_S, INTERVALS_IN_STEP = 2.0, 3.0
 """Across a longer pause nothing is known of the path between; of rows that come seldom, across so many intervals."""
@@ -58,7 +58,7 @@ def find_faults(
     speed: FloatArray,
     scale: Scale,
 ) -> dict[str, str]:
-    """A line for each column that does not fit to where vehicles go.
+    """A line for each column that does not fit to where vehicles go, by a sample of the rows.
 
     Args:
         vehicle: (n,) numbers, ascending.
@@ -84,12 +84,13 @@ def find_faults(
     breaks = np.append(0, np.cumsum(~soon))
     since_s = (time_ns - time_ns.min()) * 1e-9
     key = since_s + (vehicle - vehicle[0]) * (since_s.max() + 4.0 * longest_s)  # ascending, vehicles apart
-    later = np.minimum(np.searchsorted(key, key + longest_s), key.size - 1)
-    distance = driven[later] - driven
-    moves = (breaks[later] == breaks) & (key[later] - key <= 2.0 * longest_s) & (distance >= MOVING_FROM * longest_s)
+    row = np.arange(0, key.size, 1 + key.size // SAMPLED)
+    later = np.minimum(np.searchsorted(key, key[row] + longest_s), key.size - 1)
+    distance, passed_s = driven[later] - driven[row], key[later] - key[row]
+    moves = (breaks[later] == breaks[row]) & (passed_s <= 2.0 * longest_s) & (distance >= MOVING_FROM * longest_s)
     if np.count_nonzero(moves) < LEAST_COMPARED:
         return found
-    way_m = (position[later] - position)[moves]
+    way_m = (position[later] - position[row])[moves]
     ratio = float(distance[moves].sum()) / max(float(np.linalg.norm(way_m, axis=1).sum()), 1e-9)
     if ratio > 1.0 / DEGREES_PER_M:
         line = "speeds lead thousands of times as far as positions: are these degrees? Say latitude and longitude"
@@ -103,7 +104,7 @@ def find_faults(
         else:
             found["unit"] = f"{far} they in another unit in place of m/s?"
     way = np.arctan2(way_m[:, 1], way_m[:, 0])
-    stated = direction[moves]
+    stated = direction[row[moves]]
     apart, if_clockwise, if_north = (
         float(np.nanmedian(np.abs(wrap(stated - seen)))) if np.isfinite(stated).any() else 0.0
         for seen in (way, -way, np.pi / 2 - way)

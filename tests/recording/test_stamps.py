@@ -94,11 +94,12 @@ def test_log_times_that_say_nothing_judge_no_stamp(tmp_path, every_s):
         assert got == (stamps[:few].tolist(), {})
 
 
-def test_topics_have_clocks_of_their_own(tmp_path):
+def test_topics_have_clocks_of_their_own_and_such_that_differ_are_reported(tmp_path, caplog):
     stamps = LOG_NS - np.where(np.arange(N) % 2, START_NS, 0)
     stamps[30] += YEAR_NS
     times, dropped = streamed(log_of(tmp_path, stamps, topics=("/a", "/b")), topics="/[ab]")
     assert (times, dropped) == (sorted(np.delete(stamps, 30).tolist()), {STRAY: 1})
+    assert caplog.text.count("stamps of /a are 1700000000 s ahead of those of /b") == 1
 
 
 def test_stamps_that_were_not_set_or_do_not_fit_are_counted_as_such(tmp_path):

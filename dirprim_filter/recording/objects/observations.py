@@ -106,7 +106,7 @@ class Observations:
                 held = []
         yield from self._placed(held)
         self._frame.check()
-        for note in sorted(self._decoders.notes):
+        for note in filter(None, (*sorted(self._decoders.notes), self._stamps.clocks())):
             logger.warning("%s: %s", self._scan.path, note)
         if self._frame.tree is not None:
             self._frame.tree.losses.damage = [

@@ -21,6 +21,8 @@ AGREEING = 0.25
 """Share of them that must agree."""
 NEAR_S = 10.0
 """Offsets that differ by less agree; where those of a topic spread, by less than all but so many at both ends do."""
+OTHER_CLOCK_S = 600.0
+"""Times that are so far apart in the same log may be of two clocks."""
 FEWEST = 3
 """Of fewer stamps nobody can say which is wrong; nor where no two agree."""
 
@@ -71,6 +73,16 @@ class Stamps:
         usual, left_open, middle_s, near_s = (np.repeat(of, count) for of in (usual, left_open, middle_s, near_s))
         return Verdict(usual & (np.abs(offset_s - middle_s) <= near_s), left_open)
 
+    def clocks(self) -> str:
+        """What is odd with the clocks of topics that are read together; empty where they agree."""
+        ahead = sorted((of.usual_s, name) for name, of in self._topics.items())
+        if not ahead or (apart_s := ahead[-1][0] - ahead[0][0]) <= OTHER_CLOCK_S:
+            return ""
+        return (
+            f"stamps of {ahead[-1][1]} are {apart_s:.0f} s ahead of those of {ahead[0][1]}: are they of another clock, "
+            "one simulated? --time-source log reads both by log time"
+        )
+
 
 class _TopicStamps:
     """Those of one topic, by their offsets to log time."""
@@ -78,6 +90,11 @@ class _TopicStamps:
     def __init__(self) -> None:
         self._offset_s, self._is_open = np.empty(0), np.empty(0, np.bool_)  # of the last `NEIGHBOURS`
         self.near_s = NEAR_S
+
+    @property
+    def usual_s(self) -> float:
+        """The offset of the last ones, in the median."""
+        return float(np.median(self._offset_s))
 
     def judge(self, offset_s: FloatArray, *, is_last: bool) -> Verdict:
         """As of all, by (k,) seconds from log time to the stamps: first of those left open, then of new ones."""
