@@ -1,7 +1,7 @@
 """Mcity's roadside sensor without the instrumented vehicle for some seconds of each pass.
 
 Detections are real; map and sensor are of the other drives. The rivals get them less the sensor's bias and latency, as
-ours knows these.
+ours knows these; they are fitted to the judged windows themselves, in their favour.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def of_mcity_blind(asked: Asked) -> list[Findings]:
             WITHOUT: partial(_answers, by_drive, {drive: of.without_places() for drive, of in maps.items()}, gap_s),
         }
         tables += judged(
-            seen, fair, by_map, fair=fair, about=f"mcity_blind, {gap_s:g} s of {len(by_drive)} drives",
+            seen, fair, by_map, fair=fair, about=f"mcity_blind, gaps of {gap_s:g} s ({len(by_drive)} drives)",
             n_seeds=asked.n_seeds, density=1.0, noise_m=0.5,
         )  # fmt: skip
     return tables
