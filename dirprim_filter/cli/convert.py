@@ -58,9 +58,9 @@ def convert(
     }  # fmt: skip
     with working(f"reading {source.name}"):
         table = _read(source, form, {name: value for name, value in options.items() if value is not None})
-    table.log(source)
     if table.too_early:
         raise table.too_early
+    table.log(source)
     said = provenance(
         "convert", inputs=[source], format=form, metres_per_pixel=metres_per_pixel,
         frames_per_second=frames_per_second, columns=columns, origin=origin,

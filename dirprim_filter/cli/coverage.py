@@ -32,7 +32,8 @@ class Coverage:
     """An `EstimateSink` that counts which of a log's rows are outside of a map, and which have no estimate."""
 
     def __init__(self, primitive_map: PrimitiveMap, map_file: Path, log: Path, *, is_needed: bool = True) -> None:
-        self._map, self._map_file, self._log, self._is_needed = primitive_map, map_file, log, is_needed
+        self._map, self._map_file, self._log = primitive_map, map_file, log
+        self._is_needed = is_needed and primitive_map.tessellation.n_cells > 0
         self._n_rows = self._n_outside = self._n_estimated = 0
         self._box = np.full((2, 2), np.inf)  # least x and y of the rows, and of the same negated
 

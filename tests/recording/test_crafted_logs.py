@@ -202,7 +202,9 @@ def test_the_work_of_reading_grows_as_ids_do(tmp_path):
     """Each vehicle is seen twice: so many ids that a look through all for each would be seen."""
     seconds = []
     for n in (10_000, 40_000):
-        position = np.random.default_rng(0).uniform(-100, 100, (2 * n, 2))
+        position = (
+            np.tile(np.random.default_rng(0).uniform(-100, 100, (n, 2)), (2, 1)) + np.repeat([0.0, 1.0], n)[:, None]
+        )
         seen = Tracks(track_id=np.tile(np.arange(n).astype(str), 2), time_ns=np.repeat([0, 10**8], n),
                       position=position, direction=np.zeros(2 * n), speed=np.ones(2 * n))  # fmt: skip
         write_tracks(seen, tmp_path / "log.mcap", force=True)

@@ -290,9 +290,9 @@ class TableDetections:
 
     def __init__(self, path: Path, options: ReadOptions, *, motion: bool) -> None:
         table = read_table(path, options)
-        table.log(path)
         if table.too_early:
             raise table.too_early
+        table.log(path)
         sources = dict(table.detections) or {OBJECTS: _detected(table.tracks)}
         self.topics, self.losses = frozenset(sources), table.losses
         seen = Detections.concatenate(sources.values())
