@@ -14,6 +14,7 @@ import numpy as np
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.recording.container.message_columns import MessageColumns
+from dirprim_filter.recording.transforms.edge import OTHER_CLOCK_S
 
 NEIGHBOURS = 50
 """So many messages of the topic before a stamp, and as many after it, are asked."""
@@ -21,8 +22,6 @@ AGREEING = 0.25
 """Share of them that must agree."""
 NEAR_S = 10.0
 """Offsets that differ by less agree; where those of a topic spread, by less than all but so many at both ends do."""
-OTHER_CLOCK_S = 600.0
-"""Times that are so far apart in the same log may be of two clocks."""
 FEWEST = 3
 """Of fewer stamps nobody can say which is wrong; nor where no two agree."""
 

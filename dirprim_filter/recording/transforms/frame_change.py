@@ -19,6 +19,7 @@ from dirprim_filter.recording.rows import Rows
 from dirprim_filter.recording.schemas.decoders import family_of
 from dirprim_filter.recording.schemas.families import TRANSFORMS
 from dirprim_filter.recording.schemas.family import GEODETIC
+from dirprim_filter.recording.transforms.edge import FIXED, Placement
 from dirprim_filter.recording.transforms.geodesy import (
     FIXES,
     LIVE_FIXES,
@@ -27,7 +28,7 @@ from dirprim_filter.recording.transforms.geodesy import (
     needing_pyproj,
     on_plane,
 )
-from dirprim_filter.recording.transforms.transform_tree import FIXED, Placement, SharedTransforms, TransformTree
+from dirprim_filter.recording.transforms.transform_tree import SharedTransforms, TransformTree
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
