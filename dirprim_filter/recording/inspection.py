@@ -16,6 +16,7 @@ from dirprim_filter.recording.container.records import Channel
 from dirprim_filter.recording.errors import DamagedRecordingError
 from dirprim_filter.recording.name_patterns import matching
 from dirprim_filter.recording.objects.options import EVERYTHING, ReadOptions
+from dirprim_filter.recording.objects.topics import Failures
 from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
 from dirprim_filter.recording.schemas.decoders import Decoders, by_schema, pieces
 from dirprim_filter.recording.schemas.family import FieldMapping
@@ -82,7 +83,7 @@ class _Inspection:
         self.labels: dict[str, Counter[str]] = {}
         self.groups: dict[str, Counter[int]] = {}
         self.refused: dict[TopicKey, str] = {}
-        self.failed: dict[TopicKey, Counter[str]] = {}
+        self.failures = Failures()
         self.times: list[int] = []  # the first and the last of each chunk
         self.decoders, self._estimates = decoders, Decoders(_ESTIMATES)
         for channel in log.channels():
@@ -100,10 +101,11 @@ class _Inspection:
 
     def _count(self, channel: Channel, n: int) -> None:
         key = key_of(channel)
-        if key not in self.messages and self._decoders_of(channel).carries_objects(channel):
-            self.track_ids[key] = set()
         if key not in self.messages:
-            self.refused[key] = self._decoders_of(channel).refusal(channel)
+            decoders = self._decoders_of(channel)
+            self.refused[key] = decoders.refusal(channel)
+            if decoders.carries_objects(channel):
+                self.track_ids[key] = set()
         self.messages[key] += n
 
     def _decoders_of(self, channel: Channel) -> Decoders:
@@ -121,12 +123,9 @@ class _Inspection:
             self.detections[key_of(of)] += int((ids == NO_ID).sum())
             self.labels.setdefault(of.topic, Counter()).update(here.label.tolist())
             self.groups.setdefault(of.topic, Counter()).update(here.group.tolist())
-        for i, reason in failures.items():
-            of = messages.channels[messages.channel[i]]
-            self.failed.setdefault(key_of(of), Counter())[reason] += 1
+        self.failures.take(messages, failures)
 
     def why(self, key: TopicKey) -> tuple[int, str]:
         """How many messages of a topic cannot be decoded, and the most frequent reason; or why none is read."""
-        failed = self.failed.get(key, Counter())
-        (reason, _), *_ = failed.most_common(1) or [(self.refused[key], 0)]
-        return failed.total(), reason
+        n, reason = self.failures.of(key)
+        return n, reason or self.refused[key]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections import Counter, deque
+from collections import Counter, defaultdict, deque
 from collections.abc import Mapping, Sequence
 from itertools import chain
 
@@ -19,6 +19,7 @@ from dirprim_filter.recording.name_patterns import matching
 from dirprim_filter.recording.objects.options import ReadOptions
 from dirprim_filter.recording.schemas.decoders import NOT_KNOWN, Decoders, batches, by_schema, schema_name
 from dirprim_filter.recording.schemas.families import KINDS, OBSERVATIONS
+from dirprim_filter.recording.summary import TopicKey, key_of
 
 logger = logging.getLogger(__name__)
 
@@ -72,23 +73,26 @@ class Failures:
     """Messages that cannot be decoded, by topic and reason, and how many were looked at."""
 
     def __init__(self) -> None:
-        self.looked_at: Counter[str] = Counter()
-        self.why: dict[str, Counter[str]] = {}
+        self._looked_at: Counter[TopicKey] = Counter()
+        self._why: defaultdict[TopicKey, Counter[str]] = defaultdict(Counter)
 
     def take(self, messages: MessageColumns, failures: Mapping[int, str]) -> None:
         """Of messages, by number why some cannot be decoded."""
-        topics = messages.topic
-        self.looked_at.update(topics.tolist())
+        for i, n in zip(*np.unique(messages.channel, return_counts=True), strict=True):
+            self._looked_at[key_of(messages.channels[i])] += int(n)
         for i, reason in failures.items():
-            self.why.setdefault(str(topics[i]), Counter())[reason] += 1
+            self._why[key_of(messages.channels[messages.channel[i]])][reason] += 1
+
+    def of(self, key: TopicKey) -> tuple[int, str]:
+        """How many of a topic, and the most frequent reason."""
+        why = self._why.get(key, Counter())
+        return why.total(), max(why, key=why.__getitem__, default="")
 
     def line(self) -> str:
         """The most frequent reason in the topic that fails most; empty without any."""
-        if not self.why:
-            return ""
-        topic, why = max(self.why.items(), key=lambda item: item[1].total())
-        n, reason = why.total(), why.most_common(1)[0][0]
-        return f"{n} of {self.looked_at[topic]} messages of {topic} cannot be decoded: {reason}"
+        n, key = max(((why.total(), key) for key, why in self._why.items()), default=(0, ("", "", "")))
+        topic, reason = key[0], self.of(key)[1]
+        return f"{n} of {self._looked_at[key]} messages of {topic} cannot be decoded: {reason}" if n else ""
 
 
 def _refused(decoders: Decoders, channel: Channel) -> str:
