@@ -153,6 +153,8 @@ def of_gps(name: str, asked: Asked) -> list[Findings]:
     """All gaps of a data set."""
     source = SOURCES[name]
     log = log_of(source, asked.data)
+    if asked.is_smoke:
+        log = log.of(log.block < 4)
     train, test = log.of(~log.is_held_out), log.of(log.is_held_out)
     steps = np.concatenate([np.diff(of.time_s) for of in log.trips()])
     usual_s = float(np.median(steps))

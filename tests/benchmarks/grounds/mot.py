@@ -170,6 +170,8 @@ def of_mot(kind: str, asked: Asked) -> list[Findings]:
     place, benchmark, read = KINDS[kind]
     folders = sorted(path.parent for path in (asked.data / place).glob("*/gt.txt"))
     sequences = [read(folder) for folder in folders]
+    if asked.is_smoke:
+        sequences = [of._replace(half=min(of.half, 60), n_frames=min(of.n_frames, 120)) for of in sequences]
     first, second = ([of.part(is_second=half) for of in sequences] for half in (False, True))
     options = {"tessellation": "grid", "cell_size": 2.0} if asked.is_smoke else {}
     maps = [learned(scene.tracks(), asked, f"{kind}_{scene.name}", **options) for scene in first]
