@@ -39,6 +39,12 @@ def numbered(track_id: AnyArray) -> tuple[list[str], IntArray]:
     return list(numbers), place
 
 
+def rows_of_each(number: IntArray) -> list[IntArray]:
+    """The rows of each of the (n,) numbers that come, ascending."""
+    order = np.argsort(number, kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(number[order])) + 1) if order.size else []
+
+
 def stand_for_none(names: AnyArray, place: IntArray, time_ns: IntArray) -> BoolArray:
     """(m,) which of the (m,) str names mean that there is no id, as other tools write it.
 

@@ -21,6 +21,7 @@ from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
 from dirprim_filter.recording.schemas.decoders import Decoders, by_schema, pieces
 from dirprim_filter.recording.schemas.family import FieldMapping
 from dirprim_filter.recording.summary import LogSummary, TopicKey, key_of, topics_of
+from dirprim_filter.track_ids import rows_of_each
 
 logger = logging.getLogger(__name__)
 
@@ -115,8 +116,7 @@ class _Inspection:
         rows, failures = self._decoders_of(messages.first_channel).rows(messages)
         is_placed = np.asarray(np.isfinite(rows.position).all(axis=1))  # else not where `--fields` says
         channel = messages.channel[rows.message]
-        order = np.argsort(channel, kind="stable")
-        for own in np.split(order, np.flatnonzero(np.diff(channel[order])) + 1) if len(rows) else ():
+        for own in rows_of_each(channel):
             of, here = messages.channels[channel[own[0]]], rows[own]
             ids = here.track_id[is_placed[own]]
             self.track_ids[key_of(of)].update(ids[ids != NO_ID].tolist())

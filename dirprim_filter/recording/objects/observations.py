@@ -101,7 +101,7 @@ class Observations:
         for read in self._read(batches(columns, self._decoders, at_once=self._scan.log.is_live)):
             self._check_intact()
             held.append(read)
-            if not self._frame.waits(held[-1][0]):
+            if not self._frame.waits(read[0]):
                 yield from self._placed(held)
                 held = []
         yield from self._placed(held)
@@ -109,10 +109,9 @@ class Observations:
         for note in filter(None, (*sorted(self._decoders.notes), self._stamps.clocks())):
             logger.warning("%s: %s", self._scan.path, note)
         if self._frame.tree is not None:
-            self._frame.tree.losses.damage = [
-                broken for broken in self._frame.tree.losses.damage if broken not in self._scan.damage
-            ]
-            self.losses += self._frame.tree.losses
+            lost = self._frame.tree.losses
+            lost.damage = [broken for broken in lost.damage if broken not in self._scan.damage]
+            self.losses += lost
         self._check_intact()
 
     def _check_intact(self) -> None:
@@ -176,12 +175,10 @@ class Observations:
         if self._options.time_source != "header":
             return time_ns
         channel, has_stamp = messages.channel[rows.message], (rows.stamp_ns != NO_TIME) & (rows.stamp_ns != 0)
-        first = np.full(len(messages.channels), NO_TIME)
+        first, backwards = np.full(len(messages.channels), NO_TIME), np.flatnonzero(has_stamp)[::-1]
+        first[channel[backwards]] = rows.stamp_ns[backwards]
         for i in np.flatnonzero(np.bincount(channel)).tolist():
-            stamps = rows.stamp_ns[has_stamp & (channel == i)]
-            first[i] = self._first_stamp.setdefault(
-                messages.channels[i].topic, int(stamps[0]) if stamps.size else NO_TIME
-            )
+            first[i] = self._first_stamp.setdefault(messages.channels[i].topic, int(first[i]))
         begun = first[channel]
         is_unset = (rows.stamp_ns == 0) & (begun > RUNS_ON_NS)  # the clock does not run on from 0
         return np.where(begun == NO_TIME, time_ns, np.where(is_unset, NO_TIME, rows.stamp_ns))

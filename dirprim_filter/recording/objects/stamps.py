@@ -15,6 +15,7 @@ import numpy as np
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.transforms.edge import OTHER_CLOCK_S
+from dirprim_filter.track_ids import Numbers, rows_of_each
 
 NEIGHBOURS = 50
 """So many messages of the topic before a stamp, and as many after it, are asked."""
@@ -62,13 +63,14 @@ class Stamps:
         if (spread_s > NEAR_S).any():
             order = np.lexsort((offset_s, message))
         middle_s = offset_s[order[begin + (count - 1) // 2]]
-        numbers: dict[str, int] = {}
-        topic = batch.by_channel(lambda channel: numbers.setdefault(channel.topic, len(numbers)))[message[begin]]
+        numbers = Numbers()
+        topic = batch.by_channel(lambda channel: numbers[channel.topic])[message[begin]]
+        names = list(numbers)
         usual, left_open, near_s = np.zeros(begin.size, np.bool_), np.zeros(begin.size, np.bool_), np.zeros(begin.size)
-        for name, number in numbers.items():
-            own = topic == number
-            usual[own], left_open[own] = self._topics[name].judge(middle_s[own], is_last=is_last)
-            near_s[own] = self._topics[name].near_s
+        for own in rows_of_each(topic):
+            of_topic = self._topics[names[topic[own[0]]]]
+            usual[own], left_open[own] = of_topic.judge(middle_s[own], is_last=is_last)
+            near_s[own] = of_topic.near_s
         usual, left_open, middle_s, near_s = (np.repeat(of, count) for of in (usual, left_open, middle_s, near_s))
         return Verdict(usual & (np.abs(offset_s - middle_s) <= near_s), left_open)
 

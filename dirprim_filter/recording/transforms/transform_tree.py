@@ -25,7 +25,7 @@ from dirprim_filter.recording.schemas.decoders import Decoders, batches, by_sche
 from dirprim_filter.recording.schemas.families import TRANSFORMS
 from dirprim_filter.recording.schemas.family import QUATERNION
 from dirprim_filter.recording.transforms.edge import FIXED, ROW, Edge, Placement, listed
-from dirprim_filter.track_ids import Numbers
+from dirprim_filter.track_ids import Numbers, rows_of_each
 
 logger = logging.getLogger(__name__)
 
@@ -195,8 +195,7 @@ def _edges(path: Path, rows: AnyArray, written: list[str]) -> dict[str, Edge]:
         twice = {name.lstrip("/") for name in written if name.startswith("/")} & set(written)
         logger.warning("%s: frames with and without a leading slash are the same: %s", path, listed(sorted(twice)))
     rows["child"], rows["parent"] = number[rows["child"]], number[rows["parent"]]
-    order = np.argsort(rows["child"], kind="stable")
-    for here in np.split(order, np.flatnonzero(np.diff(rows["child"][order])) + 1) if order.size else ():
+    for here in rows_of_each(rows["child"]):
         name = names[rows["child"][here[0]]]
         with np.errstate(all="ignore"):  # translations of any size
             edges[name] = Edge.of(rows[here], names)
