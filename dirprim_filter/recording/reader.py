@@ -9,6 +9,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from google.protobuf.message import DecodeError as ProtobufDecodeError
 
 from dirprim_filter.estimates import Estimates
@@ -117,7 +118,7 @@ def read_track_logs(
             repeated = repeated_rows(read.track_id, read.time_ns)
             observations.losses.drop(REPEATED, repeated)
             parts.append(plausible(read[~repeated], observations.losses, log.path))
-            if read.names.size >= len(read) and not read.has_motion().any():
+            if np.count_nonzero(np.bincount(read.track_id)) >= len(read) and not read.has_motion().any():
                 _require_ids(log.path, len(read))
             names.append(log.path.stem)
             observations.losses.log(log.path)

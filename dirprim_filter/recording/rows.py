@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import count
 from typing import Any, ClassVar
 
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, ArrayValue, BoolArray, FloatArray, IntArray
 from dirprim_filter.columns import column_fields
-from dirprim_filter.detections import NO_ID
 from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.recording.decoding.field_columns import NO_TIME
 from dirprim_filter.recording.losses import ALONE, Losses
@@ -170,17 +168,14 @@ def rows_of_log(parts: Iterable[Rows]) -> Rows:
     An object without a name gets one of its own, "time/number": nothing is taken for the same vehicle at two
     times, and what such a row says of its motion is kept. An id that stands in several groups is a vehicle in each.
     """
-    unlabelled, numbers = count(), Numbers()
+    numbers = Numbers()
     read = [Rows(track_id=numbers.of(()), time_ns=np.empty(0, np.int64), position=np.empty((0, 2)))]
     for rows in parts:
-        names = rows.track_id.tolist()
-        if NO_ID in names:
-            named = zip(names, rows.time_ns.tolist(), strict=True)
-            names = [name or f"{time}/{next(unlabelled)}" for name, time in named]
-        read.append(replace(rows, track_id=numbers.of(names), **dict.fromkeys(OF_MESSAGES, LEFT_OUT)))
+        number = numbers.of(rows.track_id.tolist())
+        read.append(replace(rows, track_id=number, **dict.fromkeys(OF_MESSAGES, LEFT_OUT)))
     whole = Rows.concatenate(read[1:] or read, names=np.array(list(numbers), dtype=np.str_), but=OF_MESSAGES)
     if (is_none := stand_for_none(whole.names, whole.track_id, whole.time_ns)[whole.track_id]).any():
-        made = [f"{time}/{next(unlabelled)}" for time in whole.time_ns[is_none].tolist()]
+        made = [f"{time}/{i}" for i, time in enumerate(whole.time_ns[is_none].tolist())]
         number = whole.track_id.copy()
         number[is_none] = whole.names.size + np.arange(len(made))
         whole = replace(whole, track_id=number, names=np.array([*whole.names.tolist(), *made], np.str_))

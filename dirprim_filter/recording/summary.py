@@ -62,7 +62,7 @@ def topics_of(
     found = []
     for key, n in sorted(messages.items()):
         (name, schema, encoding), (undecodable, reason) = key, why(key)
-        tracks = len({*track_ids[key]} - {""}) if key in track_ids else None
+        tracks = len(track_ids[key]) if key in track_ids else None
         found.append(TopicSummary(
             name=name, schema=schema, encoding=encoding, messages=n, tracks=tracks, undecodable=undecodable, why=reason,
             detections=detections[key],

@@ -6,13 +6,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 from foxglove_schemas_protobuf.Grid_pb2 import Grid
-from mcap_files import scene, write_protobuf_log
+from mcap_files import json_log, scene, write_protobuf_log
 
 from dirprim_filter.detections import Detections
 from dirprim_filter.recording.container import mcap_file as scans
-from dirprim_filter.recording.errors import DecodeError, NoTracksError
+from dirprim_filter.recording.errors import DecodeError, NoTracksError, RecordingError
 from dirprim_filter.recording.losses import INVALID, REPEATED, UNDECODABLE, UNTIMED
-from dirprim_filter.recording.reader import read_estimates, read_track_logs, read_tracks, stream_detections
+from dirprim_filter.recording.reader import (
+    FieldMapping,
+    read_estimates,
+    read_track_logs,
+    read_tracks,
+    stream_detections,
+)
 from dirprim_filter.recording.writer import write_tracks
 from situations import tracks_of
 
@@ -129,3 +135,12 @@ def test_which_of_several_topics_has_most_messages_is_known_without_reading_them
     n_chunks = len(set(opened))
     assert n_chunks > 10
     assert n_chunks <= len(opened) <= n_chunks + 2
+
+
+def test_few_ids_among_objects_without_are_tracks_and_none_is_an_error(tmp_path):
+    sent = [(k * 10**8, {"o": [{"id": "a" if k > 7 else "", "x": float(k), "y": 0.0}]}) for k in range(10)]
+    fields = FieldMapping.parse("id=.o[].id,x=.o[].x,y=.o[].y")
+    tracks = read_tracks(json_log(tmp_path / "few.mcap", "Objects", sent), mapping=fields)
+    assert tracks.track_id.tolist() == ["a", "a"]
+    with pytest.raises(RecordingError, match="got 8 detections without ids"):
+        read_tracks(json_log(tmp_path / "none.mcap", "Objects", sent[:8]), mapping=fields)
