@@ -29,7 +29,7 @@ SLOWEST = 1.0
 """m/s, the usual speed where vehicles stand, or nearly."""
 NEAREST = 4
 """Rows so far apart are neighbours; so many vehicles of one id are told apart at once."""
-SAMPLED = 100_000
+SAMPLED = 20_000
 """Rows that the scale is estimated from."""
 LEAST_ROWS = 3
 """A part of fewer rows is no vehicle of its own."""
