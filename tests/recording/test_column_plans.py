@@ -447,6 +447,20 @@ def test_cdr2_has_sizes_in_front_of_arrays_and_where_it_is_delimited_of_messages
     assert path.numbers("y").tolist() == [0.0, -2.0, -2.0, -4.0, -4.0, -4.0]
 
 
+def test_structures_that_have_no_size_in_front_in_a_delimited_message_are_noticed():
+    class Final(Xcdr2):
+        def sized(self, write, *, is_array):
+            return super().sized(write, is_array=True) if is_array or not self.data else write()
+
+    text = OBJECTS.replace("struct Point", "@final struct Point").replace("struct Object ", "@final struct Object ")
+    payload = b"\0\x09\0\0" + Final("<", is_delimited=True).message(FEW)
+    for path in (".objects[].at.x", ".objects[].id"):
+        plan = CdrPlan("demo::Objects", "omgidl", text.encode(), {"value": Field(path=path, kind="name")})
+        assert "delimited CDR2" in run(plan, [payload]).failures[0]
+    last = CdrPlan("demo::Objects", "omgidl", text.encode(), {"last": Field(path=".last")})
+    assert run(last, [payload]).numbers("last").tolist() == [-5.0]  # their array has a size all the same
+
+
 def test_messages_of_ros_1_are_read_as_rosbags_writes_them():
     text = "Header header\nuint8 flag\npkg/Inner[] items\nempty/Nothing no\nfloat64 last\ntime until\n" + "=" * 80
     text += "\nMSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n" + "=" * 80

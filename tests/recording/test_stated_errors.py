@@ -75,26 +75,45 @@ VERSIONS = {  # definitions by name; of a result; of a detection
 }  # fmt: skip
 
 
+@pytest.mark.parametrize("is_json", [False, True])
 @pytest.mark.parametrize("version", VERSIONS)
-def test_each_version_of_vision_msgs_is_read(tmp_path, version):
+def test_each_version_of_vision_msgs_is_read(tmp_path, version, is_json):
     changed, of_result, named = VERSIONS[version]
-    messages = []
-    for k in range(N_TIMES):
+
+    def make(k):
         boxes = [
             {key: value for key, value in detection(k, i).items() if key != "id"}
             | {"results": [of_result(result("car", 0.8, 0.04))]} | named(NAMES[i])
             for i in range(3)
         ]  # fmt: skip
-        now = START_NS + k * STEP_NS
-        messages.append(
-            ("/objects", now, "vision_msgs/msg/Detection3DArray", {"header": header(now), "detections": boxes})
-        )
-    path = write_ros2_log(tmp_path / "log.mcap", messages, changed)
+        return {"header": header(START_NS + k * STEP_NS), "detections": boxes}
+
+    path, schema = tmp_path / "log.mcap", "vision_msgs/msg/Detection3DArray"
+    if is_json:
+        json_log(path, schema, make)
+    else:
+        sent = [("/objects", START_NS + k * STEP_NS, schema, make(k)) for k in range(N_TIMES)]
+        write_ros2_log(path, sent, changed)
     seen = detections(path, labels="7" if version == "0" else "car")
     np.testing.assert_array_equal(seen.covariance[:, 0, 0], [0.04] * 3 * N_TIMES)
     assert set(seen.track_id.tolist()) == ({""} if version == "0" else set(NAMES))
     if version != "0":
         assert read_tracks(path).n_tracks == 3
+
+
+@pytest.mark.parametrize("name", ["Detection3D", "BoundingBox3DArray"])
+def test_boxes_alone_and_without_classes_are_read(tmp_path, name):
+    def make(k):
+        box = detection(k, 0)["bbox"]
+        one = detection(k, 0) | {"header": header(START_NS + k * STEP_NS), "results": [result("car", 0.8, 0.04)]}
+        return one if name == "Detection3D" else {"header": one["header"], "boxes": [box, box]}
+
+    seen = detections(json_log(tmp_path / "log.mcap", f"vision_msgs/msg/{name}", make))
+    n = 1 if name == "Detection3D" else 2
+    np.testing.assert_allclose(seen.position, np.repeat(SCENE.place[:, 0, :2], n, axis=0))
+    np.testing.assert_array_equal(seen.size[0], [4, 2, 1])
+    if n == 1:
+        assert (seen.track_id[0], seen.covariance[0, 0, 0]) == (NAMES[0], 0.04)
 
 
 def fix(k, **more):

@@ -22,28 +22,22 @@ from dirprim_filter.recording.decoding._kernels import (
     STATUS_BITS,
     TEXT_BITS,
     TOO_MANY,
+    UNEVEN,
     Tables,
     load,
     new_row,
 )
-from tessellation._compiling import COMPILED, UNCOUNTED
+from tessellation._compiling import COMPILED, INLINED, UNCOUNTED
 
-END, SKIP, READ, SKIP_TEXT, READ_TEXT, READ_BYTES, SKIP_SEQUENCE = range(7)
-LOOP, END_LOOP, UNLESS_SELECTED, JUMP, PRESENT = range(7, 12)
-
-
-@njit(**COMPILED | UNCOUNTED)
-def _aligned(at: int, origin: int, size: int) -> int:
-    """The next place for a number of `size` bytes."""
-    return origin + ((at - origin + size - 1) & ~(size - 1))
+SKIP, READ, SKIP_TEXT, READ_TEXT, READ_BYTES, SKIP_SEQUENCE, LOOP = range(7)
+END, END_LOOP, UNLESS_SELECTED, JUMP, PRESENT = range(7, 12)
+PADDING = 3
+"""Bytes behind a delimited message at most."""
 
 
-@njit(**COMPILED | UNCOUNTED)
-def _length(
-    data: AnyArray, at: int, origin: int, end: int, little: bool, widest: int, most: int
-) -> tuple[Any, int, int]:
+@njit(**COMPILED | INLINED)
+def _length(data: AnyArray, at: int, end: int, little: bool, most: int) -> tuple[Any, int, int]:
     """A length, the byte after it, and whether it is one: of at most `most`, 0 for any, and within the message."""
-    at = _aligned(at, origin, min(4, widest))
     if at + 4 > end:
         return 0, at, CUT
     length = np.int64(load(data, at, 4, little))
@@ -54,7 +48,7 @@ def _length(
 @njit(**COMPILED | UNCOUNTED)
 def walk_cdr(
     data: AnyArray, starts: IntArray, stops: IntArray, tables: Tables, status: IntArray, room: IntArray, ops: IntArray,
-    encapsulation: int, widest: int,
+    encapsulation: int,
 ) -> bool:  # fmt: skip
     """Run the program `ops` over each message; whether a table was too small: then nothing counts.
 
@@ -65,10 +59,10 @@ def walk_cdr(
         tables: out.
         status: (n_messages,) out.
         room: (5, as many as tables, and as nested loops and one) for its work.
-        ops: (n_ops, 6) operation and its numbers, see `cdr_plan`.
+        ops: (n_ops, 6) operation and its numbers, see `cdr_plan`; the last one, of what it reads first, is the size
+            to which that is aligned, less one.
         encapsulation: what messages begin with, without its last bit, which is set where they are little endian; -1:
             with nothing, they are.
-        widest: bytes to which numbers are aligned at most.
     """
     cells, base, width, n_rows = tables.cells, tables.base, tables.width, tables.n_rows
     n_tables = width.size
@@ -102,9 +96,10 @@ def walk_cdr(
         while True:
             code = ops[op, 0]
             a, b, c = ops[op, 1], ops[op, 2], ops[op, 3]
+            if code <= LOOP:
+                at += (origin - at) & ops[op, 5]
             op += 1
             if code in (SKIP, READ):
-                at = _aligned(at, origin, min(a, widest))
                 if code == SKIP:
                     at += a * b
                 elif at + a <= end:
@@ -116,7 +111,7 @@ def walk_cdr(
                 else:
                     at = end + 1
             elif code in (SKIP_TEXT, READ_TEXT):
-                length, at, state = _length(data, at, origin, end, little, widest, a + 1 if a > 0 else 0)
+                length, at, state = _length(data, at, end, little, a + 1 if a > 0 else 0)
                 if state == OK and code == READ_TEXT:
                     used = length - 1 if length > 0 and data[at + length - 1] == 0 else length
                     cells[base[table] + row[table] * width[table] + b] = (at << TEXT_BITS) | min(used, LONGEST)
@@ -124,18 +119,18 @@ def walk_cdr(
             elif code == READ_BYTES:
                 length = a
                 if a < 0:
-                    length, at, state = _length(data, at, origin, end, little, widest, c)
+                    length, at, state = _length(data, at, end, little, c)
                 if state == OK and length <= end - at:
                     cells[base[table] + row[table] * width[table] + b] = (at << TEXT_BITS) | min(length, LONGEST)
                 at += length
             elif code == SKIP_SEQUENCE:
-                length, at, state = _length(data, at, origin, end, little, widest, b)
+                length, at, state = _length(data, at, end, little, b)
                 if length > 0:
-                    at = _aligned(at, origin, min(a, widest)) + length * a * c
+                    at += ((origin - at) & ops[op - 1, 4]) + length * a * c
             elif code == LOOP:
                 n = a
                 if a < 0:
-                    n, at, state = _length(data, at, origin, end, little, widest, b)
+                    n, at, state = _length(data, at, end, little, b)
                     if state != OK:
                         break
                 if n > MAX_ELEMENTS:
@@ -173,6 +168,7 @@ def walk_cdr(
             elif code == PRESENT:
                 cells[base[table] + row[table] * width[table] + a] = 1
             else:
+                state = UNEVEN if a and end - at > PADDING else OK
                 break
             if state != OK or at > end:
                 state = state if state != OK else CUT

@@ -16,7 +16,7 @@ from numba import njit
 from dirprim_filter.arrays import AnyArray, IntArray
 from tessellation._compiling import COMPILED, UNCOUNTED
 
-OK, CUT, OVERLONG, ENCAPSULATION, WIRE_TYPE, TOO_MANY = range(6)
+OK, CUT, OVERLONG, ENCAPSULATION, WIRE_TYPE, TOO_MANY, UNEVEN = range(7)
 STATUS_BITS = 8
 """Of a status; above them stands what was found."""
 MAX_ELEMENTS = 1 << 17

@@ -61,12 +61,14 @@ Description = tuple[Any, Any]
 
 
 CDR, CDR2, DELIMITED, ROS_1 = range(4)
-"""Representations: in CDR2 arrays of anything but numbers have their size in front, in the delimited messages too."""
+"""Representations: in CDR2 arrays of anything but numbers have their size in front, in the delimited messages too, all:
+those that are `@final` would not, whose bytes then do not come out even."""
 _REPRESENTATIONS = {0x00: CDR, 0x06: CDR2, 0x10: CDR2, 0x08: DELIMITED, 0x14: DELIMITED}
 """By encapsulation: the numbers of RTPS, and those that some writers had before."""
 _READ_BY = np.array([number & ~1 if number & ~1 in _REPRESENTATIONS else 0 for number in range(256)])
 """By the second byte of a message: others fail as those of CDR."""
 _WIDEST = (8, 4, 4, 1)
+"""Bytes to which numbers are aligned at most."""
 
 
 class CdrPlan:
@@ -85,32 +87,34 @@ class CdrPlan:
     def __init__(self, schema: str, encoding: str, definition: bytes, fields: Mapping[str, Field]) -> None:
         self._schema, self._fields = schema, fields
         self._types = _types_of(schema, encoding, definition)
-        self._usual = -1 if encoding == "ros1msg" else 0x00
-        self._plans = {self._usual: self._made(self._usual)}
+        self._last = -1 if encoding == "ros1msg" else 0x00  # what the last messages began with
+        self._plans = {self._last: self._made(self._last)}
 
     def read(self, data: AnyArray, start: IntArray, stop: IntArray) -> FieldColumns:
         """As `ColumnPlan.read`."""
-        usual = used = self._usual
-        if usual >= 0 and (found := _READ_BY[data[start[stop - start >= 4] + 1]]).size:
-            used = int(found[0])
-            if (found != used).any():
+        columns = self._plans[self._last].read(data, start, stop)
+        if columns.failures and self._last >= 0:
+            found = np.unique(_READ_BY[data[start[stop - start >= 4] + 1]])
+            if found.size > 1:
                 raise TooManyRowsError
-        if used not in self._plans:
-            self._plans[used] = self._made(used)
-        columns = self._plans[used].read(data, start, stop)
-        if used != usual:  # rare, and of several dialects
-            columns.failures = {i: f"{why}; {encapsulation_name(used)}" for i, why in columns.failures.items()}
+            if found.size and found[0] != self._last:
+                self._last = int(found[0])
+                if self._last not in self._plans:
+                    self._plans[self._last] = self._made(self._last)
+                return self.read(data, start, stop)
+        if self._last > 0:  # rare, and of several dialects
+            columns.failures = {i: f"{why}; {encapsulation_name(self._last)}" for i, why in columns.failures.items()}
         return columns
 
     def _made(self, encapsulation: int) -> ColumnPlan:
         representation = _REPRESENTATIONS.get(encapsulation, ROS_1)
         program = _Program(OutputTables(self._schema, self._fields), self._types, representation)
         program.structure(full_name(self._schema), wanted(self._fields), Place())
-        program.emit(kernels.END)
+        program.emit(kernels.END, int(representation == DELIMITED))
         check_found(self._schema, self._fields, program.output.found())
         ops = np.array(program.ops, np.int64)
         room = program.deepest + 1
-        return ColumnPlan(program.output, kernels.walk_cdr, room, ops, encapsulation, _WIDEST[representation])
+        return ColumnPlan(program.output, kernels.walk_cdr, room, ops, encapsulation)
 
 
 def full_name(schema: str) -> str:
@@ -181,6 +185,7 @@ class _Program:
         self.deepest = 0
         self._types = types
         self._sizes_arrays, self._sizes_all = representation in (CDR2, DELIMITED), representation == DELIMITED
+        self._widest = _WIDEST[representation]
         self._least = int(representation != ROS_1)  # bytes of an empty message
         self._node = Nodetype
         self._loops = 0
@@ -198,7 +203,9 @@ class _Program:
                 return len(self.ops) - 1
         if len(self.ops) >= MAX_OPERATIONS:
             raise SchemaError(f"{self.output.schema}: expected at most {MAX_OPERATIONS} fields, all written out")
-        self.ops.append([code, *numbers, *[0] * (5 - len(numbers))])
+        is_fixed = code in (kernels.READ_BYTES, kernels.LOOP) and numbers[0] >= 0  # without a length in front
+        first = numbers[0] if code in (kernels.SKIP, kernels.READ) else 1 if is_fixed else 4
+        self.ops.append([code, *numbers, *[0] * (4 - len(numbers)), min(first, self._widest) - 1])
         return len(self.ops) - 1
 
     def structure(self, name: str, want: Wanted | None, at: Place) -> None:
@@ -342,7 +349,7 @@ class _Program:
             element, length = arguments
             even = self._evenly(element)
             if node == self._node.SEQUENCE and even is not None:
-                self.emit(kernels.SKIP_SEQUENCE, even[0], length, even[1])
+                self.emit(kernels.SKIP_SEQUENCE, even[0], length, even[1], min(even[0], self._widest) - 1)
                 return
             start = self._open_loop(description, -1)
             self._skip(element, path)

@@ -27,6 +27,7 @@ REASONS = {
     kernels.ENCAPSULATION: "an encapsulation that is not read",
     kernels.WIRE_TYPE: "a field of a wire type that protobuf does not have",
     kernels.TOO_MANY: f"more than {kernels.MAX_ELEMENTS} elements of one field",
+    kernels.UNEVEN: "bytes behind its last field, as where structures are @final and have no sizes in front",
 }
 CLOCKS: tuple[tuple[str, str], ...] = (("sec", "nanosec"), ("sec", "nsec"), ("secs", "nsecs"), ("seconds", "nanos"))
 """Names of the fields of a time: ROS 2, Foxglove in JSON, ROS 1, and protobuf."""

@@ -214,6 +214,13 @@ class FieldColumns:
             values[missing if column.missing is None else missing | column.missing] = default
         return values
 
+    def lacks(self, label: str) -> bool:
+        """Whether the schema, or in JSON all messages, have no such value."""
+        column = self.columns.get(label)
+        if column is None or column.missing is None:
+            return column is None
+        return bool(column.missing.all())
+
     def vectors(self, labels: Sequence[str]) -> FloatArray:
         """(n, k) float64, some columns of one table beside each other; NaN where missing."""
         return np.stack([self.numbers(label) for label in labels], axis=-1)

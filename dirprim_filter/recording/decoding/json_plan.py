@@ -173,7 +173,8 @@ def _bounded(time_ns: int) -> int:
 def _column(kind: Kind, values: list[Any]) -> Column:
     missing = np.array([value is None for value in values], np.bool_)
     if kind == "name":
-        return Column(form="names", values=np.array(["" if v is None else v for v in values], dtype=np.str_))
+        names = np.array(["" if v is None else v for v in values], dtype=np.str_)
+        return Column(form="names", values=names, missing=missing)
     if kind == "time":
         return Column(
             form="time", values=np.array([NO_TIME if v is None else v for v in values], np.int64), missing=missing

@@ -244,8 +244,8 @@ class _Objects:
         self._columns = columns
         self._best: dict[str, tuple[IntArray, IntArray]] = {}
         for older in sorted((name for name in columns.fields if name.endswith(OLDER)), key=len, reverse=True):
-            if older in columns.columns:
-                columns.columns.setdefault(older[:-1], columns.columns[older])
+            if older in columns.columns and columns.lacks(older[:-1]):
+                columns.columns[older[:-1]] = columns.columns[older]
         self._place = next(columns.fields[name] for name in (GLOBE[0], "x") if name in columns.fields)
         self.message = columns.message_of(self._place.table)
 
