@@ -161,7 +161,7 @@ def test_a_twist_that_is_not_reported_is_no_standstill_and_who_stands_unturned_h
         lambda k, _: [detected(k, i, has_twist=i != 0) for i in range(3)],
     )  # fmt: skip
     log = read_track_logs(path)
-    assert (len(log.tracks), log.losses.dropped[ALONE]) == (2 * N_TIMES, N_TIMES)
+    assert (len(log.tracks), log.losses.notes[ALONE]) == (2 * N_TIMES, N_TIMES)
     assert sum(len(frame) for frame in stream_detections(path)) == 3 * N_TIMES
     path = array_log(
         tmp_path, "autoware_perception_msgs/msg/DetectedObjects",
