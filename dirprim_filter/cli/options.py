@@ -73,12 +73,18 @@ def _log(text: str) -> Path:
     return path
 
 
+def _is_pattern(path: Path) -> bool:
+    """Whether it stands for several files; a URL does not, whose query begins with `?`."""
+    from dirprim_filter.recording.container.remote_file import as_url
+
+    return has_magic(str(path)) and not path.exists() and as_url(str(path)) is None
+
+
 def _found(paths: list[Path]) -> list[Path]:
     """The files of quoted patterns, in order of their names, and others as they are."""
     found: list[Path] = []
     for path in paths:
-        is_named = not has_magic(str(path)) or "://" in str(path) or path.exists()
-        own = [path] if is_named else sorted(map(Path, glob(str(path), recursive=True)))  # noqa: PTH207 (Path has no absolute patterns)
+        own = [path] if not _is_pattern(path) else sorted(map(Path, glob(str(path), recursive=True)))  # noqa: PTH207 (Path has no absolute patterns)
         if not own:
             raise typer.BadParameter(f"'{path}': expected files, found none; check the pattern")
         found += own

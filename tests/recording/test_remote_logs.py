@@ -217,6 +217,12 @@ def test_any_server_is_read_and_one_that_knows_no_ranges_as_a_whole(served, tmp_
         assert not there.damage
 
 
+@pytest.mark.parametrize("query", ["?sig=x", "?sig=[x]*&part=1"])
+def test_a_url_with_a_query_is_no_pattern_of_files(served, capfd, query):
+    assert run(["info", served(knows_ranges=True) + query]) == 0
+    assert "/camera" in capfd.readouterr().out
+
+
 @pytest.mark.parametrize("how", [{"more": 100}, {"knows_ranges": True, "more": 100}])
 def test_an_answer_that_is_cut_short_is_the_networks_fault_and_no_damage(served, capfd, how):
     assert run(["info", "--check", served(**how)]) == 1
