@@ -54,7 +54,7 @@ def test_the_long_commands_tell_of_their_steps(here):
         "convert t.csv -o t.mcap": r"9 of 9 instants",
         f"learn log.mcap -o m {GRID}": r"how vehicles go on",
         "recover t.mcap -o whole.mcap": r"(\d+) of \1 chunks",
-        "replay log.mcap --rate inf --save r.rrd": r"(\d+\.\d) of \1 s of the log",
+        "view log.mcap --rate inf --save r.rrd": r"(\d+\.\d) of \1 s of the log",
         "evaluate forecast log.mcap --folds 2 --horizon 1 --samples 20": r"8 of 8 fits",
     }
     for command, reported in commands.items():
