@@ -5,6 +5,7 @@ import pytest
 from mcap_files import write_log
 
 from dirprim_filter.cli.main import run
+from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.losses import BACKWARD, STRAY, UNTIMED
 from dirprim_filter.recording.objects import observations
 from dirprim_filter.recording.objects.stamps import _TopicStamps
@@ -143,3 +144,33 @@ def test_a_stamp_a_year_ahead_costs_tracking_one_row(tmp_path, capfd):
     out, fields = tmp_path / "map.mcap", ["--set", "fields=id=.id,x=.x,y=.y,time=.t"]
     assert run(["learn", str(path), "-o", str(out), "--tessellation", "grid", *fields]) == 3
     assert "left out 1 rows with a stamp far from" in capfd.readouterr().err
+
+
+UNITS = {
+    "microseconds": LOG_NS // 1000,
+    "milliseconds": LOG_NS // 10**6,
+    "seconds": LOG_NS // 10**9,
+    "milliseconds from the start": (LOG_NS - START_NS) // 10**6 + 1,
+    "milliseconds for seconds": (LOG_NS - START_NS) * 1000 + 1,
+}
+
+
+@pytest.mark.parametrize(("unit", "stamps"), UNITS.items(), ids=UNITS)
+@pytest.mark.parametrize("n", [N, 60])
+def test_stamps_of_another_unit_end_tracking_and_learning_alike(tmp_path, unit, stamps, n):
+    path = log_of(tmp_path, stamps[:n], log_ns=LOG_NS[:n])
+    for read in (streamed, lambda path: read_track_logs(path, mapping=FIELDS)):
+        with pytest.raises(RecordingError, match=f"stamps of /objects run .* are they {unit.split()[0]}"):
+            read(path)
+    assert streamed(path, time_source="log")[0] == LOG_NS[:n].tolist()
+
+
+@pytest.mark.parametrize("pace", [0.1, 0.5, 2, 10])
+def test_simulated_time_may_run_at_another_rate(tmp_path, pace):
+    stamps = ((LOG_NS - START_NS) * pace).astype(np.int64) + 1
+    assert streamed(log_of(tmp_path, stamps)) == (stamps.tolist(), {})
+
+
+@pytest.mark.parametrize("factor", [1000, 10**6])
+def test_log_times_of_a_fast_conversion_say_nothing_of_units(tmp_path, factor):
+    assert streamed(log_of(tmp_path, LOG_NS, log_ns=START_NS + (LOG_NS - START_NS) // factor)) == (LOG_NS.tolist(), {})

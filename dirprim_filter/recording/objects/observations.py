@@ -16,7 +16,7 @@ from dirprim_filter.origin import Origin
 from dirprim_filter.recording.container.log import Scan
 from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.decoding.field_columns import MAX_NAME_LENGTH, NO_TIME, signed
-from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError
+from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError, RecordingError
 from dirprim_filter.recording.losses import (
     BACKWARD,
     FAR,
@@ -94,6 +94,7 @@ class Observations:
             DamagedRecordingError: strict, and the log is damaged.
             DecodeError: strict, and a message is not what its schema says.
             MissingTransformError: nothing joins the frame of objects to the one asked for.
+            RecordingError: stamps run as if they were of another unit.
         """
         columns = self._scan.columns()
         self.losses.damage = self._scan.damage
@@ -123,6 +124,12 @@ class Observations:
             yield self._timed(joined([*self._open, batch]), is_last=False)
         for batch in self._open:
             yield self._timed(batch, is_last=True)
+        self._stamps.end()
+        self._check_unit()
+
+    def _check_unit(self) -> None:
+        if self._stamps.wrong_unit:
+            raise RecordingError(f"{self._scan.path}: {self._stamps.wrong_unit}")
 
     def _timed(self, batch: MessageColumns, *, is_last: bool) -> tuple[Rows, IntArray]:
         """The valid objects of a batch within the wanted time, in their own frames, and (n,) their topics' numbers."""
@@ -147,6 +154,7 @@ class Observations:
         """The rows whose stamps can be, and those without; messages of which more must be known come again."""
         stamped = np.flatnonzero((rows.time_ns == rows.stamp_ns) & (rows.time_ns != NO_TIME))
         usual, is_open = self._stamps.judge(batch, rows.message[stamped], rows.time_ns[stamped], is_last=is_last)
+        self._check_unit()
         if usual.all():
             self._open = []
             return rows
@@ -242,6 +250,7 @@ class DetectionStream:
         Raises:
             DamagedRecordingError: strict, and the log is damaged.
             DecodeError: strict, and a message is not what its schema says.
+            RecordingError: stamps run as if they were of another unit.
         """
         observations = Observations(self._scan, self._options)
         self.losses = observations.losses

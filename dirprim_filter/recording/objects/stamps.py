@@ -14,6 +14,7 @@ import numpy as np
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.recording.container.message_columns import MessageColumns
+from dirprim_filter.recording.objects.pace import Pace
 from dirprim_filter.recording.transforms.edge import OTHER_CLOCK_S
 from dirprim_filter.track_ids import Numbers, rows_of_each
 
@@ -40,10 +41,16 @@ class Verdict(NamedTuple):
 
 
 class Stamps:
-    """The stamps of a log, as they come."""
+    """The stamps of a log, as they come.
+
+    Attributes:
+        wrong_unit: of which they seem to be; empty so far.
+    """
 
     def __init__(self) -> None:
         self._topics: defaultdict[str, _TopicStamps] = defaultdict(_TopicStamps)
+        self._paces: defaultdict[str, Pace] = defaultdict(Pace)
+        self.wrong_unit = ""
 
     def judge(self, batch: MessageColumns, message: IntArray, stamp_ns: IntArray, *, is_last: bool) -> Verdict:
         """Whether stamps can be, that of most rows of a message for all of it.
@@ -62,17 +69,29 @@ class Stamps:
         spread_s = np.maximum.reduceat(offset_s, begin) - np.minimum.reduceat(offset_s, begin)
         if (spread_s > NEAR_S).any():
             order = np.lexsort((offset_s, message))
-        middle_s = offset_s[order[begin + (count - 1) // 2]]
+        middle = order[begin + (count - 1) // 2]
+        middle_s = offset_s[middle]
         numbers = Numbers()
         topic = batch.by_channel(lambda channel: numbers[channel.topic])[message[begin]]
         names = list(numbers)
         usual, left_open, near_s = np.zeros(begin.size, np.bool_), np.zeros(begin.size, np.bool_), np.zeros(begin.size)
         for own in rows_of_each(topic):
-            of_topic = self._topics[names[topic[own[0]]]]
-            usual[own], left_open[own] = of_topic.judge(middle_s[own], is_last=is_last)
-            near_s[own] = of_topic.near_s
+            name = names[topic[own[0]]]
+            usual[own], left_open[own] = self._topics[name].judge(middle_s[own], is_last=is_last)
+            near_s[own] = self._topics[name].near_s
+            known = middle[own[usual[own]]]
+            self._run(name, batch.log_time_ns[message[known]].astype(np.int64), stamp_ns[known], is_last=False)
         usual, left_open, middle_s, near_s = (np.repeat(of, count) for of in (usual, left_open, middle_s, near_s))
         return Verdict(usual & (np.abs(offset_s - middle_s) <= near_s), left_open)
+
+    def end(self) -> None:
+        """No more come: judge the paces of few, too."""
+        for name in self._topics:
+            self._run(name, *np.empty((2, 0), np.int64), is_last=True)
+
+    def _run(self, topic: str, log_ns: IntArray, stamp_ns: IntArray, *, is_last: bool) -> None:
+        if wrong := self._paces[topic].wrong_unit(log_ns, stamp_ns, is_last=is_last):
+            self.wrong_unit = f"stamps of {topic} {wrong}"
 
     def clocks(self) -> str:
         """What is odd with the clocks of topics that are read together; empty where they agree."""
