@@ -3,6 +3,7 @@
 import json
 import sqlite3
 import tempfile
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from rosbags.typesys import Stores, get_typestore
 from dirprim_filter import read_tracks
 from dirprim_filter.cli.main import run
 from dirprim_filter.recording.container.recovery import recover
+from dirprim_filter.recording.container.ros_bags import copied
 from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.scan import scan
 from dirprim_filter.recording.summary import summarise_by_index
@@ -233,3 +235,19 @@ def test_a_file_that_is_no_bag_is_one_line(tmp_path, data):
     with pytest.raises(RecordingError, match=r"a\.db3: expected a bag that rosbags can read, got ") as caught:
         scan(tmp_path / "a.db3")
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("n_rows", "n_bytes"), [(1, 1 << 27), (3, 1 << 25)])
+def test_rows_that_sqlite_generates_are_bounded_by_the_size_of_the_bag(tmp_path, n_rows, n_bytes):
+    bag = tmp_path / "generated.db3"
+    with closing(sqlite3.connect(bag)) as made:
+        made.executescript(
+            "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT,"
+            " offered_qos_profiles TEXT); INSERT INTO topics VALUES(1, '/a', 'std_msgs/msg/String', 'cdr', '');"
+            "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER,"
+            f" data BLOB GENERATED ALWAYS AS (zeroblob({n_bytes})) VIRTUAL);"
+        )
+        made.executemany("INSERT INTO messages VALUES(?, 1, ?)", [(i, i) for i in range(n_rows)])
+        made.commit()
+    with pytest.raises(RecordingError, match=r"too big|messages of more than"):
+        copied(bag)

@@ -9,6 +9,7 @@ import struct
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
 
+from dirprim_filter.recording.container.budget import most_bytes
 from dirprim_filter.recording.container.errors import RecordingError
 from dirprim_filter.recording.container.mcap_writer import McapWriter
 from dirprim_filter.recording.container.records import Channel, Schema
@@ -65,24 +66,35 @@ def copied(bag: Path) -> Copy:
     """The messages of a folder, or of a single file, as an MCAP log.
 
     Raises:
-        RecordingError: rosbags cannot read it.
+        RecordingError: rosbags cannot read it, or it becomes more than its size allows.
     """
-    from apsw import Error as SqliteError  # noqa: PLC0415  (loaded for such bags alone)
+    import apsw  # noqa: PLC0415  (loaded for such bags alone)
     from rosbags import rosbag1, rosbag2  # noqa: PLC0415
 
     is_old = bag.suffix == ROS_1
     copy = Copy(str(bag))
     writer = McapWriter(copy, profile="ros2", library="rosbags")
+    left = limit = most_bytes(sum(part.stat().st_size for part in (bag.iterdir() if bag.is_dir() else [bag])))
+
+    def bound(connection: apsw.Connection) -> None:
+        connection.limit(apsw.SQLITE_LIMIT_LENGTH, min(limit, 2**31 - 1))
+
+    apsw.connection_hooks.append(bound)
     try:
         with (rosbag1 if is_old else rosbag2).Reader(bag) as reader:
             channels = {one.id: writer.define(_channel(one)) for one in reader.connections}
             for connection, time_ns, data in reader.messages():
                 contents = memoryview(data).tobytes()  # of a whole number `bytes` would make as many zeros
+                left -= 0 if is_old else len(contents)
+                if left < 0:
+                    raise ValueError(f"messages of more than {limit} bytes, many times the size of the file")
                 writer.add_message(channels[connection.id], max(time_ns, 0), contents, max(time_ns, 0))
-    except (rosbag1.ReaderError, rosbag2.ReaderError, SqliteError, *ILL_TYPED) as error:
+    except (rosbag1.ReaderError, rosbag2.ReaderError, apsw.Error, *ILL_TYPED) as error:
         way = "`sqlite3 OLD.db3 .recover | sqlite3 NEW.db3` saves what is left"
         way = f"of a broken one {'`rosbag reindex` makes its index anew' if is_old else way}"
         raise RecordingError(f"{bag}: expected a bag that rosbags can read, got {error}; {way}") from error
+    finally:
+        apsw.connection_hooks.remove(bound)
     writer.finish()
     return copy
 
