@@ -3,7 +3,10 @@
 import inspect
 import os
 import resource
+import subprocess
+import sys
 from pathlib import Path
+from time import perf_counter
 from typing import get_type_hints
 
 import pytest
@@ -15,6 +18,8 @@ from dirprim_filter.cli.main import app
 from dirprim_filter.cli.options import WRITTEN
 from dirprim_filter.cli.results import metadata_of, provenance
 from dirprim_filter.partial_file import PartialFile
+from dirprim_filter.recording.container.errors import one_line
+from dirprim_filter.recording.scan import scan
 from dirprim_filter.viewer.figures import save_figure
 from dirprim_filter.viewer.sink import open_stream
 
@@ -144,3 +149,32 @@ def test_inputs_of_one_name_have_a_checksum_each(tmp_path):
         (tmp_path / folder / "log.mcap").write_text(folder)
     sums = provenance("learn", inputs=[tmp_path / "a" / "log.mcap", tmp_path / "b" / "log.mcap"])
     assert sum(name.startswith("sha256 ") for name in sums) == 2
+
+
+@pytest.mark.parametrize("closed", ["| true", "| head -1", ">&-", "2>&-", "2>&1 >/dev/null | true"])
+def test_a_command_whose_texts_nobody_reads_ends_well_and_its_output_is_whole(here, closed):
+    shell = f"set -o pipefail; {sys.executable} -m dirprim_filter.cli recover log.mcap -o whole.mcap {closed}"
+    done = subprocess.run(["bash", "-c", shell], capture_output=True, check=False)
+    assert done.returncode == DONE
+    with scan("whole.mcap") as messages:
+        assert sum(1 for _ in messages) > 0
+        assert not messages.damage
+
+
+def texts(n):
+    """What a topic of n letters may be called, so that a search for URLs begins again and again."""
+    return {
+        "letters": "a" * n, "schemes": "a:" * (n // 2), "slashes": "a:/" * (n // 3), "half": "http:/" + "." * n,
+        "users": "a://" + "b@" * (n // 2), "queries": "a://b" + "?c=d" * (n // 4),
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("name", list(texts(1)))
+def test_cleaning_a_text_takes_time_as_it_is_long(name):
+    def seconds(text):
+        begun = perf_counter()
+        one_line(text)
+        return perf_counter() - begun
+
+    short, long = (min(seconds(texts(n)[name]) for _ in range(5)) for n in (20_000, 200_000))
+    assert long < 40 * short  # ten times, and a hundred where it is quadratic
