@@ -45,7 +45,7 @@ def test_a_vehicle_is_one_line_for_each_time_it_is_in_sight(scene_map):
 @pytest.mark.parametrize("name", ["map.png", "map.svg", "map.pdf"])
 def test_a_figure_is_whole_and_is_not_overwritten(tmp_path, scene_map, name):
     figure = map_figure(scene_map)
-    path = tmp_path / "figures" / name
+    path = tmp_path / name
     save_figure(figure, path)
     first = path.read_bytes()
     assert first.startswith({"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}[name[-3:]])
