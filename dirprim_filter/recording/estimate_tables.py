@@ -26,8 +26,8 @@ from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.losses import Losses
 from dirprim_filter.recording.reader import read_estimates
 from dirprim_filter.recording.schemas.family import matrices
-from dirprim_filter.recording.tables.columns import FORMULA, FORMULA_GUARD, Columns, is_number
-from dirprim_filter.recording.tables.files import columns_of
+from dirprim_filter.recording.tables.cells import FORMULA, FORMULA_GUARD, Cells, is_number
+from dirprim_filter.recording.tables.files import cells_of
 from dirprim_filter.recording.tables.named_columns import COVARIANCE, check_header, positions
 from dirprim_filter.recording.transforms.geodesy import check_kind, needing_pyproj
 from dirprim_filter.track_ids import as_texts
@@ -92,7 +92,7 @@ def _guarded(name: str) -> str:
 
 
 OPTIONAL = {"course_rad": "direction", "speed_mps": "speed", "unseen_s": "unseen_s"}
-"""Columns of a table, and what `TrackedRows` calls them."""
+"""Cells of a table, and what `TrackedRows` calls them."""
 
 
 def read_tracked_rows(
@@ -120,7 +120,7 @@ def read_tracked_rows(
     """
     form = Path(Path(path).name.removesuffix(".gz")).suffix.lower()
     if form in (".csv", ".parquet", ".feather"):
-        columns, is_geodetic = _named(columns_of(path), truth.origin)
+        columns, is_geodetic = _named(cells_of(path), truth.origin)
     else:
         estimates = read_estimates(path, smoothed=smoothed, losses=losses)
         is_geodetic = estimates.origin is not None
@@ -156,7 +156,7 @@ def _groups(path: Path, names: AnyArray, truth: Tracks, one_of_many: bool) -> In
     return np.where(known, said, "0").astype(np.int64)
 
 
-def _named(table: Columns, origin: Origin | None) -> tuple[dict[str, AnyArray], bool]:
+def _named(table: Cells, origin: Origin | None) -> tuple[dict[str, AnyArray], bool]:
     """The columns of `TrackedRows`, by the names of a table's; and whether it says where on the Earth they are."""
     check_header(table, table.names, with_ids=True)
     position, _, is_geodetic = positions(table, {name: name for name in table.names}, origin)

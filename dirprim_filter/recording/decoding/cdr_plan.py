@@ -3,15 +3,12 @@
 `rosbags` parses the definitions; the program made of them skips what is not wanted, where the decoders of
 rosbags and of mcap-ros2-support build an object for every field.
 
-Sources: OMG CORBA 3.3 part 2, 9.3; DDS-XTypes 1.3, 7.4.3.5 (sizes in front) and 7.6.2.1.2 (encapsulations); ROS 2
-interface definitions, https://design.ros2.org/articles/legacy_interface_definition.html.
+Sources: OMG CORBA 3.3 part 2, 9.3; DDS-XTypes 1.3, 7.4.3.5 (sizes in front) and 7.6.2.1.2 (encapsulations).
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
@@ -34,6 +31,7 @@ from dirprim_filter.recording.decoding.field_columns import (
     check_found,
     wanted,
 )
+from dirprim_filter.recording.decoding.ros_definitions import MAX_FIXED, Description, full_name, types_of
 
 _SIZES: dict[str, tuple[int, Form]] = {
     "bool": (1, "unsigned"), "byte": (1, "unsigned"), "char": (1, "unsigned"), "octet": (1, "unsigned"),
@@ -42,24 +40,10 @@ _SIZES: dict[str, tuple[int, Form]] = {
     "float32": (4, "float"), "float64": (8, "double"),
 }  # fmt: skip
 _BYTES = ("uint8", "byte", "octet", "char")
-MAX_FIXED = 1 << 24
-"""More elements of a fixed array than this are no message, but would overflow offsets."""
-MAX_BOUND = (1 << 32) - 1
-"""Lengths in messages have 32 bits."""
 MAX_DEPTH = 32
 """Definitions nest no deeper; one that names itself would for ever."""
-
 MAX_OPERATIONS = 1 << 16
 """Definitions that name each other many times grow without end when written out."""
-
-DEFINITIONS = ("ros2msg", "ros2idl", "omgidl", "ros1msg")
-_UNREAD = re.compile(r"//.*|/\*(?s:.*?)\*/|^\s*#.*|@\w+(?:\s*\((?:[^()\"]|\"[^\"]*\")*\))?", re.MULTILINE)
-"""Of omgidl: comments, directives and annotations."""
-_ENUM = re.compile(r"\benum\s+(\w+)\s*\{[^}]*\}")
-Description = tuple[Any, Any]
-"""rosbags' description of a field: (Nodetype, its arguments)."""
-
-
 CDR, CDR2, DELIMITED, ROS_1 = range(4)
 """Representations: in CDR2 arrays of anything but numbers have their size in front, in the delimited messages too, all:
 those that are `@final` would not, whose bytes then do not come out even."""
@@ -86,7 +70,7 @@ class CdrPlan:
 
     def __init__(self, schema: str, encoding: str, definition: bytes, fields: Mapping[str, Field]) -> None:
         self._schema, self._fields = schema, fields
-        self._types = _types_of(schema, encoding, definition)
+        self._types = types_of(schema, encoding, definition)
         self._last = -1 if encoding == "ros1msg" else 0x00  # what the last messages began with
         self._plans = {self._last: self._made(self._last)}
 
@@ -115,61 +99,6 @@ class CdrPlan:
         ops = np.array(program.ops, np.int64)
         room = program.deepest + 1
         return ColumnPlan(program.output, kernels.walk_cdr, room, ops, encapsulation)
-
-
-def full_name(schema: str) -> str:
-    """package/msg/Name, also of what leaves out "msg", and of modules of IDL, with what DDS adds to names of ROS."""
-    name = re.sub(r"/dds_/(\w+)_$", r"/\1", schema.replace("::", "/"))
-    return name.replace("/", "/msg/") if name.count("/") == 1 else name
-
-
-def _types_of(schema: str, encoding: str, definition: bytes) -> dict[str, list[tuple[str, Description]]]:
-    """By type, names and descriptions of its fields."""
-    from rosbags.interfaces import Nodetype  # noqa: PLC0415  (0.2 s)
-    from rosbags.typesys import TypesysError, get_types_from_idl, get_types_from_msg  # noqa: PLC0415
-
-    types: dict[str, Any] = {}
-    try:
-        text = definition.decode()
-        if encoding in ("ros2msg", "ros1msg"):
-            types = dict(get_types_from_msg(text, full_name(schema)))
-        elif encoding == "ros2idl":
-            for part in re.split(r"^=+\nIDL: .*\n", text, flags=re.MULTILINE):
-                if part.strip():
-                    types.update(get_types_from_idl(re.sub(r"^\s*#.*$", "", part, flags=re.MULTILINE)))
-        elif encoding == "omgidl":
-            types = dict(get_types_from_idl(_ENUM.sub(r"typedef unsigned long \1", _UNREAD.sub(" ", text))))
-        else:
-            raise SchemaError(f"{schema}: expected a definition in {', '.join(DEFINITIONS)}, got {encoding!r}")
-    except (UnicodeDecodeError, TypesysError, RecursionError) as error:
-        reason = str(error).split("\n", 1)[0]
-        raise SchemaError(
-            f"{schema}: expected a definition in {encoding}, got one that does not parse: {reason}"
-        ) from error
-    for name, (_, members) in types.items():
-        for member, description in members:
-            _check_lengths(f"{schema}: {name}.{member}", description)
-    halves = [(half, (Nodetype.BASE, ("uint32", 0))) for half in ("sec", "nanosec")]
-    built_in = {f"builtin_interfaces/msg/{name}": halves for name in ("Time", "Duration")} if "1" in encoding else {}
-    return built_in | {full_name(name): members for name, (_, members) in types.items()}
-
-
-def _check_lengths(what: str, description: Description) -> None:
-    """Every element then takes a byte at least, and walks of a message no more turns than it has bytes.
-
-    Raises:
-        SchemaError: a fixed array that is empty or too long, or a bound that no length can reach.
-    """
-    from rosbags.interfaces import Nodetype  # noqa: PLC0415
-
-    node, arguments = description
-    if node == Nodetype.NAME:
-        return
-    least, most = (1, MAX_FIXED) if node == Nodetype.ARRAY else (0, MAX_BOUND)
-    if not least <= arguments[1] <= most:
-        raise SchemaError(f"{what}: expected a length from {least} to {most}, got {arguments[1]}")
-    if node != Nodetype.BASE:
-        _check_lengths(what, arguments[0])
 
 
 class _Program:

@@ -16,8 +16,8 @@ import pyarrow as pa
 from dirprim_filter.recording.errors import TableError
 from dirprim_filter.recording.losses import Losses
 from dirprim_filter.recording.rows import LEFT_OUT, Rows
-from dirprim_filter.recording.tables.columns import Columns
-from dirprim_filter.recording.tables.files import text_columns
+from dirprim_filter.recording.tables.cells import Cells
+from dirprim_filter.recording.tables.files import text_cells
 from dirprim_filter.recording.tables.table import Table, table_of
 
 SDD = ("track id", "xmin", "ymin", "xmax", "ymax", "frame", "lost", "occluded", "generated", "label")
@@ -43,7 +43,7 @@ def read_sdd(path: str | Path, *, metres_per_pixel: float, frames_per_second: fl
     """
     if not (np.isfinite(metres_per_pixel) and metres_per_pixel > 0):
         raise ValueError(f"metres_per_pixel: expected a positive number, got {metres_per_pixel}")
-    table, losses = text_columns(path, SDD, by_spaces=True), Losses()
+    table, losses = text_cells(path, SDD, by_spaces=True), Losses()
     x_min, y_min, x_max, y_max = table.numbers(SDD[1:5]).T
     names, vehicle = table.ids("track id")
     rows = Rows(
@@ -69,7 +69,7 @@ def read_trajnet(path: str | Path, *, frames_per_second: float) -> Table:
         ValueError: a rate that is not positive.
         OSError: the file cannot be read.
     """
-    table = text_columns(path, TRAJNET, by_spaces=True)
+    table = text_cells(path, TRAJNET, by_spaces=True)
     names, vehicle = table.ids("track id")
     time_ns = table.frame_times("frame", frames_per_second=frames_per_second)
     whole = np.array([name.removesuffix(".0") for name in names.tolist()], np.str_)
@@ -93,7 +93,7 @@ def read_sumo_fcd(path: str | Path) -> Table:
     cells = _vehicles(path, losses)
     if not len(cells):
         raise TableError(path, "", "vehicles in time steps", "none", "run SUMO with --fcd-output")
-    table = Columns(path, cells, cells["line"].to_numpy())
+    table = Cells(path, cells, cells["line"].to_numpy())
     angle, speed = table.numbers(("angle", "speed")).T
     moves = not np.isnan(angle + speed).any()
     names, vehicle = table.ids("id")

@@ -20,7 +20,7 @@ import pyarrow.parquet
 from dirprim_filter.recording.container.budget import most_bytes
 from dirprim_filter.recording.container.errors import READ_BYTES, other_format
 from dirprim_filter.recording.errors import TableError
-from dirprim_filter.recording.tables.columns import Columns
+from dirprim_filter.recording.tables.cells import Cells
 
 GZIP, PARQUET, ARROW = b"\x1f\x8b", b"PAR1", (b"ARROW1", b"FEA1")
 """How such files begin, whatever their names."""
@@ -32,7 +32,7 @@ WORD = 8
 """Bytes of a number."""
 
 
-def text_columns(path: str | Path, names: Sequence[str] = (), *, by_spaces: bool = False) -> Columns:
+def text_cells(path: str | Path, names: Sequence[str] = (), *, by_spaces: bool = False) -> Cells:
     """The cells of a text in UTF-8, quoted as RFC 4180 says; lines may be blank.
 
     Args:
@@ -65,7 +65,7 @@ def text_columns(path: str | Path, names: Sequence[str] = (), *, by_spaces: bool
     for column in table.columns:
         is_held |= pc.not_equal(column, "").to_numpy()
     lines = np.flatnonzero(is_held) + header + 1  # of texts whose cells hold no line breaks
-    return Columns(path, table.filter(is_held), lines, header=header, decimal_comma=delimiter == ";")
+    return Cells(path, table.filter(is_held), lines, header=header, decimal_comma=delimiter == ";")
 
 
 def _contents(path: Path) -> bytes:
@@ -120,7 +120,7 @@ def _parsed(path: Path, data: bytes, names: Sequence[str], header: int, delimite
     return table
 
 
-def columns_of(path: str | Path) -> Columns:
+def cells_of(path: str | Path) -> Cells:
     """The columns of a Parquet, Feather or Arrow file, as it is named or begins; else of a text.
 
     Raises:
@@ -131,13 +131,13 @@ def columns_of(path: str | Path) -> Columns:
     with path.open("rb") as file:
         opening = file.read(READ_BYTES)
     if path.suffix.lower() not in SUFFIXES and not opening.startswith((PARQUET, *ARROW)):
-        return text_columns(path)
+        return text_cells(path)
     try:
         table = (_parquet if opening.startswith(PARQUET) else _arrow)(path)
         table.validate(full=True)  # else offsets beyond their buffers are followed
         if sum(map(_unfolded_bytes, table.columns)) > (limit := most_bytes(path.stat().st_size)):
             raise _too_large(path, limit, "write a .csv of it")
-        return Columns(path, table)
+        return Cells(path, table)
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:  # names of columns are texts too
         got = str(error).partition("\n")[0]
         raise TableError(path, "", "a Parquet, Feather or Arrow file", got, "write the table anew") from error

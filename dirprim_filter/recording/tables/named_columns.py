@@ -34,8 +34,8 @@ from dirprim_filter.recording.objects.options import ReadOptions
 from dirprim_filter.recording.rows import LEFT_OUT, Rows
 from dirprim_filter.recording.schemas.family import matrices
 from dirprim_filter.recording.summary import LogSummary, TopicSummary
-from dirprim_filter.recording.tables.columns import NS_PER_S, Columns
-from dirprim_filter.recording.tables.files import columns_of
+from dirprim_filter.recording.tables.cells import NS_PER_S, Cells
+from dirprim_filter.recording.tables.files import cells_of
 from dirprim_filter.recording.tables.table import Table, table_of
 from dirprim_filter.recording.topic_names import DETECTIONS, OBJECTS
 from dirprim_filter.recording.transforms.geodesy import check_kind, median_of, needing_pyproj, on_plane
@@ -94,7 +94,7 @@ def read_named(path: str | Path, *, columns: Mapping[str, str] | None = None, or
         MissingExtraError: places are latitudes, and pyproj is not installed.
         OSError: the file cannot be read.
     """
-    table = columns_of(path)
+    table = cells_of(path)
     name_of, unused = _names(table, columns or {})
 
     def maybe(name: str, read: Callable[[str], Any]) -> Any:
@@ -120,7 +120,7 @@ def read_named(path: str | Path, *, columns: Mapping[str, str] | None = None, or
     return replace(made, used=[*name_of], unused=unused, too_early=early).on_plane(origin, is_geodetic=is_geodetic)
 
 
-def _too_early(table: Columns, time_ns: IntArray) -> TableError | None:
+def _too_early(table: Cells, time_ns: IntArray) -> TableError | None:
     """Of the first row of a time before 1970, with the way out for all; None where there is none."""
     if not (early := (time_ns < 0) & (time_ns != NO_TIME)).any():
         return None
@@ -128,7 +128,7 @@ def _too_early(table: Columns, time_ns: IntArray) -> TableError | None:
     return table.error(row, "times from 0 on, as MCAP holds no earlier ones", f"{time_ns[row]} ns", way)
 
 
-def _cues(table: Columns, name: str) -> FloatArray:
+def _cues(table: Cells, name: str) -> FloatArray:
     """(n, 2) as in `Detections.cue`."""
     side = np.strings.lower(table.texts(name))
     if (wrong := ~np.isin(side, SIGNALS)).any():
@@ -140,7 +140,7 @@ def _cues(table: Columns, name: str) -> FloatArray:
 
 
 def positions(
-    table: Columns, name_of: Mapping[str, str], origin: Origin | None
+    table: Cells, name_of: Mapping[str, str], origin: Origin | None
 ) -> tuple[FloatArray, Origin | None, bool]:  # fmt: skip
     """(n, 2) metres, the origin of their plane, and whether the table says where on the Earth they are."""
     if PLACE[0] not in name_of:
@@ -159,7 +159,7 @@ def positions(
         return (on_plane(origin, own.to_globe(position)) if moved else position), origin or own, True
 
 
-def _groups(table: Columns, name: str) -> IntArray:
+def _groups(table: Cells, name: str) -> IntArray:
     """The groups of a column; of several the combinations, numbered as they first come."""
     if name in table.names:
         return table.whole_numbers(name)
@@ -167,7 +167,7 @@ def _groups(table: Columns, name: str) -> IntArray:
     return Numbers().of(["\0".join(cells) for cells in zip(*parts, strict=True)])
 
 
-def _names(table: Columns, renamed: Mapping[str, str]) -> tuple[dict[str, str], list[str]]:
+def _names(table: Cells, renamed: Mapping[str, str]) -> tuple[dict[str, str], list[str]]:
     """How the table calls the columns that it has, by our names; and those that are not used.
 
     Raises:
@@ -190,7 +190,7 @@ def _names(table: Columns, renamed: Mapping[str, str]) -> tuple[dict[str, str], 
     return name_of, [name for name in header if name not in (*name_of.values(), *parts)]
 
 
-def _check_unit(table: Columns, name: str, column: str) -> None:
+def _check_unit(table: Cells, name: str, column: str) -> None:
     """Raises where a column's name ends with another unit than ours of it."""
     ours, words = name.rpartition("_")[2], WORDS.findall(column)
     unit = words[-1].lower() if len(words) > 1 else ""
@@ -202,7 +202,7 @@ def _check_unit(table: Columns, name: str, column: str) -> None:
     raise TableError(table.path, table.header, f"column {name}", got, f"{way}, and name it {name}")
 
 
-def check_header(table: Columns, names: Sequence[str], *, with_ids: bool = False) -> None:
+def check_header(table: Cells, names: Sequence[str], *, with_ids: bool = False) -> None:
     """Every column that is needed is there, and none that is known is there twice, or in another unit.
 
     Args:

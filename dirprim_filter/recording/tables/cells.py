@@ -30,7 +30,7 @@ FORMULA, FORMULA_GUARD = frozenset("=+-@\t\r'"), "'"
 """How a cell begins that spreadsheets run as a formula, and what stands before such an id where it is text."""
 
 
-class Columns:
+class Cells:
     """A table's columns by name.
 
     Args:
