@@ -26,7 +26,7 @@ from dirprim_filter.recording.losses import FAR
 from dirprim_filter.recording.name_patterns import named_values
 from dirprim_filter.recording.reader import read_track_logs, stream_detections
 from dirprim_filter.recording.tables import read_named
-from dirprim_filter.recording.tables.files import columns_of
+from dirprim_filter.recording.tables.files import cells_of
 from dirprim_filter.recording.tables.named_columns import COLUMNS
 from situations import estimates_of
 
@@ -462,7 +462,7 @@ def test_a_small_file_that_becomes_much_is_refused_before_it_does(tmp_path, make
     assert path.stat().st_size < budget.SMALL_BYTES // budget.MOST_TIMES
     before = pa.total_allocated_bytes()
     with pytest.raises(TableError, match=r"expected at most 64 MiB in memory of so small a file"):
-        columns_of(path)
+        cells_of(path)
     assert pa.total_allocated_bytes() - before < budget.SMALL_BYTES
 
 
