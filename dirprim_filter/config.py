@@ -94,8 +94,7 @@ class FilterConfig:
             they are not drawn given measurements either.
         innovation_outlier_rate: 1/s, how often a vehicle leaves its motion model for a moment and is a metre or two off
             it: a belief that is sure of what its vehicle did not do, such as to stop, is not lost. Without it errors in
-            sight are 5.6 ± 5.3 % larger at the intersection and 5.7 ± 5.0 % at Lankershim, and .96 ± .17 % more rows of
-            vehicles that misbehave are lost.
+            sight are 5.6 ± 5.3 % larger at the intersection and 5.7 ± 5.0 % at Lankershim.
         own_way_rate: 1/s, how often a vehicle in motion leaves the map's manoeuvres and goes its own way, until it
             enters a cell of which a manoeuvre fits it: what a map of few vehicles does not know. Without it no error
             changes beyond its interval (Mcity 2.1 ± 4.0 % larger), but the speed of a vehicle that is seen each 3 s
@@ -156,8 +155,7 @@ class TrackingConfig:
         report_above: probability of existence below which a confirmed track is not reported, until it rises again.
         forget_below: a track ends below this share of the existence that a first detection gives.
         lost_after: consecutive measurements that a belief does not explain, after which it is reinitialised at the
-            last: a single one may be an outlier. Of a labelled track, one after more than a second without any. Without
-            it .11 ± .09 % more rows of vehicles that misbehave are lost (five seeds).
+            last: a single one may be an outlier. Of a labelled track, one after more than a second without any.
     """
 
     detection_probability: float = 0.9

@@ -26,7 +26,7 @@ from dirprim_filter.track_ids import qualified_names
 EVEN = 0.01
 """Change of velocity between rows, as a share of the usual one of all rows, below which a track runs on by itself."""
 CORRELATED_SHARE, CORRELATION_S = 0.8, 0.5
-"""Of a tracker's error, and seconds: a Kalman filter's, of cars at 10 Hz. `tests/benchmarks/refined_peers.py`."""
+"""Of a tracker's error, and seconds: a Kalman filter's, of cars at 10 Hz."""
 
 
 def is_measured(rows: Detections) -> BoolArray:

@@ -262,17 +262,6 @@ TABLES: dict[str, Table] = {
             Column(head="over prior, nat", read=of_key("over_prior")),
         ),
     ),
-    "exits": Table(
-        command="python tests/benchmarks/exits.py {logs} --json",
-        runs=LOGGED[:1],
-        entries=rows_of,
-        of="cue",
-        columns=(
-            Column(head="cross-entropy of the exit, nat", read=of_key("mean"), digits=3),
-            Column(head="against no cue", read=changes, digits=3),
-            Column(head="vehicles", read=of_key("vehicles"), digits=0),
-        ),
-    ),
     "cells": Table(
         command="python tests/benchmarks/joint_cells.py {logs} --json",
         runs=LOGGED,
@@ -321,7 +310,6 @@ TABLES: dict[str, Table] = {
               for scene in ("roundabout", "intersection", "Lankershim")),
             *(Column(head=scene, read=worth(scene, HOTA=(100.0, 2)))
               for scene in ("dense intersection", "dense highway")),
-            Column(head="misbehaviour", read=worth("misbehaviour", in_sight=(100.0, 1), lost=(100.0, 2))),
             Column(head="Mcity", read=worth("Mcity", in_sight=(100.0, 1))),
             Column(head="autoferry", read=worth("autoferry", HOTA=(100.0, 2))),
         ),

@@ -6,7 +6,7 @@ sure of itself. Directions and speeds of one method are those of one model: spee
 p(speed | position) = sum_m w_m Gamma(speed; m), and jointly p(direction, speed | position).
 
 All methods learn from the same rows and are judged by the same rows. A rival's settings are chosen in each fold by the
-mean log density (of direction and speed, where it has both) of training vehicles, or groups, that are held out from it
+mean log density of training vehicles, or groups, that are held out from it
 for that; it then learns from all of the training part. The uninformative speed knows the range of all speeds. Limits of
 settings are those of the data: logs do not know positions better than to a decimetre, nor courses than to 1e-4 rad
 (those of SUMO are rounded to .01 degrees); where directions repeat exactly the likelihood grows without bound as modes
@@ -23,10 +23,8 @@ import numpy as np
 
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions.angles import TWO_PI
-from dirprim_filter.evaluation.baselines.cliff_map import CliffMap
 from dirprim_filter.evaluation.baselines.directional_grid_map import DirectionalGridMap
 from dirprim_filter.evaluation.baselines.gaussian_process import DirectionalGaussianProcess
-from dirprim_filter.evaluation.baselines.stef_map import StefMap
 from dirprim_filter.evaluation.intervals import Interval, clustered, interval, mean
 from dirprim_filter.evaluation.settings import Axis, Choice, choose
 from dirprim_filter.evaluation.splits import Fold, SplitBy, honest_split, split, steps, thinned
@@ -65,8 +63,6 @@ class Method(NamedTuple):
 PRIMITIVE_KINDS: tuple[Any, ...] = get_args(get_type_hints(learn_primitives)["primitive"])
 """What `learn_primitives` can learn, the default first: each is a row of the table."""
 WITHOUT_MAP = "without the map"
-CELL_SIZE = Axis("cell size, m", start=3.0, factor=1.5, least=0.1)
-PSEUDO_COUNT = Axis("pseudo-count, rows", start=1.0, factor=3.0)
 
 
 def all_methods(*, max_speed: float) -> list[Method]:
@@ -86,19 +82,15 @@ def all_methods(*, max_speed: float) -> list[Method]:
 
 
 def rivals() -> list[Method]:
-    """Published methods; of CLiFF-map direction and speed, of the others direction alone."""
-    narrowest = Axis("least deviation, rad", start=0.02, least=1e-4)
+    """Published methods, of direction alone."""
     return [
         Method(
-            "CLiFF-map",
-            _fit(CliffMap.fit, "cell_size", "speed_unit", "bandwidth", "least_deviation", "pseudo_count", speed=True),
-            (CELL_SIZE, Axis("speed that counts as 1 rad, m/s", start=20.0, factor=4.0),
-             Axis("bandwidth, rad", start=0.2, least=1e-4), narrowest, PSEUDO_COUNT),
-        ),
-        Method("STeF-map", _fit(StefMap.fit, "cell_size", "pseudo_count"), (CELL_SIZE, PSEUDO_COUNT)),
-        Method(
             "DGM", _fit(DirectionalGridMap.fit, "cell_size", "max_concentration", "pseudo_count"),
-            (CELL_SIZE, Axis("greatest concentration", start=1e3, factor=3.0, most=1e8), PSEUDO_COUNT),
+            (
+                Axis("cell size, m", start=3.0, factor=1.5, least=0.1),
+                Axis("greatest concentration", start=1e3, factor=3.0, most=1e8),
+                Axis("pseudo-count, rows", start=1.0, factor=3.0),
+            ),
         ),
         Method(
             "GP", _fit(DirectionalGaussianProcess.fit, "length", "noise", rng=True),
@@ -107,12 +99,12 @@ def rivals() -> list[Method]:
     ]  # fmt: skip
 
 
-def _fit(fit: Callable[..., Any], *names: str, speed: bool = False, rng: bool = False) -> Fit:
-    """Fits to positions and directions, perhaps speeds, with the settings of these names."""
+def _fit(fit: Callable[..., Any], *names: str, rng: bool = False) -> Fit:
+    """Fits to positions and directions, with the settings of these names."""
 
     def learn(train: Tracks, values: tuple[float, ...], own: np.random.Generator) -> Any:
-        rows = (train.position, train.direction, train.speed)[: 2 + speed]
-        return fit(*rows, **dict(zip(names, values, strict=True)), **({"rng": own} if rng else {}))
+        settings = dict(zip(names, values, strict=True)) | ({"rng": own} if rng else {})
+        return fit(train.position, train.direction, **settings)
 
     return learn
 
@@ -288,7 +280,6 @@ def conclusion(table: DensityTable) -> str:
     without_map = [row.joint for row in table.methods if row.name == WITHOUT_MAP]
     gains = [
         *_gain("", [(score, "the same model without the map") for score in without_map]),
-        *_gain("", [(row.joint, f"the best rival, {row.name}") for row in rivals]),
         *_gain("in direction alone ", [(row.direction, f"the best rival, {row.name}") for row in rivals]),
     ]
     return (
@@ -330,7 +321,7 @@ def _chosen(method: Method, train: Tracks, by: SplitBy, rng: np.random.Generator
 
     def mean_log_density(values: tuple[float, ...]) -> float:
         found = log_densities(method.fit(inner.train, values, np.random.default_rng(seed)), inner.test)
-        return float(found.get("joint", found["direction"]).mean())
+        return float(found["direction"].mean())
 
     return choose(method.settings, mean_log_density)
 

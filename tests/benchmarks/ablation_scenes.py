@@ -28,11 +28,10 @@ from dirprim_filter.tracks import Tracks
 
 DATA = Path(__file__).parents[2] / "../shared/data"
 NEEDS = {
-    "roundabout": "town03", "intersection": "town03", "misbehaviour": "town03", "Lankershim": "lankershim",
+    "roundabout": "town03", "intersection": "town03", "Lankershim": "lankershim",
     "Mcity": "mcity_roadside", "autoferry": "autoferry",
 }  # fmt: skip
 ALONE = FilterConfig(interaction="none")
-LOST_M = 3.0
 N_SAMPLES = 100
 HORIZONS_S = (1.0, 5.0)
 
@@ -139,15 +138,14 @@ def errors_of(scenes: list[TrackedScene], *, with_ids: bool, experiment: Trackin
 
 
 def rows_of(errors: RowErrors) -> Outcome:
-    """Squared errors, their size in units of the covariance, and which rows are lost."""
+    """Squared errors, and their size in units of the covariance."""
     seen, hidden = ~errors.is_hidden, errors.is_hidden
 
     def of(values: FloatArray, which: AnyArray) -> Figure:
         return Figure(errors.cluster[which], values[which])
 
-    is_lost = np.where(np.isnan(errors.squared), 1.0, errors.squared > LOST_M**2)
     return {
-        "in sight": of(errors.squared, seen), "in gaps": of(errors.squared, hidden), "lost": of(is_lost, seen),
+        "in sight": of(errors.squared, seen), "in gaps": of(errors.squared, hidden),
         "NEES in sight": of(errors.normalised, seen), "NEES in gaps": of(errors.normalised, hidden),
     }  # fmt: skip
 
@@ -208,19 +206,6 @@ def dense(name: str, demand: float) -> Callable[[int], Simulated]:
         return Simulated(traffic, traffic, traffic, traffic, DENSE, seed, dense_map(name, demand))
 
     return make
-
-
-def misbehaviour(seed: int) -> Simulated:
-    """Of the town's held-out vehicles each does what none did; the map is of those that do not."""
-    from misbehaviour import KINDS, misbehaving
-
-    situation = town("roundabout" if seed % 2 else "intersection")(seed)
-    test, rng = situation.cases, np.random.default_rng([seed, 2])
-    kind = rng.permutation(np.arange(test.n_tracks) % len(KINDS))[test.vehicle]
-    parts = [misbehaving(test[kind == i], kind=name, rng=rng) for i, name in enumerate(KINDS)]
-    return replace(
-        situation, test=at_once(Tracks.concatenate(parts)), experiment=TrackingExperiment(gap_s=0.0, filter=ALONE)
-    )
 
 
 @dataclass
@@ -304,7 +289,6 @@ SCENES: dict[str, Callable[[int], Any]] = {
     "Lankershim": lankershim,
     "dense intersection": dense("intersection", 2.2),
     "dense highway": dense("highway", 2.5),
-    "misbehaviour": misbehaviour,
     "Mcity": Drives,
     "autoferry": Harbour,
 }

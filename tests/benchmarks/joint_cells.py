@@ -9,10 +9,12 @@ cells less the row's, with its 95 % interval over vehicles or groups.
 
 from __future__ import annotations
 
-import numpy as np
-from rows_of_logs import print_rows
+import argparse
+import json
 
-from dirprim_filter import learn_primitives
+import numpy as np
+
+from dirprim_filter import learn_primitives, read_tracks
 from dirprim_filter.evaluation.density import Method, evaluate_density
 
 SIZES = (2.0, 3.0, 4.5, 7.0, 10.0, 15.0)
@@ -62,4 +64,10 @@ def table(tracks, n_folds):
 
 
 if __name__ == "__main__":
-    print_rows(__doc__, table, folds=4)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("logs", nargs="+")
+    parser.add_argument("--folds", type=int, default=4)
+    parser.add_argument("--json", action="store_true")
+    given = parser.parse_args()
+    rows = table(read_tracks(given.logs), given.folds)
+    print(json.dumps({"rows": rows}, default=float, indent=None if given.json else 1))

@@ -8,7 +8,6 @@ from dirprim_filter.evaluation.baselines.gaussian_process import (
     DirectionalGaussianProcess,
     projected_normal_log_density,
 )
-from dirprim_filter.evaluation.baselines.stef_map import StefMap
 from dirprim_filter.evaluation.density import Uninformative
 
 CIRCLE = np.linspace(-np.pi, np.pi, 2001)[:-1]
@@ -67,24 +66,6 @@ def test_a_uniform_direction_counts_as_so_many_rows_of_a_square_and_repeated_ang
     log_p = model.direction_log_density(np.full((2, 2), 5.0), np.array([np.pi, 0.0]))
     assert np.isfinite(log_p).all()
     assert log_p[0] == pytest.approx(0.5 * np.log(1e4 / (2 * np.pi)), abs=1e-3)
-
-
-@pytest.mark.parametrize("place", [[1.0, 1.0], [1e4, 0.0]])
-def test_a_histogram_of_directions_integrates_to_one(place):
-    rng = np.random.default_rng(9)
-    model = StefMap.fit(np.zeros((30, 2)), rng.vonmises(0.3, 2.0, 30), cell_size=3.0, pseudo_count=0.7)
-    assert integral(model, place) == pytest.approx(1.0, abs=1e-3)  # bins end between the sums' places
-
-
-def test_a_histogram_counts_directions_in_bins_about_east_and_its_fellows():
-    direction = np.array([-0.39, 0.39, 0.4, np.pi, -np.pi + 0.3, 0.0])  # three of east, one of north-east, two of west
-    position = np.array([[0.5, 0.5]] * 5 + [[9.0, 9.0]])
-    model = StefMap.fit(position, direction, cell_size=1.0, pseudo_count=4.0)
-    asked = np.pi / 4 * np.array([0, 1, 4, 2, -4])
-    found = np.exp(model.direction_log_density(np.tile([0.5, 0.5], (5, 1)), asked))
-    np.testing.assert_allclose(found * np.pi / 4, np.array([2.5, 1.5, 2.5, 0.5, 2.5]) / 9, rtol=1e-12)
-    assert np.exp(model.direction_log_density(np.array([9.0, 9.0]), 0.0)) * np.pi / 4 == pytest.approx(1.5 / 5)
-    assert np.exp(model.direction_log_density(np.array([-9.0, 9.0]), 0.0)) == pytest.approx(0.5 / np.pi)
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.4, 2.0, -3.0])
