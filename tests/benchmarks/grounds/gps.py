@@ -26,11 +26,13 @@ from grounds.windows import N_SAMPLES, Answer, Window, judged, marks, ours
 
 N_BLOCKS = 24
 INTERVALS = (2, 5, 20)
-CONTEXT = 20
+CONTEXT = 12
 """Measurements before a gap, and half as many after it."""
 MOST_WINDOWS, TRAINING_WINDOWS = 120, 200
-FITTED_WINDOWS = 40
-"""That our noise is chosen by."""
+FITTED_WINDOWS = 32
+"""That our noise is chosen by, with gaps of five intervals."""
+STEPS = 20
+"""Of the motion model in a usual interval, at most: a log of minutes needs none of a tenth of a second."""
 OUR_GAIN = 0.01
 """Of the log energy scores: what chance may bring."""
 MOVES_M = 5.0
@@ -164,31 +166,36 @@ def of_gps(name: str, asked: Asked) -> list[Findings]:
     except ValueError as error:
         logging.getLogger(__name__).warning("%s: no map, %s", name, error)
         with_map = None
-    tables = []
-    for gap_s in (*(times * usual_s for times in INTERVALS[: 1 if asked.is_smoke else None]), *source.gaps_s):
-        most = 6 if asked.is_smoke else MOST_WINDOWS
-        windows = windows_of(test, gap_s, most=most)
+    config = FilterConfig(
+        noise_m=source.noise_m, interaction="none", n_particles=100 if asked.is_smoke else 1000,
+        step_s=max(usual_s / STEPS, FilterConfig().step_s),
+    )  # fmt: skip
+    tables, choice = [], ()
+    if with_map:
+        training = windows_of(train, 5 * usual_s, most=6 if asked.is_smoke else FITTED_WINDOWS, seed=1)
+        config, choice = noise_fitted(training, with_map.without_places(), _lasting(config, 5 * usual_s))
+    by_map = {WITH: with_map, WITHOUT: with_map.without_places() if with_map else None}
+    gaps_s = {*(times * usual_s for times in INTERVALS[: 1 if asked.is_smoke else None]), *source.gaps_s}
+    for gap_s in sorted(gaps_s):
+        windows = windows_of(test, gap_s, most=6 if asked.is_smoke else MOST_WINDOWS)
         training = windows_of(train, gap_s, most=6 if asked.is_smoke else TRAINING_WINDOWS, seed=1)
         if not windows or not training:
             logging.getLogger(__name__).warning("%s: no trip with a gap of %g s between other rows", name, gap_s)
             continue
-        config = FilterConfig(
-            noise_m=source.noise_m, max_gap_s=2.0 * gap_s + 5.0, interaction="none",
-            n_particles=100 if asked.is_smoke else 1000,
-        )  # fmt: skip
-        if with_map:
-            config, choice = noise_fitted(training, with_map.without_places(), config)
-        by_map = {WITH: with_map, WITHOUT: with_map.without_places() if with_map else None}
         answers = {
-            method: partial(_answers, windows, model, config) for method, model in by_map.items()
+            method: partial(_answers, windows, model, _lasting(config, gap_s)) for method, model in by_map.items()
         }  # fmt: skip
         tables += judged(
             windows, training, answers, about=f"{name}, gaps of {gap_s:g} s ({gap_s / usual_s:.1f} intervals)",
             n_seeds=asked.n_seeds, density=source.density, noise_m=source.noise_m,
         )  # fmt: skip
-        if with_map:
-            tables[-1].settings += choice
+        tables[-1].settings += choice
     return tables
+
+
+def _lasting(config: FilterConfig, gap_s: float) -> FilterConfig:
+    """With beliefs that outlast a gap."""
+    return replace(config, max_gap_s=2.0 * gap_s + 5.0)
 
 
 def noise_fitted(
@@ -197,8 +204,8 @@ def noise_fitted(
     """Our noise, as the rivals' is chosen: by energy scores on training windows, of the filter without the map."""
 
     def score(values: tuple[float, ...]) -> float:
-        found = ours(windows[:FITTED_WINDOWS], model, replace(config, noise_m=values[0]), seed=0)
-        return -float(sum(np.log(marks(windows[:FITTED_WINDOWS], answer).energy.mean()) for answer in found))
+        found = ours(windows, model, replace(config, noise_m=values[0]), seed=0)
+        return -float(sum(np.log(marks(windows, answer).energy.mean()) for answer in found))
 
     choice = choose([Axis("our noise_m", config.noise_m)], score, least_gain=OUR_GAIN)
     return replace(config, noise_m=choice[0].chosen), choice
