@@ -204,6 +204,7 @@ CHECKS: dict[str, tuple[Callable[[FloatArray], Any], str]] = {
     "size": (lambda size: ~(size <= 0).any(axis=1), "metres above 0, or NaN where unknown"),
     "covariance": (lambda p: np.isnan(p[:, 0, 0]) | is_covariance(p), "symmetric positive definite matrices, or NaN"),
     "cue": (lambda cue: ~(cue[:, 1] < 0), "a concentration of at least 0"),
+    "confidence": (lambda share: ~((share < 0) | (share > 1)), "probabilities from 0 to 1, or NaN where unknown"),
 }  # fmt: skip
 """By the name of a column: which of its rows are good, and what is expected. Unknown numbers, NaN, are good."""
 

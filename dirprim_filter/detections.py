@@ -34,12 +34,15 @@ class Detections(ArrayTable):
         size: (n, 3) measured length, width and height of the body, metres; NaN where unknown. Left out: nowhere known.
         cue: (n, 2) what the vehicle signals of its next turn (p_t of Eq. 4): the mean turn relative to its heading,
             radians counter-clockwise, and its von Mises concentration; NaN where it signals nothing. Left out: nowhere.
+        confidence: (n,) probability that there is such a vehicle, as the sensor states it; NaN where it does not. Left
+            out: nowhere.
         group: (n,) int64, the recording that each row is of, as in `Tracks`. Left out: all 0.
         origin: latitude and longitude of the plane's origin, degrees; None where positions have none.
 
     Raises:
         ValueError: shapes that do not fit, a position that is not finite, a direction beyond a turn, a speed below 0, a
-            covariance that is not positive definite, a size that is not positive, or a concentration below 0.
+            covariance that is not positive definite, a size that is not positive, a concentration below 0, or a
+            confidence beyond 0 to 1.
     """
 
     track_id: AnyArray = ids(as_texts)
@@ -50,6 +53,7 @@ class Detections(ArrayTable):
     covariance: FloatArray = optional(2, 2, checked=True)
     size: FloatArray = optional(3, checked=True)
     cue: FloatArray = optional(2, checked=True)
+    confidence: FloatArray = optional(checked=True)
     group: IntArray = whole(missing=0)
     origin: Origin | None = None
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from dirprim_filter.arrays import AnyArray, ArrayValue, BoolArray, FloatArray, IntArray
 from dirprim_filter.columns import ArrayTable, ids, optional, required, whole
-from dirprim_filter.detections import Detections
+from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.origin import Origin
 from dirprim_filter.track_ids import as_texts, as_track_ids
 
@@ -62,6 +62,30 @@ class Estimates(ArrayTable):
     def is_coasting(self) -> BoolArray:
         """(n,) predicted by the motion model alone for some time, because nothing was measured."""
         return np.asarray(self.unseen_s > COASTING_FROM_S)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Assignments(ArrayTable):
+    """Which track each detection was assigned to, a row for each detection, frame by frame.
+
+    Attributes:
+        track_id: (n,) str, of the detection as in `Detections`, and not of the track.
+        time_ns: (n,) int64, nanoseconds since the log's epoch.
+        position: (n, 2) of the detection, metres.
+        assigned: (n,) str, the track as in `TrackedFrame.assigned`.
+        group: (n,) int64, of the detection. Left out: all 0.
+        origin: latitude and longitude of the plane's origin, degrees; None where positions have none.
+
+    Raises:
+        ValueError: shapes that do not fit.
+    """
+
+    track_id: AnyArray = ids(as_texts)
+    time_ns: IntArray = whole()
+    position: FloatArray = required(2)
+    assigned: AnyArray = ids(as_texts)
+    group: IntArray = whole(missing=0)
+    origin: Origin | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -126,6 +150,8 @@ class TrackedFrame(ArrayValue):
             filter is as sure as it should be. None where the tracker was not asked for them.
         reinitialised: ids of the vehicles whose belief no longer explained them, and was reinitialised.
         group: (n,) of the log, each estimate's; left out: all of one.
+        assigned: (d,) str, the track that each detection was assigned to; empty for none that has a name yet: an
+            unlabelled track gets its name when it is confirmed. Left out: none.
     """
 
     time_ns: int
@@ -135,10 +161,22 @@ class TrackedFrame(ArrayValue):
     innovations: FloatArray | None = None
     reinitialised: tuple[str, ...] = ()
     group: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
+    assigned: AnyArray = field(default_factory=lambda: np.empty(0, np.str_))
 
     def __post_init__(self) -> None:
         if self.group.size == 0:
             object.__setattr__(self, "group", np.zeros(len(self.estimates), np.int64))
+        if self.assigned.size == 0:
+            object.__setattr__(self, "assigned", np.full(len(self.detections), NO_ID))
+
+    @property
+    def assignments(self) -> Assignments:
+        """The detections and what they were assigned to, as a table."""
+        seen = self.detections
+        return Assignments(
+            track_id=seen.track_id, time_ns=seen.time_ns, position=seen.position, assigned=self.assigned,
+            group=seen.group, origin=seen.origin,
+        )  # fmt: skip
 
     @cached_property
     def names(self) -> list[str]:

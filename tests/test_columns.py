@@ -15,7 +15,7 @@ KINDS = (Tracks, Detections, Estimates, Particles, TrackedRows)
 FIELDS = [(kind, f.name) for kind in KINDS for f in column_fields(kind)]
 WRONG = {
     "direction": 90.0, "heading": -90.0, "speed": -1.0, "size": 0.0, "covariance": np.array([[1.0, 2.0], [2.0, 1.0]]),
-    "cue": -2.0,
+    "cue": -2.0, "confidence": 1.5,
 }  # fmt: skip
 
 

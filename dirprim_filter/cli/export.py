@@ -18,25 +18,36 @@ def export(
     smoothed: Annotated[
         bool, typer.Option("--smoothed", help="Export the smoothed estimates of `track --smooth` or `--lag`.")
     ] = False,
+    assigned: Annotated[
+        bool, typer.Option("--assigned", help="Export which track each detection was assigned to, a row for each.")
+    ] = False,
     force: Force = False,
 ) -> int:
-    """Write estimates as .csv or .parquet.
+    """Write estimates as .csv or .parquet; or what their tracker's detections were assigned to.
 
-    The columns are those of `dirprim convert`, then what else is known.
+    The columns are those of `dirprim convert`, then what else is known. With --assigned `track_id` is the detection's
+    own, as its log has it, and `assigned` the track, empty for none.
 
     Example: dirprim export tracks.mcap -o tracks.csv
     """
     import numpy as np
 
     from dirprim_filter.cli.progress import working
-    from dirprim_filter.recording import read_estimates
     from dirprim_filter.recording.estimate_tables import check_table_format, write_estimates
     from dirprim_filter.recording.losses import Losses
+    from dirprim_filter.recording.reader import read_assigned, read_estimates
 
+    if assigned and smoothed:
+        raise typer.BadParameter("detections are assigned by the filter, and not smoothed", param_hint="--assigned")
     check_table_format(output)
     lost = Losses()
     with working(f"writing {output.name}"):
-        rows = read_estimates(estimates, smoothed=smoothed, losses=lost)
+        if assigned:
+            rows = read_assigned(estimates, losses=lost)
+            names = rows.assigned[rows.assigned != ""]
+        else:
+            rows = read_estimates(estimates, smoothed=smoothed, losses=lost)
+            names = rows.track_id
         write_estimates(rows, output, force=force)
-    typer.echo(f"{output}: {counted(np.unique(rows.track_id).size, 'track')}, {counted(len(rows), 'row')}")
+    typer.echo(f"{output}: {counted(np.unique(names).size, 'track')}, {counted(len(rows), 'row')}")
     return exit_codes.of_losses(lost)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dirprim_filter.detections import Detections
+from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.estimates import Estimates, TrackedFrame
 from dirprim_filter.filtering.belief import BeliefSamples
 from dirprim_filter.filtering.tracker import Tracker
@@ -68,18 +68,19 @@ class GroupTracker:
             innovations=np.concatenate(innovations) if len(innovations) == len(parts) else None,
             reinitialised=tuple(name for part in parts for name in part.reinitialised),
             group=np.concatenate([part.group for part in parts]),
+            assigned=np.concatenate([part.assigned for part in parts]),
         )  # fmt: skip
 
 
 def _renamed(frame: TrackedFrame, group: int) -> TrackedFrame:
     if group == 0:
         return frame
-    estimates = frame.estimates
-    names, anew = (
-        qualified_names(of, np.full(of.size, group))
-        for of in (estimates.track_id, np.array(frame.reinitialised, np.str_))
+    seen, estimates = frame.detections, frame.estimates
+    ids, names, anew, assigned = (
+        np.where(of == NO_ID, NO_ID, qualified_names(of, np.full(of.size, group)))
+        for of in (seen.track_id, estimates.track_id, np.array(frame.reinitialised, np.str_), frame.assigned)
     )
     return replace(
-        frame, detections=frame.detections.in_one_group(), estimates=replace(estimates, track_id=names),
-        reinitialised=tuple(anew.tolist()), group=np.full(len(estimates), group),
+        frame, detections=replace(seen, track_id=ids), estimates=replace(estimates, track_id=names),
+        reinitialised=tuple(anew.tolist()), group=np.full(len(estimates), group), assigned=assigned,
     )  # fmt: skip

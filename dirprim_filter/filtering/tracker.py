@@ -129,7 +129,9 @@ class Tracker:
             self._begin_tracks(seen, is_labelled, slot)
         home, held = self._beliefs(slot[is_labelled])
         lost = self._weigh(self._weighed, seen[row], by_chance[row], is_scan=is_scan)
-        return self._tracked(detections, home, held, lost)
+        has_name = self._roster.is_labelled[slot] | self._roster.is_confirmed[slot]
+        assigned = np.where(has_name, self._roster.name[slot], NO_ID).astype(np.str_)
+        return replace(self._tracked(detections, home, held, lost), assigned=assigned)
 
     def _checked(self, detections: Detections, time_ns: int | None) -> tuple[Detections, int]:
         """Detections with the times when they were true, and that of the frame."""

@@ -10,12 +10,14 @@ from tessellation._late import late as _late
 if TYPE_CHECKING:
     from dirprim_filter.recording.map_file import load_map as load_map
     from dirprim_filter.recording.map_file import save_map as save_map
+    from dirprim_filter.recording.reader import read_assigned as read_assigned
     from dirprim_filter.recording.reader import read_estimates as read_estimates
     from dirprim_filter.recording.reader import read_tracks as read_tracks
     from dirprim_filter.recording.writer import write_tracks as write_tracks
 
 _HOME = {
     "load_map": "map_file",
+    "read_assigned": "reader",
     "read_estimates": "reader",
     "read_tracks": "reader",
     "save_map": "map_file",

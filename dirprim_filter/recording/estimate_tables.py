@@ -17,7 +17,7 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from dirprim_filter.arrays import AnyArray, IntArray
-from dirprim_filter.estimates import Estimates
+from dirprim_filter.estimates import Assignments, Estimates
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
 from dirprim_filter.origin import Origin
 from dirprim_filter.partial_file import PartialFile
@@ -36,10 +36,10 @@ from dirprim_filter.tracks import Tracks
 FORMATS = (".csv", ".parquet")
 
 
-def write_estimates(estimates: Estimates, path: str | Path, *, force: bool = False) -> None:
-    """Write estimates as a table, in the format of the path's suffix; under a temporary name until it is whole.
+def write_estimates(estimates: Estimates | Assignments, path: str | Path, *, force: bool = False) -> None:
+    """Write estimates, or what detections were assigned to, as a table, in the format of the path's suffix.
 
-    Numbers are written with all their digits.
+    It has a temporary name until it is whole. Numbers are written with all their digits.
 
     Args:
         estimates: what to write.
@@ -55,8 +55,10 @@ def write_estimates(estimates: Estimates, path: str | Path, *, force: bool = Fal
     with needing_pyproj():
         table = estimates.to_arrow()
     if form == ".csv":
-        names = [_guarded(name) for name in as_texts(estimates.track_id).tolist()]
-        table = table.set_column(1, "track_id", pa.array(names))
+        for i, name in enumerate(table.column_names):
+            if name in ("track_id", "assigned"):
+                texts = as_texts(getattr(estimates, name)).tolist()
+                table = table.set_column(i, name, pa.array(map(_guarded, texts), pa.string()))
         table = table.set_column(0, "time_s", _decimal_seconds(estimates.time_ns))
     with PartialFile(path, force=force) as file:
         buffered = BufferedWriter(file)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from google.protobuf.message import DecodeError as ProtobufDecodeError
 
-from dirprim_filter.estimates import Estimates
+from dirprim_filter.estimates import Assignments, Estimates
 from dirprim_filter.origin import Origin
 from dirprim_filter.recording import topic_names
 from dirprim_filter.recording.container.errors import Damage
@@ -26,8 +26,8 @@ from dirprim_filter.recording.objects.options import EVERYTHING, ReadOptions, Ti
 from dirprim_filter.recording.objects.topics import choose_topics
 from dirprim_filter.recording.plausibility import DetectionsAloneError, plausible
 from dirprim_filter.recording.rows import Rows, TrackResult, rows_of_log, rows_of_logs
-from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
-from dirprim_filter.recording.schemas.dirprim import decode_estimates
+from dirprim_filter.recording.schemas import ASSIGNMENTS_SCHEMA, ESTIMATES_SCHEMA
+from dirprim_filter.recording.schemas.dirprim import decode_assignments, decode_estimates
 from dirprim_filter.recording.schemas.family import FieldMapping
 from dirprim_filter.recording.summary import LogSummary, TopicSummary
 from dirprim_filter.recording.transforms.transform_tree import SharedTransforms
@@ -39,11 +39,14 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Damage", "DetectionStream", "FieldMapping", "LogSummary", "Losses", "Origin", "ReadOptions", "TimeSource",
-    "TopicSummary", "TrackResult", "inspect", "read_estimates", "read_track_logs", "read_tracks", "stream_detections",
+    "TopicSummary", "TrackResult", "inspect", "read_assigned", "read_estimates", "read_track_logs", "read_tracks",
+    "stream_detections",
 ]  # fmt: skip
 
 PathOrText = str | PathLike[str]
 NS_PER_S = 1_000_000_000
+DECODERS = {ESTIMATES_SCHEMA: decode_estimates, ASSIGNMENTS_SCHEMA: decode_assignments}
+"""Of what a tracker writes, by schema."""
 
 
 def read_tracks(source: LogSource | Sequence[PathOrText], options: ReadOptions = EVERYTHING, **changes: Any) -> Tracks:
@@ -215,12 +218,22 @@ def read_estimates(source: LogSource, *, smoothed: bool = False, losses: Losses 
         NoTracksError: the log has no such topic.
     """
     topic = topic_names.SMOOTHED if smoothed else topic_names.ESTIMATES
+    return Estimates.concatenate(_parts(source, topic, ESTIMATES_SCHEMA, losses))
+
+
+def read_assigned(source: LogSource, *, losses: Losses | None = None) -> Assignments:
+    """Which track each detection was assigned to, of a log of `dirprim track`; the rest as `read_estimates`."""
+    return Assignments.concatenate(_parts(source, topic_names.ASSIGNED, ASSIGNMENTS_SCHEMA, losses))
+
+
+def _parts(source: LogSource, topic: str, schema: str, losses: Losses | None) -> list[Any]:
+    """What each message of a topic of ours holds."""
     own = Losses()
     with opened(source) as log:
-        if not has_estimates(log, topic):
-            wanted = f"topic {topic!r} of {ESTIMATES_SCHEMA}"
+        if not has_estimates(log, topic, schema):
+            wanted = f"topic {topic!r} of {schema}"
             raise NoTracksError(log.path, has=log.channels(), wanted=wanted, damage=Scan(log).damage)
-        found = Estimates.concatenate([estimates for _, estimates in estimate_messages(log, topic, own)])
+        found = [part for _, part in estimate_messages(log, topic, own, schema=schema)]
     if losses is not None:
         losses += own
     return found
@@ -234,14 +247,14 @@ def origin_of_estimates(path: PathOrText) -> Origin | None:
         return next(found, None)
 
 
-def has_estimates(log: Log, topic: str) -> bool:
-    """Whether a topic of a log is of estimates."""
-    return any(channel.topic == topic and channel.schema.name == ESTIMATES_SCHEMA for channel in log.channels())
+def has_estimates(log: Log, topic: str, schema: str = ESTIMATES_SCHEMA) -> bool:
+    """Whether a topic of a log is of estimates, or of another schema of `DECODERS`."""
+    return any(channel.topic == topic and channel.schema.name == schema for channel in log.channels())
 
 
 def estimate_messages(
-    log: Log, topic: str, losses: Losses, options: ReadOptions = EVERYTHING
-) -> Iterator[tuple[int, Estimates]]:
+    log: Log, topic: str, losses: Losses, options: ReadOptions = EVERYTHING, *, schema: str = ESTIMATES_SCHEMA
+) -> Iterator[tuple[int, Any]]:
     """The log time and the estimates of each message of a topic within the wanted times.
 
     Args:
@@ -249,6 +262,7 @@ def estimate_messages(
         topic: of estimates.
         losses: gets what is damaged, and messages that are not what their schema says.
         options: the times, and `strict`.
+        schema: of `DECODERS`, where the topic is not of estimates.
 
     Raises:
         DamagedRecordingError: strict, and the log is damaged.
@@ -256,9 +270,9 @@ def estimate_messages(
     scan = Scan(log, topic.__eq__, start_ns=options.start_ns, end_ns=options.end_ns)
     messages, losses.damage = iter(scan), scan.damage
     for message in messages:
-        if message.schema_name == ESTIMATES_SCHEMA:
+        if message.schema_name == schema:
             try:
-                yield message.log_time_ns, decode_estimates(message.data)
+                yield message.log_time_ns, DECODERS[schema](message.data)
             except ProtobufDecodeError as error:
                 losses.fail([str(error)])
     if options.strict and losses.damage:

@@ -45,6 +45,7 @@ class Rows(ArrayValue):
         size: (n, 3) length, width and height of the body, metres; NaN where unknown.
         heading: (n,) yaw of the body, radians; NaN where unknown.
         cue: (n, 2) what it signals of its next turn, as in `Detections`; NaN where it signals nothing.
+        confidence: (n,) probability that there is such an object, as stated; NaN where unknown.
     """
 
     position: FloatArray
@@ -65,12 +66,13 @@ class Rows(ArrayValue):
     size: FloatArray = LEFT_OUT
     heading: FloatArray = LEFT_OUT
     cue: FloatArray = LEFT_OUT
+    confidence: FloatArray = LEFT_OUT
 
     NOTHING: ClassVar[Mapping[str, Any]] = {
         "track_id": "", "message": np.int64(0), "stamp_ns": np.int64(NO_TIME), "time_ns": np.int64(NO_TIME),
         "frame_id": "", "height": 0.0, "direction": np.nan, "speed": np.nan, "climb": 0.0, "other_axes": np.nan,
         "group": np.int64(0), "covariance": [[np.nan] * 2] * 2, "label": "", "size": [np.nan] * 3, "heading": np.nan,
-        "cue": [np.nan] * 2,
+        "cue": [np.nan] * 2, "confidence": np.nan,
     }  # fmt: skip
 
     def __post_init__(self) -> None:
@@ -158,7 +160,9 @@ class TrackResult:
     frame: str = ""
 
 
-OF_MESSAGES = ("message", "stamp_ns", "frame_id", "height", "climb", "other_axes", "covariance", "label", "cue")
+OF_MESSAGES = (
+    "message", "stamp_ns", "frame_id", "height", "climb", "other_axes", "covariance", "label", "cue", "confidence",
+)  # fmt: skip
 """Columns that tracks do not hold."""
 
 

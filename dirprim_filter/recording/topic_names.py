@@ -3,6 +3,7 @@
 OBJECTS = "/objects"
 DETECTIONS = "/detections"
 ESTIMATES = "/dirprim/tracks"
+ASSIGNED = "/dirprim/assigned"
 ESTIMATES_SCENE = "/dirprim/tracks/scene"
 SMOOTHED = "/dirprim/smoothed"
 SMOOTHED_SCENE = "/dirprim/smoothed/scene"

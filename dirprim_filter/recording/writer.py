@@ -29,7 +29,7 @@ from dirprim_filter.recording.foxglove.scenes import (
 )
 from dirprim_filter.recording.log_writer import LogWriter
 from dirprim_filter.recording.ros_estimates import RosEstimates
-from dirprim_filter.recording.schemas.dirprim import encode_estimates, encode_observations
+from dirprim_filter.recording.schemas.dirprim import encode_assignments, encode_estimates, encode_observations
 from dirprim_filter.track_ids import as_texts
 from dirprim_filter.tracks import Tracks
 
@@ -91,8 +91,9 @@ class EstimateWriter:
     """An `EstimateSink` that writes what a tracker believes as an MCAP log; a context manager.
 
     `/dirprim/tracks` holds `dirprim.TrackEstimates`, a message for each frame, and `/dirprim/smoothed` those that a
-    smoother gives later; `/dirprim/tracks/scene`, `/dirprim/smoothed/scene`, `/dirprim/particles`,
-    `/dirprim/detections`, `/dirprim/map/scene` and `/dirprim/forecast` are for the eye.
+    smoother gives later; `/dirprim/assigned` holds `dirprim.Assignments`, a message for each frame of the filter;
+    `/dirprim/tracks/scene`, `/dirprim/smoothed/scene`, `/dirprim/particles`, `/dirprim/detections`,
+    `/dirprim/map/scene` and `/dirprim/forecast` are for the eye.
 
     Messages are encoded, compressed and written in order by a thread of its own, while the tracker goes on: what fails
     there is raised by the next call, or when the log is closed. Ctrl-C closes the log so that it reads; another
@@ -152,7 +153,7 @@ class EstimateWriter:
             OSError: an earlier frame could not be written.
         """
         particles = None if self._particle_stride is None else frame.particles.thinned(self._particle_stride)
-        self._later(lambda: self._append(frame.estimates, frame.detections, particles, frame.time_ns))
+        self._later(lambda: self._append(frame, particles))
 
     def write_smoothed(self, frame: TrackedFrame) -> None:
         """Append what a smoother says of one instant: frames in order of time, each later than the filter's.
@@ -187,13 +188,15 @@ class EstimateWriter:
         if underway is not None:
             underway.result()
 
-    def _append(self, estimates: Estimates, detections: Detections, particles: Particles | None, time_ns: int) -> None:
+    def _append(self, frame: TrackedFrame, particles: Particles | None) -> None:
+        estimates, detections, time_ns = frame.estimates, frame.detections, frame.time_ns
         origin = self._begin(np.concatenate([estimates.position, detections.position]), time_ns)
         self._append_estimates(
             topic_names.ESTIMATES, self._scene, estimates, detections=detections, time_ns=time_ns, origin=origin
         )
         if particles is not None:
             self._log.write(topic_names.PARTICLES, particle_cloud(particles, time_ns, origin), time_ns)
+        self._log.write(topic_names.ASSIGNED, encode_assignments(frame.assignments, time_ns), time_ns)
         self._log.write(topic_names.REPORTS, detection_cloud(detections.position, time_ns, origin), time_ns)
         self._not_forecast = frozenset(as_texts(estimates.track_id)[has_no_forecast(estimates)].tolist())
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cli.commands import DONE, FAILED, dirprim
+from cli.commands import DONE, FAILED, USAGE, dirprim
 from dirprim_filter import read_estimates, write_tracks
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
@@ -192,6 +192,20 @@ def test_estimates_are_interpolated_at_a_truth_of_other_instants(own, few, capsy
     for name in ("mota", "speed_rmse"):
         assert other[name] == pytest.approx(own_[name], rel=0.03, abs=0.03), name
     assert other["rmse"] == pytest.approx(np.hypot(0.7, 0.3) * own_["rmse"], rel=0.03)  # errors are independent here
+
+
+def test_which_track_each_detection_was_assigned_to_is_exported_row_by_row(few, here, capsys):
+    assert dirprim("track log.mcap --map map.mcap -o t.mcap --noise 0.5 --particles 50 --no-ids") == DONE
+    assert dirprim("export t.mcap --assigned -o a.csv") == DONE
+    assert f"a.csv: 6 tracks, {len(few)} rows" in capsys.readouterr().out
+    header, *rows = Path("a.csv").read_text().replace('"', "").splitlines()
+    assert header == "time_s,track_id,x_m,y_m,assigned,group"
+    last = [row.split(",")[4] for row in rows[-6:]]
+    assert sorted(last) == [f"track-{i}" for i in range(1, 7)]
+    assert dirprim("export t.mcap --assigned -o a.parquet") == DONE
+    assert dirprim("export t.mcap --assigned --smoothed -o b.csv") == USAGE
+    assert dirprim("export log.mcap --assigned -o b.csv") == FAILED
+    assert "topic '/dirprim/assigned' of dirprim.Assignments" in " ".join(capsys.readouterr().err.split())
 
 
 @pytest.mark.slow

@@ -9,9 +9,14 @@ from mcap.reader import make_reader
 
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
-from dirprim_filter.recording import read_estimates
+from dirprim_filter.recording import read_assigned, read_estimates
 from dirprim_filter.recording.errors import NoTracksError
-from dirprim_filter.recording.schemas.dirprim import decode_estimates, encode_estimates
+from dirprim_filter.recording.schemas.dirprim import (
+    decode_assignments,
+    decode_estimates,
+    encode_assignments,
+    encode_estimates,
+)
 from dirprim_filter.recording.writer import EstimateWriter
 
 COLUMNS = (
@@ -73,6 +78,25 @@ def test_broken_estimates_are_refused():
     message.speed[2] = np.nan
     with pytest.raises(DecodeError, match="speed: expected finite"):
         decode_estimates(message.SerializeToString())
+
+
+def test_which_track_each_detection_was_assigned_to_comes_back(tmp_path):
+    some, none = a_frame(STEP), a_frame(3 * STEP)
+    named = np.array(["car", "", "2/track-1", "=1+1"])
+    seen = replace(some.detections, track_id=["", "7", "2/x", "=x"], group=[0, 0, 2, 2], origin=(48.0, 11.0))
+    some = replace(some, detections=seen, assigned=named, estimates=replace(some.estimates, origin=(48.0, 11.0)))
+    silent = TrackedFrame(
+        time_ns=2 * STEP, detections=Detections.none(), estimates=Estimates.none(), particles=Particles.none()
+    )
+    with EstimateWriter(tmp_path / "log.mcap", metadata={}) as log:
+        for frame in (some, silent, replace(none, detections=replace(none.detections, origin=(48.0, 11.0)))):
+            log.write(frame)
+    found = read_assigned(tmp_path / "log.mcap")
+    assert found[:4] == some.assignments
+    assert found[4:].assigned.tolist() == [""] * 4
+    assert len(messages(tmp_path / "log.mcap", "/dirprim/assigned")) == 3
+    with pytest.raises(DecodeError, match="columns: expected one length n"):
+        decode_assignments(type(encode_assignments(found, 0))(track_id=["a"], x=[1], y=[1]).SerializeToString())
 
 
 def test_what_fails_while_a_frame_is_written_is_raised_by_the_next_call_or_at_the_end(tmp_path):

@@ -96,6 +96,7 @@ def test_each_version_of_vision_msgs_is_read(tmp_path, version, is_json):
         write_ros2_log(path, sent, changed)
     seen = detections(path, labels="7" if version == "0" else "car")
     np.testing.assert_array_equal(seen.covariance[:, 0, 0], [0.04] * 3 * N_TIMES)
+    np.testing.assert_array_equal(seen.confidence, [0.8] * 3 * N_TIMES)
     assert set(seen.track_id.tolist()) == ({""} if version == "0" else set(NAMES))
     if version != "0":
         assert read_tracks(path).n_tracks == 3
@@ -163,9 +164,9 @@ ERRORS = ("covariance", "rmse", "err_", "std", "probability", "score", "certaint
 KNOWINGLY_NOT = {
     "velocities and what follows": "twist_with_covariance acceleration_with_covariance .twist.covariance "
     "velocity_covariance accel.covariance has_twist_covariance",
-    "how sure that it exists": "existence_probability classification_certainty",
+    "how sure its class is": "classification_certainty",
 }
-"""The filter measures positions; `Detections` have no confidence yet."""
+"""The filter measures positions; a confidence is of existence."""
 
 
 @pytest.mark.parametrize("name", [name for name in FAMILIES if "/msg/" in name])

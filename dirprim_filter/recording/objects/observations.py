@@ -287,6 +287,7 @@ class DetectionStream:
             covariance=np.where(is_covariance(rows.covariance)[:, None, None], rows.covariance, np.nan),
             size=rows.size,
             cue=np.where(known_cue[:, None], rows.cue, np.nan) if known_cue.any() else np.empty((0, 2)),
+            confidence=rows.confidence,
             group=np.zeros_like(rows.group) if is_one_world else rows.group,
         )
         if not self._motion:

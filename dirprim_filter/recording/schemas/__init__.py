@@ -1,4 +1,4 @@
 """Which schemas of a log can be read as observed objects, and by what."""
 
-ESTIMATES_SCHEMA = "dirprim.TrackEstimates"
-"""The schema of our own estimates: no observations, so no input."""
+ESTIMATES_SCHEMA, ASSIGNMENTS_SCHEMA = "dirprim.TrackEstimates", "dirprim.Assignments"
+"""Of what a tracker writes: no observations, so no input."""

@@ -19,6 +19,7 @@ from dirprim_filter.recording.decoding.field_columns import FieldColumns, Schema
 from dirprim_filter.recording.decoding.json_plan import JsonPlan
 from dirprim_filter.recording.decoding.protobuf_plan import protobuf_plan
 from dirprim_filter.recording.rows import Rows
+from dirprim_filter.recording.schemas import ASSIGNMENTS_SCHEMA
 from dirprim_filter.recording.schemas.families import FAMILIES, KINDS
 from dirprim_filter.recording.schemas.family import Family, FieldMapping
 
@@ -32,7 +33,7 @@ NOT_KNOWN = "its schema is not known to hold objects; --set fields=... says wher
 NO_PLACES = {
     f"vision_msgs/msg/{name}": "boxes in an image are no places on the ground; a 3D detector's topic has them"
     for name in ("Detection2D", "Detection2DArray", "BoundingBox2DArray")
-}
+} | {ASSIGNMENTS_SCHEMA: "`dirprim export --assigned` makes a table of it"}
 """Why some schemas of objects cannot be read."""
 
 

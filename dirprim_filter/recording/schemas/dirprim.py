@@ -1,4 +1,4 @@
-"""Our own messages of observed and estimated motion: `dirprim.Observations` and `dirprim.TrackEstimates`.
+"""Our own messages: `dirprim.Observations`, `dirprim.TrackEstimates` and `dirprim.Assignments`.
 
 Source: dirprim.proto. Columns travel as packed doubles, so numbers come back bit for bit.
 """
@@ -6,20 +6,21 @@ Source: dirprim.proto. Columns travel as packed doubles, so numbers come back bi
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from google.protobuf.message import DecodeError, Message
 
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.detections import Detections
-from dirprim_filter.estimates import Estimates
+from dirprim_filter.estimates import Assignments, Estimates
 from dirprim_filter.origin import Origin
 from dirprim_filter.recording.schemas import dirprim_pb2
 from dirprim_filter.recording.schemas.family import matrices
 from dirprim_filter.track_ids import as_texts
 from dirprim_filter.tracks import Tracks
 
+Decoded = TypeVar("Decoded", Estimates, Assignments)
 MAP_FRAME = "map"
 """The frame_id of positions that have no origin: local metres, x east, y north."""
 NANOSECONDS = 1_000_000_000
@@ -27,8 +28,8 @@ FIELDS: dict[str, tuple[str, ...]] = {
     "position": ("x", "y"), "covariance": ("covariance_xx", "covariance_xy", "covariance_yy"),
     "size": ("length", "width", "height"), "cue": ("cue_turn", "cue_concentration"),
     **{name: (name,) for name in (
-        "heading", "direction", "direction_resultant", "speed", "speed_std", "effective_sample_size", "log_evidence",
-        "existence", "unseen_s", "follows_map",
+        "heading", "confidence", "direction", "direction_resultant", "speed", "speed_std", "effective_sample_size",
+        "log_evidence", "existence", "unseen_s", "follows_map",
     )},
 }  # fmt: skip
 """What a message calls the columns of ours."""
@@ -73,7 +74,16 @@ def encode_estimates(estimates: Estimates, time_ns: int) -> dirprim_pb2.TrackEst
     return message
 
 
-def _columns(values: Tracks | Detections | Estimates, rows: IntArray) -> dict[str, Any]:
+def encode_assignments(found: Assignments, time_ns: int) -> dirprim_pb2.Assignments:
+    """Which tracks the detections of one instant were assigned to, as a message."""
+    columns = _columns(found, np.arange(len(found))) | {"assigned": found.assigned.tolist()}
+    columns |= {"group": found.group.tolist()} if found.group.any() else {}
+    message = dirprim_pb2.Assignments(frame_id=_frame(found.origin), **columns)
+    _set_time(message, time_ns)
+    return message
+
+
+def _columns(values: Tracks | Detections | Estimates | Assignments, rows: IntArray) -> dict[str, Any]:
     """The ids, and of each field the columns, unless nothing is known of any row."""
     columns: dict[str, Any] = {"track_id": as_texts(values.track_id[rows]).tolist()}
     for name, of in FIELDS.items():
@@ -100,28 +110,39 @@ def decode_estimates(data: bytes) -> Estimates:
     Raises:
         DecodeError: the bytes are no such message, its columns differ in length, or a number is not finite.
     """
-    message = dirprim_pb2.TrackEstimates()
+    return _decoded(dirprim_pb2.TrackEstimates(), data, Estimates)
+
+
+def decode_assignments(data: bytes) -> Assignments:
+    """The rows of a `dirprim.Assignments`; errors as of `decode_estimates`."""
+    return _decoded(dirprim_pb2.Assignments(), data, Assignments, assigned=np.str_, group=np.int64)
+
+
+def _decoded(message: Any, data: bytes, kind: type[Decoded], **more: Any) -> Decoded:
+    """The rows of a message that is filled from the bytes, with `more` of its columns, by name and type."""
+    schema = message.DESCRIPTOR.full_name
     try:
         message.ParseFromString(data)  # numbers of items are then bounded by the length of the bytes
     except DecodeError as error:
-        raise DecodeError(f"dirprim.TrackEstimates: {len(data)} bytes that are no such message") from error
+        raise DecodeError(f"{schema}: {len(data)} bytes that are no such message") from error
     n, time_ns = len(message.track_id), message.timestamp.seconds * NANOSECONDS + message.timestamp.nanos
     if not -(2**63) <= time_ns < 2**63:
         raise DecodeError(f"timestamp: expected nanoseconds within int64, got {message.timestamp.seconds} s")
     columns = {
         name: np.column_stack([_floats(message, one, n) for one in of])
         for name, of in FIELDS.items()
-        if name in Estimates.__dataclass_fields__ and (name not in _LATER or getattr(message, name))
+        if name in kind.__dataclass_fields__ and (name not in _LATER or getattr(message, name))
     }
     columns = {name: matrices(of) if name == "covariance" else of for name, of in columns.items()}
     columns = {name: of[:, 0] if of.shape[1:] == (1,) else of for name, of in columns.items()}
     try:
-        return Estimates(
+        return kind(
             track_id=np.array(message.track_id, dtype=np.str_), time_ns=np.full(n, time_ns, np.int64),
             origin=Origin.of_frame(message.frame_id), **columns,
+            **{name: np.array(getattr(message, name), dtype=of) for name, of in more.items()},
         )  # fmt: skip
     except ValueError as error:
-        raise DecodeError(f"dirprim.TrackEstimates: {error}") from error
+        raise DecodeError(f"{schema}: {error}") from error
 
 
 def _floats(message: Message, name: str, n: int) -> FloatArray:

@@ -7,7 +7,7 @@ from typing import ClassVar as _ClassVar, Iterable as _Iterable, Mapping as _Map
 DESCRIPTOR: _descriptor.FileDescriptor
 
 class Observations(_message.Message):
-    __slots__ = ("timestamp", "frame_id", "track_id", "x", "y", "direction", "speed", "group", "covariance_xx", "covariance_xy", "covariance_yy", "length", "width", "height", "heading", "label", "cue_turn", "cue_concentration")
+    __slots__ = ("timestamp", "frame_id", "track_id", "x", "y", "direction", "speed", "group", "covariance_xx", "covariance_xy", "covariance_yy", "length", "width", "height", "heading", "label", "cue_turn", "cue_concentration", "confidence")
     TIMESTAMP_FIELD_NUMBER: _ClassVar[int]
     FRAME_ID_FIELD_NUMBER: _ClassVar[int]
     TRACK_ID_FIELD_NUMBER: _ClassVar[int]
@@ -26,6 +26,7 @@ class Observations(_message.Message):
     LABEL_FIELD_NUMBER: _ClassVar[int]
     CUE_TURN_FIELD_NUMBER: _ClassVar[int]
     CUE_CONCENTRATION_FIELD_NUMBER: _ClassVar[int]
+    CONFIDENCE_FIELD_NUMBER: _ClassVar[int]
     timestamp: _timestamp_pb2.Timestamp
     frame_id: str
     track_id: _containers.RepeatedScalarFieldContainer[str]
@@ -44,7 +45,26 @@ class Observations(_message.Message):
     label: _containers.RepeatedScalarFieldContainer[str]
     cue_turn: _containers.RepeatedScalarFieldContainer[float]
     cue_concentration: _containers.RepeatedScalarFieldContainer[float]
-    def __init__(self, timestamp: _Optional[_Union[_timestamp_pb2.Timestamp, _Mapping]] = ..., frame_id: _Optional[str] = ..., track_id: _Optional[_Iterable[str]] = ..., x: _Optional[_Iterable[float]] = ..., y: _Optional[_Iterable[float]] = ..., direction: _Optional[_Iterable[float]] = ..., speed: _Optional[_Iterable[float]] = ..., group: _Optional[_Iterable[int]] = ..., covariance_xx: _Optional[_Iterable[float]] = ..., covariance_xy: _Optional[_Iterable[float]] = ..., covariance_yy: _Optional[_Iterable[float]] = ..., length: _Optional[_Iterable[float]] = ..., width: _Optional[_Iterable[float]] = ..., height: _Optional[_Iterable[float]] = ..., heading: _Optional[_Iterable[float]] = ..., label: _Optional[_Iterable[str]] = ..., cue_turn: _Optional[_Iterable[float]] = ..., cue_concentration: _Optional[_Iterable[float]] = ...) -> None: ...
+    confidence: _containers.RepeatedScalarFieldContainer[float]
+    def __init__(self, timestamp: _Optional[_Union[_timestamp_pb2.Timestamp, _Mapping]] = ..., frame_id: _Optional[str] = ..., track_id: _Optional[_Iterable[str]] = ..., x: _Optional[_Iterable[float]] = ..., y: _Optional[_Iterable[float]] = ..., direction: _Optional[_Iterable[float]] = ..., speed: _Optional[_Iterable[float]] = ..., group: _Optional[_Iterable[int]] = ..., covariance_xx: _Optional[_Iterable[float]] = ..., covariance_xy: _Optional[_Iterable[float]] = ..., covariance_yy: _Optional[_Iterable[float]] = ..., length: _Optional[_Iterable[float]] = ..., width: _Optional[_Iterable[float]] = ..., height: _Optional[_Iterable[float]] = ..., heading: _Optional[_Iterable[float]] = ..., label: _Optional[_Iterable[str]] = ..., cue_turn: _Optional[_Iterable[float]] = ..., cue_concentration: _Optional[_Iterable[float]] = ..., confidence: _Optional[_Iterable[float]] = ...) -> None: ...
+
+class Assignments(_message.Message):
+    __slots__ = ("timestamp", "frame_id", "track_id", "x", "y", "group", "assigned")
+    TIMESTAMP_FIELD_NUMBER: _ClassVar[int]
+    FRAME_ID_FIELD_NUMBER: _ClassVar[int]
+    TRACK_ID_FIELD_NUMBER: _ClassVar[int]
+    X_FIELD_NUMBER: _ClassVar[int]
+    Y_FIELD_NUMBER: _ClassVar[int]
+    GROUP_FIELD_NUMBER: _ClassVar[int]
+    ASSIGNED_FIELD_NUMBER: _ClassVar[int]
+    timestamp: _timestamp_pb2.Timestamp
+    frame_id: str
+    track_id: _containers.RepeatedScalarFieldContainer[str]
+    x: _containers.RepeatedScalarFieldContainer[float]
+    y: _containers.RepeatedScalarFieldContainer[float]
+    group: _containers.RepeatedScalarFieldContainer[int]
+    assigned: _containers.RepeatedScalarFieldContainer[str]
+    def __init__(self, timestamp: _Optional[_Union[_timestamp_pb2.Timestamp, _Mapping]] = ..., frame_id: _Optional[str] = ..., track_id: _Optional[_Iterable[str]] = ..., x: _Optional[_Iterable[float]] = ..., y: _Optional[_Iterable[float]] = ..., group: _Optional[_Iterable[int]] = ..., assigned: _Optional[_Iterable[str]] = ...) -> None: ...
 
 class TrackEstimates(_message.Message):
     __slots__ = ("timestamp", "frame_id", "track_id", "x", "y", "covariance_xx", "covariance_xy", "covariance_yy", "direction", "direction_resultant", "speed", "speed_std", "effective_sample_size", "log_evidence", "existence", "unseen_s", "follows_map")

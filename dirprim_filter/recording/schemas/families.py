@@ -4,12 +4,12 @@ ROS 2. `nav_msgs/Odometry` and `foxglove.Odometry` have pose and covariance in t
 the axes of the body, whose frame is the vehicle's name. Poses have neither velocity nor name: one to a message they
 are named after the topic, several after their places in it. A marker that adds or changes a cube, sphere, cylinder or
 mesh is an object, `namespace/id`; of a mesh the scale is a factor, so its size is unknown. Boxes of `vision_msgs`
-keep their `id` (`tracking_id` before version 3) where the detector tracks; class and covariance are those of the result
-with the highest score. CARLA's bridge and radar drivers write `derived_object_msgs`, whose twist
+keep their `id` (`tracking_id` before version 3) where the detector tracks; class, covariance and confidence are
+those of the result with the highest score. CARLA's bridge and radar drivers write `derived_object_msgs`, whose twist
 is in the header's frame. A transform is, where its topic is named, an object: the child, in the axes of its parent.
 
 Autoware. The pose is that of the shape's centre. `orientation_availability` 0 is an unknown heading; a detection's
-twist and covariance count where `has_twist` and `has_position_covariance` say so.
+twist and covariance count where `has_twist` and `has_position_covariance` say so. A probability of 0 was not set.
 
 Satellite fixes are degrees on WGS 84; covariances of an unknown type mean nothing. `GPSFix` has course and speed too,
 and where its covariance is unknown the horizontal error at 95 %. The velocity of radar tracks is relative to the radar,
@@ -56,7 +56,8 @@ OBSERVATIONS = family(
     "dirprim.Observations",
     "foxglove= id=.track_id[] x=.x[] y=.y[] direction=.direction[] speed=.speed[] group=.group[] length=.length[] "
     "width=.width[] height=.height[] heading=.heading[] label=.label[] cue_turn=.cue_turn[] "
-    "cue_concentration=.cue_concentration[] cxx=.covariance_xx[] cxy=.covariance_xy[] cyy=.covariance_yy[]",
+    "cue_concentration=.cue_concentration[] confidence=.confidence[] cxx=.covariance_xx[] cxy=.covariance_xy[] "
+    "cyy=.covariance_yy[]",
 )
 
 
@@ -67,7 +68,8 @@ def _autoware(kind: str, initial: str = "") -> Family:
         f"header=.header id=@.object_id.uuid pose={pose}.pose covariance6={pose}.covariance "
         f"velocity={twist}.twist.linear is_turned=@.kinematics.orientation_availability "
         "has_twist=@.kinematics.has_twist is_measured=@.kinematics.has_position_covariance size=@.shape.dimensions "
-        "label=@.classification[].label score=@.classification[].probability shape=@.shape.type",
+        "label=@.classification[].label score=@.classification[].probability shape=@.shape.type "
+        "existence=@.existence_probability",
         at=".objects[]", in_body=True, labels=AUTOWARE, shapes=FOOTPRINTS,
     )  # fmt: skip
 
@@ -105,7 +107,8 @@ def _boxes(schema: str, *, at: str = "", box: str = ".bbox") -> Family:
         f"vision_msgs/msg/{schema}",
         f"header=.header own=@.header id=@.id|@.tracking_id pose=@{box}.center size=@{box}.size "
         "label=@.results[].hypothesis.class_id|@.results[].hypothesis.id|@.results[].id "
-        "score=@.results[].hypothesis.score|@.results[].score covariance6=@.results[].pose.covariance",
+        "score=@.results[].hypothesis.score|@.results[].score existence=@.results[].hypothesis.score|@.results[].score "
+        "covariance6=@.results[].pose.covariance",
         at=at,
     )  # fmt: skip
 

@@ -27,7 +27,7 @@ from dirprim_filter.recording.schemas.attitude import course, heading, rotated
 NAMES = (
     "x", "y", "z", "latitude", "longitude", "id", "time", "time_s", "frame", "vx", "vy", "vz", "speed", "speed_kmh",
     "direction", "direction_deg", "course_deg", "heading", "heading_deg", "qx", "qy", "qz", "qw", "cxx", "cxy", "cyy",
-    "group", "label", "length", "width", "height",
+    "group", "label", "length", "width", "height", "confidence",
 )  # fmt: skip
 """What `--fields` may name.
 
@@ -35,7 +35,7 @@ x, y, z are metres in the axes of `frame`, latitude and longitude degrees on WGS
 `time` is the header's, seconds and nanoseconds or whole nanoseconds. vx, vy, vz are the velocity over ground in that
 frame, m/s; the direction is the course, the heading the yaw of the body, radians counter-clockwise from x unless the
 name ends in `_deg`; course_deg is clockwise from north, the y axis; qx to qw are the quaternion that turns the body;
-cxx, cxy, cyy the covariance of x and y.
+cxx, cxy, cyy the covariance of x and y; the confidence is a probability.
 """
 GROUPS: dict[str, dict[str, str]] = {
     "header": {"time": ".stamp", "frame": ".frame_id"},
@@ -81,6 +81,7 @@ FARTHEST_S = float(1 << 63) / NANOSECONDS
 """Seconds from here on do not fit into int64 nanoseconds."""
 Shape = tuple[tuple[int, int, int], tuple[float, float, float]]
 """Of which of three numbers length, width and height are made, -1 for none, and by which factors."""
+NO_PROBABILITY = "confidences beyond 0 to 1 are no probabilities, and count as unknown; map them in a table of your own"
 AS_BOX: Shape = ((0, 1, 2), (1.0, 1.0, 1.0))
 
 
@@ -129,6 +130,7 @@ class Family:
             "label": of.labels(self.labels) if "label" in of else LEFT_OUT,
             "size": shaped(size, of.read("shape", 0), self.shapes) if self.shapes else size,
             "cue": of.vectors(CUE),
+            "confidence": of.confidence(),
             "heading": facing,
             **self._motion(of, facing, frame),
         }
@@ -315,6 +317,18 @@ class _Objects:
         if not words:
             return np.asarray(self.read("label", ""))
         return np.asarray(self._spread("label", label_names(self._columns.integers("label", UNLABELLED), words), ""))
+
+    def confidence(self) -> FloatArray:
+        """(n,) probabilities, as stated; NaN where unknown, as where an `existence` of ROS or protobuf is not set."""
+        if "existence" in self:
+            stated = self.read("existence")
+            stated = np.where(stated == 0, np.nan, stated)
+        else:
+            stated = self.read("confidence")
+        if (wrong := (stated < 0) | (stated > 1)).any():
+            self._columns.notes.add(NO_PROBABILITY)
+            stated = np.where(wrong, np.nan, stated)
+        return np.asarray(stated)
 
     def _guesses(self, table: str) -> tuple[IntArray, IntArray]:
         """Of guesses at objects, in a table below, the rows of the highest `score`, and of which object each is."""

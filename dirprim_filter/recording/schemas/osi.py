@@ -114,6 +114,7 @@ _TURNS = {
 SENSOR_DATA = family(
     "osi3.SensorData",
     "time=.timestamp measured=.last_measurement_time id=@.header.tracking_id.value placed=@.base.position "
+    "existence=@.header.existence_probability "
     f"position=@.base.position faces=@.base.orientation host={_TRUTH}.host_vehicle_id.value mover={_HOST}.id.value "
     + " ".join([
         _SIZE, *(f"{of}.{axis}={path}.{axis}" for of, path in _AXES.items() for axis in "xyz"),

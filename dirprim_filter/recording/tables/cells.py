@@ -94,6 +94,18 @@ class Cells:
             raise self.error(row, f"radians, of one turn, as {name}", f"{angle[row]:g}", way)
         return angle
 
+    def probabilities(self, name: str) -> FloatArray:
+        """(n,) from 0 to 1; NaN where there is none.
+
+        Raises:
+            TableError: a cell is no number, or another one.
+        """
+        share = self.floats(name)
+        if (wrong := (share < 0) | (share > 1)).any():
+            row, way = int(np.argmax(wrong)), "map the detector's scores to probabilities; percent are divided by 100"
+            raise self.error(row, f"a probability, 0 to 1, as {name}", f"{share[row]:g}", way)
+        return share
+
     def whole_numbers(self, name: str, *, missing: int | None = None) -> IntArray:
         """(n,) int64; `missing` where there is none.
 

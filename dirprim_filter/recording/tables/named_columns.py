@@ -3,11 +3,11 @@
 `time_s, x_m, y_m` and, if there, `track_id, heading_rad, course_rad, speed_mps, group, length_m, width_m, height_m`,
 `sensor`, `turn_signal` (left, right or none) and `label` (or `category` or `class`); other columns are not used. Rows
 without an id are detections, of that sensor, with the covariances `covariance_xx_m2`, `covariance_xy_m2` and
-`covariance_yy_m2`. x is east and y north in metres, the heading (yaw of the body) and the course over ground are
-radians counter-clockwise from east, the size of the body is in metres; an empty cell of a size, an angle, a signal or a
-label is one that is unknown. In place of `time_s` stand `time_ns`, whole nanoseconds, or `time` or `timestamp`, ISO
-times; in place of `x_m` and `y_m`, `latitude_deg` and `longitude_deg`. With `origin_latitude_deg` and
-`origin_longitude_deg`, the same in all rows, `x_m` and `y_m` are of that plane.
+`covariance_yy_m2`, and their probability `confidence`. x is east and y north in metres, the heading (yaw of the body)
+and the course over ground are radians counter-clockwise from east, the size of the body is in metres; an empty cell of
+a size, an angle, a signal or a label is one that is unknown. In place of `time_s` stand `time_ns`, whole nanoseconds,
+or `time` or `timestamp`, ISO times; in place of `x_m` and `y_m`, `latitude_deg` and `longitude_deg`. With
+`origin_latitude_deg` and `origin_longitude_deg`, the same in all rows, `x_m` and `y_m` are of that plane.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ ALSO = {
 """What else a table may call a column; the first that it has counts."""
 COLUMNS = (
     "time_s", "track_id", *PLACE, *MEASURED, "group", "sensor", "turn_signal", "label", "time_ns", "time", *GLOBE,
-    *COVARIANCE, *ORIGIN,
+    *COVARIANCE, *ORIGIN, "confidence",
 )  # fmt: skip
 """All that are known."""
 REMEDY: Mapping[str, str] = {
@@ -111,6 +111,7 @@ def read_named(path: str | Path, *, columns: Mapping[str, str] | None = None, or
         speed=maybe("speed_mps", table.floats), cue=maybe("turn_signal", lambda name: _cues(table, name)),
         group=maybe("group", lambda name: _groups(table, name)), label=maybe("label", table.texts),
         covariance=matrices(table.numbers(name_of[name] for name in COVARIANCE)) if errs else LEFT_OUT,
+        confidence=maybe("confidence", table.probabilities),
         size=np.column_stack([size.get(name, np.full(len(table), np.nan)) for name in SIZE]) if size else LEFT_OUT,
     )  # fmt: skip
     early, losses, sensor = _too_early(table, rows.time_ns), Losses(), maybe("sensor", table.texts)

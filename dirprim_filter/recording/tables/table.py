@@ -12,7 +12,7 @@ from typing import Self
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray
-from dirprim_filter.columns import is_covariance, known_sizes
+from dirprim_filter.columns import is_covariance, is_held, known_sizes
 from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.origin import Origin
 from dirprim_filter.recording.decoding.field_columns import NO_TIME
@@ -33,8 +33,8 @@ class Table:
 
     Attributes:
         tracks: the rows that are good, of vehicles with an id.
-        detections: where some rows have no id, or a turn signal, or each vehicle but one row, all that are good, by
-            sensor; the name is empty where the table has none.
+        detections: where some rows have no id, or a turn signal or a confidence, or each vehicle but one row, all that
+            are good, by sensor; the name is empty where the table has none.
         losses: how many rows were left out, by reason; and what was put right without a loss.
         labels: what each vehicle is, by its id; of those that the table gives a label.
         used: the columns that were read, by our names for them.
@@ -76,7 +76,7 @@ def table_of(path: Path, rows: Rows, *, sensor: AnyArray | None = None, losses: 
     speed, and of two rows of a vehicle at one time the second. A vehicle id that stands in two groups means two
     vehicles: all ids become `group/id`. Where the course is missing in a row of a vehicle it is derived from all its
     positions, and so is the speed; a row that stands alone in time, and has no heading, is then dropped as well.
-    Where some rows have no id, or a turn signal, or each would be alone, all are detections.
+    Where some rows have no id, or a turn signal or a confidence, or each would be alone, all are detections.
 
     Args:
         path: the file.
@@ -109,7 +109,8 @@ def table_of(path: Path, rows: Rows, *, sensor: AnyArray | None = None, losses: 
     tracks = own.to_tracks(alone)
     if len(tracks):
         losses += alone
-    are_tracks = len(tracks) and (good == is_named).all() and np.isnan(rows.cue).all()
+    is_seen = is_held(rows.cue) or is_held(rows.confidence)  # which tracks do not hold
+    are_tracks = len(tracks) and (good == is_named).all() and not is_seen
     is_own, motion = np.zeros(len(rows), np.bool_), np.array([rows.direction, rows.speed])
     is_own[own.message], motion[:, own.message] = True, (own.direction, own.speed)
     rows = replace(rows, direction=motion[0], speed=motion[1])
@@ -127,6 +128,7 @@ def _detections(rows: Rows, sensor: AnyArray) -> dict[str, Detections]:
         detections[name] = Detections(
             track_id=ids[own.track_id], time_ns=own.time_ns, position=own.position,
             direction=own.direction, speed=own.speed, size=own.size, cue=own.cue, group=own.group,
+            confidence=own.confidence,
             covariance=np.where(is_covariance(own.covariance)[:, None, None], own.covariance, np.nan),
         )  # fmt: skip
     return detections
