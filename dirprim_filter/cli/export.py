@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from dirprim_filter.cli import exit_codes
 from dirprim_filter.cli.options import Force, Output
 from dirprim_filter.cli.texts import counted
+
+if TYPE_CHECKING:
+    from dirprim_filter.estimates import Assignments, Estimates
 
 
 def export(
@@ -40,11 +43,12 @@ def export(
     if assigned and smoothed:
         raise typer.BadParameter("detections are assigned by the filter, and not smoothed", param_hint="--assigned")
     check_table_format(output)
+    rows: Estimates | Assignments
     lost = Losses()
     with working(f"writing {output.name}"):
         if assigned:
-            rows = read_assigned(estimates, losses=lost)
-            names = rows.assigned[rows.assigned != ""]
+            seen = read_assigned(estimates, losses=lost)
+            rows, names = seen, seen.assigned[seen.assigned != ""]
         else:
             rows = read_estimates(estimates, smoothed=smoothed, losses=lost)
             names = rows.track_id

@@ -128,7 +128,7 @@ def _decoded(message: Any, data: bytes, kind: type[Decoded], **more: Any) -> Dec
     n, time_ns = len(message.track_id), message.timestamp.seconds * NANOSECONDS + message.timestamp.nanos
     if not -(2**63) <= time_ns < 2**63:
         raise DecodeError(f"timestamp: expected nanoseconds within int64, got {message.timestamp.seconds} s")
-    columns = {
+    columns: dict[str, Any] = {
         name: np.column_stack([_floats(message, one, n) for one in of])
         for name, of in FIELDS.items()
         if name in kind.__dataclass_fields__ and (name not in _LATER or getattr(message, name))
