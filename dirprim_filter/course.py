@@ -16,6 +16,7 @@ import numpy as np
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.distributions.angles import wrap
+from dirprim_filter.track_ids import in_order
 
 logger = logging.getLogger(__name__)
 
@@ -101,7 +102,7 @@ class _Ways:
 
     @classmethod
     def of(cls, vehicle: IntArray, time_ns: IntArray, position: FloatArray) -> _Ways:
-        order = np.lexsort((time_ns, vehicle))
+        order = in_order(vehicle, time_ns)
         time, n = time_ns[order], time_ns.size
         other, apart = np.diff(vehicle[order]) != 0, np.diff(time)
         usual_s = float(np.median(apart[~other])) * 1e-9 if not other.all() else 0.0

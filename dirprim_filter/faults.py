@@ -9,7 +9,7 @@ import numpy as np
 
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions.angles import wrap
-from dirprim_filter.jumps import FASTEST, SAMPLED, Scale
+from dirprim_filter.jumps import ACCELERATION, FASTEST, SAMPLED, Scale
 
 MAX_STEP_S, INTERVALS_IN_STEP = 2.0, 3.0
 """Across a longer pause nothing is known of the path between; of rows that come seldom, across so many intervals."""
@@ -49,6 +49,15 @@ def wrong_scale(scale: Scale) -> str:
     return ""
 
 
+def _quick(scale: Scale) -> str:
+    """A question about what is as fast as a jet, and turns as no jet can; empty where nothing is."""
+    if scale.speed > QUICK and scale.acceleration > ACCELERATION and scale.straightness > STRAIGHT:
+        return (
+            f"vehicles move at {scale.speed:.3g} m/s, with {scale.acceleration:.3g} m/s2: are positions in centimetres?"
+        )
+    return ""
+
+
 def find_faults(
     vehicle: IntArray,
     time_ns: IntArray,
@@ -72,7 +81,7 @@ def find_faults(
         By `direction` or `speed` where it is known what is wrong with these, so that they are better derived; else by
         `position` or another word.
     """
-    found: dict[str, str] = {}
+    found: dict[str, str] = {"scale": line} if (line := _quick(scale)) else {}
     if vehicle.size and vehicle[-1] - vehicle[0] >= 2 and (np.ptp(position, axis=0) < SMALL_M).all():
         return {"position": f"all positions lie within {SMALL_M:g} m: are they degrees? Say latitude and longitude"}
     if np.count_nonzero(np.isfinite(speed)) < LEAST_COMPARED:

@@ -7,9 +7,12 @@ alone: jumps do not enter it, even if every second row is another vehicle's.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import islice
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -29,8 +32,8 @@ SLOWEST = 1.0
 """m/s, the usual speed where vehicles stand, or nearly."""
 NEAREST = 4
 """Rows so far apart are neighbours; so many vehicles of one id are told apart at once."""
-SAMPLED = 20_000
-"""Rows that the scale is estimated from."""
+SAMPLED, SAMPLED_OF_EACH = 20_000, 200
+"""Rows that the scale is estimated from, and those that each vehicle's own is."""
 LEAST_ROWS = 3
 """A part of fewer rows is no vehicle of its own."""
 MOST_JUMPS = 100_000
@@ -39,67 +42,82 @@ MOST_JUMPS = 100_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scale:
-    """How a log's vehicles usually move, by a sample of its rows; zeros where no vehicle has two.
+    """How a log's vehicles usually move, or, (m,) numbers each, each of them; zeros where no vehicle has two rows.
 
     Attributes:
         speed: m/s, which a tenth of the rows exceed.
         noise: metres from a row to the straight line between rows before and after, in the median.
         interval_s: seconds between a vehicle's rows, in the median.
-        n_steps: of the sample.
-        straightness: length of a way across some rows by that of its steps, in the median; NaN where nothing moves.
+        n_steps: how many were looked at.
+        straightness: length of a way across some rows by that of its steps, in the median; 0 where nothing moves.
+        acceleration: m/s2, which a tenth of the rows exceed.
     """
 
-    speed: float
-    noise: float
-    interval_s: float
+    speed: Any
+    noise: Any
+    interval_s: Any
     n_steps: int
-    straightness: float
+    straightness: Any
+    acceleration: Any
 
     @classmethod
-    def of(cls, vehicle: IntArray, time_ns: IntArray, position: FloatArray) -> Scale:
-        """Of rows in order of vehicle and time, none of which repeats another."""
-        row, last = np.arange(0, vehicle.size, 1 + vehicle.size // SAMPLED), vehicle.size - 1
-        speed, off, ways = (np.full((NEAREST, row.size), np.nan) for _ in range(3))
-        for lag in range(NEAREST):
-            before, after = np.maximum(row - lag - 1, 0), np.minimum(row + lag + 1, last)
-            near = np.flatnonzero((vehicle[after] == vehicle[row]) & (after > row + lag))
-            there, here = after[near], row[near]
-            way, passed = position[there] - position[here], time_ns[there] - time_ns[here]
-            speed[lag, near], ways[lag, near] = np.hypot(*way.T) / (passed * 1e-9), np.hypot(*way.T)
-            inside = near[(before[near] < here - lag) & (vehicle[before[near]] == vehicle[here])]
-            ends = time_ns[before[inside]], time_ns[after[inside]]
-            share = ((time_ns[row[inside]] - ends[0]) / (ends[1] - ends[0]))[:, None]
-            between = position[before[inside]] * (1.0 - share) + position[after[inside]] * share
-            off[lag, inside] = np.hypot(*(position[row[inside]] - between).T)
-            if lag == 0:
-                interval_s = float(np.median(passed)) * 1e-9 if near.size else 0.0
-        straight = ways[-1, ways[0] > 0] / (NEAREST * ways[0, ways[0] > 0])
-        return cls(
-            speed=_best(speed, 0.9), noise=_best(off, 0.5), interval_s=interval_s,
-            n_steps=int(np.isfinite(speed[0]).sum()),
-            straightness=float(np.nanmedian(straight)) if np.isfinite(straight).any() else np.nan,
-        )  # fmt: skip
+    def of(cls, vehicle: IntArray, time_ns: IntArray, position: FloatArray, each: IntArray | None = None) -> Scale:
+        """Of rows in order of vehicle and time, none of which repeats another: by a sample, or of `each` number."""
+        last, row = vehicle.size - 1, np.arange(0, vehicle.size, 1 + vehicle.size // SAMPLED)
+        if each is not None:
+            begin, n = np.unique(each, return_index=True, return_counts=True)[1:]
+            place = np.arange(vehicle.size) - begin[each]
+            row = np.flatnonzero(place % (1 + n // SAMPLED_OF_EACH)[each] == 0)
+            each = each[row]
+        speed, off, acceleration = np.full((3, row.size), np.nan)
+        for lag in range(1, NEAREST + 1):
+            before, after = np.maximum(row - lag, 0), np.minimum(row + lag, last)
+            is_last = (after - row < lag) | (vehicle[after] != vehicle[row])
+            is_end = is_last | (row - before < lag) | (vehicle[before] != vehicle[row])
+            passed_s = np.where(is_last, np.nan, (time_ns[after] - time_ns[row]) * 1e-9)
+            since_s = np.where(is_end, np.nan, (time_ns[row] - time_ns[before]) * 1e-9)
+            way_m = np.hypot(*(position[after] - position[row]).T)
+            share = (since_s / (since_s + passed_s))[:, None]
+            off_m = np.hypot(*(position[row] - position[before] * (1.0 - share) - position[after] * share).T)
+            speed, off = np.fmin(speed, way_m / passed_s), np.fmin(off, off_m)
+            acceleration = np.fmin(acceleration, 2.0 * off_m / (since_s * passed_s))
+            if lag == 1:
+                interval_s, step_m = passed_s, np.where(is_last | (way_m == 0), np.nan, way_m)
+        straightness = np.where(is_last, np.nan, way_m) / (NEAREST * step_m)
+        measured = (speed, 0.9), (off, 0.5), (interval_s, 0.5), (straightness, 0.5), (acceleration, 0.9)
+        found = [_quantiles(values, share, each) for values, share in measured]
+        names = ("speed", "noise", "interval_s", "straightness", "acceleration")
+        return cls(n_steps=int(np.isfinite(interval_s).sum()), **dict(zip(names, found, strict=True)))
 
     def beside(self, other: Scale) -> Scale:
         """That of the two of larger speed and noise."""
-        return replace(self, speed=max(self.speed, other.speed), noise=max(self.noise, other.noise))
+        return replace(self, speed=np.maximum(self.speed, other.speed), noise=np.maximum(self.noise, other.noise))
 
     @property
-    def least_m(self) -> float:
+    def usual(self) -> Any:
+        """The speed, m/s, also where vehicles stand."""
+        return np.maximum(self.speed, SLOWEST)
+
+    @property
+    def least_m(self) -> Any:
         """What is shorter is no jump."""
-        return max(STEPS * max(self.speed, SLOWEST) * self.interval_s, NOISES * self.noise)
-
-    def most(self, dt_s: FloatArray) -> FloatArray:
-        """m/s, by which a velocity may differ from the one `dt_s` seconds before."""
-        usual = max(self.speed, SLOWEST)
-        return np.minimum(np.minimum(ACCELERATION * dt_s, TIMES_USUAL * usual) + 0.5 * usual, FASTEST)
+        return np.maximum(STEPS * self.usual * self.interval_s, NOISES * self.noise)
 
 
-def _best(of_lags: FloatArray, share: float) -> float:
-    """A quantile of the rows, each at its best lag."""
-    best = np.fmin.reduce(of_lags)
-    known = best[np.isfinite(best)]
-    return float(np.quantile(known, share)) if known.size else 0.0
+def _most(usual: Any, dt_s: Any) -> Any:
+    """m/s, by which a velocity may differ from the one `dt_s` seconds before, at a usual speed."""
+    return np.minimum(np.minimum(ACCELERATION * dt_s, TIMES_USUAL * usual) + 0.5 * usual, FASTEST)
+
+
+def _quantiles(values: FloatArray, share: float, each: IntArray | None) -> Any:
+    """Of the values that are known; of those of each number, (m,); 0 where there is none."""
+    known = np.flatnonzero(np.isfinite(values))
+    if each is None:
+        return float(np.quantile(values[known], share)) if known.size else 0.0
+    order = known[np.lexsort((values[known], each[known]))]
+    n = np.bincount(each[known], minlength=int(each.max(initial=-1)) + 1)
+    middle = np.cumsum(n) - n + (share * np.maximum(n - 1, 0)).astype(np.int64)
+    return np.where(n > 0, np.append(values[order], 0.0)[np.minimum(middle, order.size)], 0.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,89 +137,119 @@ class Jumps:
     @classmethod
     def of(cls, vehicle: IntArray, time_ns: IntArray, position: FloatArray, scale: Scale) -> Jumps:
         """Of rows in order of vehicle and time, none a repeat; if more than `MOST_JUMPS`, they stay as they are."""
-        left_out, part = np.zeros(vehicle.size, np.bool_), np.zeros(vehicle.size, np.int64)
-        at = _jumps(vehicle, time_ns, position, scale)
-        whole = cls(at=at, left_out=left_out, part=part)
-        if not 0 < at.size <= MOST_JUMPS:
-            return whole
-        found = list[tuple[list[Chain], float]]()
-        numbers = np.unique(vehicle[at])
-        ends = np.searchsorted(vehicle, numbers), np.searchsorted(vehicle, numbers, side="right")
-        for first, end in zip(*(of.tolist() for of in ends), strict=True):
-            rows = slice(first, end)
-            own = scale.beside(Scale.of(vehicle[rows], time_ns[rows], position[rows]))
-            cuts = first + 1 + _jumps(vehicle[rows], time_ns[rows], position[rows], own)
-            if cuts.size:
-                found.append((_chains([first, *cuts.tolist(), end], time_ns, position, own), own.least_m))
-        whole._mark(found, position)
-        return whole
+        found = cls(
+            at=_jumps(vehicle, time_ns, position, scale),
+            left_out=np.zeros(vehicle.size, np.bool_), part=np.zeros(vehicle.size, np.int64),
+        )  # fmt: skip
+        if 0 < found.at.size <= MOST_JUMPS:
+            rows = np.flatnonzero(np.isin(vehicle, vehicle[found.at]))
+            found._sort_out(rows, vehicle[rows], time_ns[rows], position[rows], scale)
+        return found
 
-    def _mark(self, found: list[tuple[list[Chain], float]], position: FloatArray) -> None:
-        """What is left out, and the parts of the rest, of the chains of some vehicles, and their least jumps."""
-        pieces = [piece for chains, _ in found for chain in chains for piece in chain]
-        places = {piece: place for piece in pieces if (place := _only_place(piece, position))}
-        n_at = Counter(places.values())
-        nowhere = {piece for piece, (x, y) in places.items() if x == y or n_at[x, y] > 1}
-        for chains, least_m in found:
-            number = 0
-            for chain, is_detour in zip(chains, _are_detours(chains), strict=True):
-                rows = [np.arange(*piece) for piece in chain if piece not in nowhere]
-                own = number
-                if is_detour or sum(map(len, rows)) < LEAST_ROWS:
-                    rows = []
-                elif (start := chain[0][0]) > chains[0][0][0] and not self.left_out[start - 1]:
-                    way_m = float(np.hypot(*(position[start] - position[start - 1])))
-                    own = int(self.part[start - 1]) if way_m < TIMES_APART * least_m else number
-                for piece in chain:
-                    self.left_out[slice(*piece)] = True
-                for of_piece in rows:
-                    self.left_out[of_piece], self.part[of_piece] = False, own
-                number += bool(rows) and own == number
+    def _sort_out(
+        self, rows: IntArray, vehicle: IntArray, time_ns: IntArray, position: FloatArray, scale: Scale
+    ) -> None:
+        """Judge all rows of some vehicles anew, each vehicle by a scale of its own."""
+        begin = np.flatnonzero(np.diff(vehicle, prepend=-1))
+        number = np.repeat(np.arange(begin.size), np.diff(begin, append=vehicle.size))
+        own = Scale.of(vehicle, time_ns, position, number).beside(scale)
+        start = np.union1d(begin, 1 + _jumps(vehicle, time_ns, position, own, number))
+        last = np.append(start[1:], vehicle.size) - 1
+        moves = np.append(0, np.cumsum((np.diff(position, axis=0) != 0).any(axis=1)))
+        columns = rows[start], rows[last] + 1, time_ns[start], time_ns[last], moves[start] == moves[last]
+        places = (map(tuple, position[at].tolist()) for at in (start, last))
+        pieces = map(_Piece, *(column.tolist() for column in columns), *places)
+        of_each = [[*islice(pieces, n)] for n in np.bincount(number[start]).tolist()]
+        n_at = Counter(piece.first for own in of_each if len(own) > 1 for piece in own if piece.stays)
+        for i, own_pieces in enumerate(of_each):
+            if len(own_pieces) > 1:
+                least_m = float(own.least_m[i])
+                self._mark(_chains(own_pieces, least_m, float(own.usual[i])), least_m, n_at)
 
-
-def _jumps(vehicle: IntArray, time_ns: IntArray, position: FloatArray, scale: Scale) -> IntArray:
-    """(j,) rows from which no body comes to the next one, as far as its steps before and after say."""
-    dt_s = np.where(np.diff(vehicle) == 0, np.diff(time_ns) * 1e-9, np.nan)
-    velocity = np.diff(position, axis=0) / dt_s[:, None]
-    change, nothing = np.hypot(*np.diff(velocity, axis=0).T), [np.nan] * min(1, dt_s.size)
-    speed = np.hypot(*velocity.T)
-    excess = np.fmin(speed, np.fmin(np.append(nothing, change), np.append(change, nothing)))
-    is_far = excess * dt_s > scale.least_m
-    return np.flatnonzero(is_far & ((excess > scale.most(dt_s)) | (speed > FASTEST)))
+    def _mark(self, chains: list[Chain], least_m: float, n_at: Counter[Place]) -> None:
+        """What is left out of a vehicle, and the parts of the rest; places where several pieces stay stand for none."""
+        number, lasts = 0, {piece.end: piece.last for chain in chains for piece in chain}
+        for chain, is_detour in zip(chains, _are_detours(chains), strict=True):
+            kept = [one for one in chain if not (one.stays and (len({*one.first}) == 1 or n_at[one.first] > 1))]
+            own, start = number, chain[0].start
+            if is_detour or sum(one.end - one.start for one in kept) < LEAST_ROWS:
+                kept = []
+            elif chain is not chains[0] and not self.left_out[start - 1]:
+                is_correction = math.dist(lasts[start], chain[0].first) < TIMES_APART * least_m
+                own = int(self.part[start - 1]) if is_correction else number
+            for one in chain:
+                self.left_out[one.start : one.end] = True
+            for one in kept:
+                self.left_out[one.start : one.end], self.part[one.start : one.end] = False, own
+            number += bool(kept) and own == number
 
 
-Chain = list[tuple[int, int]]
-"""Pieces of a vehicle's rows, from and to, one after the other, that one body may have driven."""
+def _jumps(
+    vehicle: IntArray, time_ns: IntArray, position: FloatArray, scale: Scale, each: IntArray | None = None
+) -> IntArray:
+    """(j,) rows from which no body comes to the next one, as far as its steps before and after say.
+
+    The scale is of all, or of `each` number. Most steps are too short for a jump, and no more is asked of them.
+    """
+    least_m, usual = (of if each is None else of[each[:-1]] for of in (scale.least_m, scale.usual))
+    x_m, y_m = np.diff(position, axis=0).T
+    is_far = (x_m * x_m + y_m * y_m > least_m * least_m) & (vehicle[1:] == vehicle[:-1])
+    at, last = np.flatnonzero(is_far), vehicle.size - 1
+
+    def velocity(row: IntArray) -> tuple[FloatArray, FloatArray]:
+        """(j, 2) m/s from each row to the next; NaN where there is none; and (j,) the seconds."""
+        row, then = np.clip(row, 0, last), np.clip(row + 1, 0, last)
+        is_step = (vehicle[row] == vehicle[then]) & (then > row)
+        dt_s = np.where(is_step, (time_ns[then] - time_ns[row]) * 1e-9, np.nan)
+        return (position[then] - position[row]) / dt_s[:, None], dt_s
+
+    own, dt_s = velocity(at)
+    speed = np.hypot(*own.T)
+    changes = [np.hypot(*(own - velocity(at + side)[0]).T) for side in (-1, 1)]
+    excess = np.fmin(speed, np.fmin(*changes))
+    least_m, usual = (of if each is None else of[at] for of in (least_m, usual))
+    return at[(excess * dt_s > least_m) & ((excess > _most(usual, dt_s)) | (speed > FASTEST))]
 
 
-def _chains(cuts: list[int], time_ns: IntArray, position: FloatArray, scale: Scale) -> list[Chain]:
-    """The pieces between cuts, each behind the one from whose end it is reached best, if it can be."""
-    chains: list[Chain] = []
-    recent: list[Chain] = []
-    for start, end in pairwise(cuts):
-        ended = np.array([chain[-1][1] - 1 for chain in recent], np.int64)
-        dt_s = (time_ns[start] - time_ns[ended]) * 1e-9
-        way_m = np.hypot(*(position[start] - position[ended]).T)
-        able = (way_m <= scale.least_m) | (way_m <= scale.most(dt_s) * dt_s)
-        if able.any():
-            chain = recent.pop(int(np.argmin(np.where(able, way_m, np.inf))))
-        else:
-            chain = []
+Place = tuple[float, float]
+
+
+class _Piece(NamedTuple):
+    """Rows of a vehicle without a jump, which rows, when, and where they begin and end."""
+
+    start: int
+    end: int
+    begin_ns: int
+    end_ns: int
+    stays: bool
+    first: Place
+    last: Place
+
+
+Chain = list[_Piece]
+"""Pieces of a vehicle's rows, one after the other, that one body may have driven."""
+
+
+def _chains(pieces: Sequence[_Piece], least_m: float, usual: float) -> list[Chain]:
+    """Each piece behind the one from whose end it is reached best, if it can be."""
+    chains, recent = list[Chain](), list[Chain]()
+    for piece in pieces:
+        reached = dict[int, float]()
+        for i, chain in enumerate(recent):
+            way_m, dt_s = math.dist(chain[-1].last, piece.first), (piece.begin_ns - chain[-1].end_ns) * 1e-9
+            if way_m <= least_m or way_m <= _most(usual, dt_s) * dt_s:
+                reached[i] = way_m
+        chain = recent.pop(min(reached, key=reached.__getitem__)) if reached else []
+        if not chain:
             chains.append(chain)
-        chain.append((start, end))
+        chain.append(piece)
         recent = [chain, *recent[: NEAREST - 1]]
     return chains
 
 
 def _are_detours(chains: list[Chain]) -> list[bool]:
     """Of each chain whether it is one piece, before and after which is the same other chain."""
-    pieces = sorted((start, i) for i, chain in enumerate(chains) for start, _ in chain)
+    pieces = sorted((piece.start, i) for i, chain in enumerate(chains) for piece in chain)
     whose = [-1, *(i for _, i in pieces), -2]
     around = {i: before == after for before, i, after in zip(whose, whose[1:], whose[2:], strict=False)}
     return [len(chain) == 1 and around[i] for i, chain in enumerate(chains)]
-
-
-def _only_place(piece: tuple[int, int], position: FloatArray) -> tuple[float, float] | None:
-    """Where all rows of a piece are, if at one place."""
-    x, y = position[piece[0]].tolist()
-    return (x, y) if (position[slice(*piece)] == (x, y)).all() else None

@@ -115,6 +115,14 @@ def _numbers_of(key: AnyArray) -> IntArray:
     return np.asarray(np.unique(key, return_inverse=True)[1], np.int64)
 
 
+def in_order(vehicle: IntArray, time_ns: IntArray) -> IntArray:
+    """(n,) the rows by vehicle, numbered from 0, and time; of equal ones the first stays first."""
+    if (time_ns[1:] < time_ns[:-1]).any():
+        return np.lexsort((time_ns, vehicle))
+    few = vehicle.max(initial=0) <= np.iinfo(np.uint16).max  # which are sorted ten times as fast
+    return np.argsort(vehicle.astype(np.uint16) if few else vehicle, kind="stable")
+
+
 def check_not_repeated(track_id: AnyArray, time_ns: IntArray, group: IntArray) -> None:
     """No vehicle has two rows at one time.
 
@@ -130,7 +138,7 @@ def check_not_repeated(track_id: AnyArray, time_ns: IntArray, group: IntArray) -
 def repeated_rows(track_id: AnyArray, time_ns: IntArray) -> BoolArray:
     """(n,) where a row repeats the vehicle and the time of an earlier row."""
     vehicle = _numbers_of(track_id)
-    order = np.lexsort((time_ns, vehicle))  # stable, so the first of equals stays first
+    order = in_order(vehicle, time_ns)
     same = (np.diff(vehicle[order]) == 0) & (np.diff(time_ns[order]) == 0)
     repeated = np.zeros(len(time_ns), np.bool_)
     repeated[order[1:][same]] = True

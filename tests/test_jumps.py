@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dirprim_filter.faults import wrong_scale
+from dirprim_filter.faults import find_faults, wrong_scale
 from dirprim_filter.jumps import Jumps, Scale
 
 N_ROWS = 100
@@ -96,3 +96,13 @@ def test_times_in_another_unit_are_named(factor, said):
     repeated[1:] = (np.diff(time_ns) == 0) & (np.diff(vehicle) == 0)
     assert said in wrong_scale(Scale.of(vehicle[~repeated], time_ns[~repeated], position[~repeated]))
     assert "degrees" in wrong_scale(Scale.of(*traffic()[:2], 1e-5 * position))
+
+
+def test_a_town_in_centimetres_is_asked_about_and_no_jet_is():
+    for factor, speed in ((100.0, 8.0), (1.0, 500.0)):
+        vehicle, time_ns, position = traffic(speed=speed, radius_s=5.0 if factor > 1 else 20.0)
+        scale = Scale.of(vehicle, time_ns, factor * position)
+        unknown = np.full(vehicle.size, np.nan)
+        asked = find_faults(vehicle, time_ns, factor * position, direction=unknown, speed=unknown, scale=scale)
+        assert ("centimetres" in "".join(asked.values())) == (factor > 1)
+        assert wrong_scale(scale) == "" or factor > 1

@@ -11,8 +11,9 @@ from dirprim_filter.arrays import IntArray
 from dirprim_filter.faults import find_faults, wrong_scale
 from dirprim_filter.jumps import FASTEST, MOST_JUMPS, Jumps, Scale
 from dirprim_filter.recording.errors import RecordingError
-from dirprim_filter.recording.losses import OFF_WAY, Losses
+from dirprim_filter.recording.losses import OFF_WAY, REPEATED, Losses
 from dirprim_filter.recording.rows import LEFT_OUT, Rows
+from dirprim_filter.track_ids import in_order
 
 
 class ImplausibleError(RecordingError):
@@ -27,18 +28,21 @@ OFTEN = 0.1
 """So many of the steps are jumps, where ids number the objects of each message anew."""
 SAMPLED = 200
 """Jumps that are looked at."""
+COMPARED = 100_000
+"""About so many rows have stated motion compared with their way."""
 
 
 def plausible(rows: Rows, losses: Losses, path: Path) -> Rows:
-    """The rows that can be, of `names`, none of which repeats a vehicle and a time.
+    """The rows that can be, of `names`.
 
-    Rows that no body reaches from those before and after are left out and counted; an id of several vehicles becomes
-    several. Speeds and courses in other units are unknown from here on. All this is among the `faults` of the losses.
+    Rows that repeat a vehicle and a time, and those that no body reaches from the ones before and after, are left out
+    and counted; an id of several vehicles becomes several. Speeds and courses in other units are unknown from here on.
+    All this is among the `faults` of the losses.
 
     Raises:
         ImplausibleError: no log of vehicles looks so; with the likely cause.
     """
-    order = np.lexsort((rows.time_ns, rows.track_id))
+    order, rows = _without_repeats(rows, losses)
     vehicle, time_ns, position = rows.track_id[order], rows.time_ns[order], rows.position[order]
     scale = Scale.of(vehicle, time_ns, position)
     if wrong := wrong_scale(scale):
@@ -52,8 +56,9 @@ def plausible(rows: Rows, losses: Losses, path: Path) -> Rows:
         losses.faults.append(f"{np.count_nonzero(absurd)} speeds above {FASTEST:g} m/s are not used")
         rows = replace(rows, speed=np.where(absurd, np.nan, rows.speed))
     jumps = Jumps.of(vehicle, time_ns, position, scale)
-    speed, course = (np.where(jumps.left_out, np.nan, column[order]) for column in (rows.speed, rows.direction))
-    faults = find_faults(vehicle, time_ns, position, direction=course, speed=speed, scale=scale)
+    some = np.flatnonzero(~jumps.left_out & (vehicle % (1 + len(rows) // COMPARED) == 0))
+    speed, course = rows.speed[order[some]], rows.direction[order[some]]
+    faults = find_faults(vehicle[some], time_ns[some], position[some], direction=course, speed=speed, scale=scale)
     losses.faults += faults.values()
     rows = replace(rows, **dict.fromkeys(faults.keys() & {"direction", "speed"}, LEFT_OUT))
     if not jumps.at.size:
@@ -74,6 +79,18 @@ def plausible(rows: Rows, losses: Losses, path: Path) -> Rows:
     kept = np.ones(len(rows), np.bool_)
     kept[order[jumps.left_out]] = False
     return rows[kept]
+
+
+def _without_repeats(rows: Rows, losses: Losses) -> tuple[IntArray, Rows]:
+    """The rows in order of vehicle and time, of those that repeat both the first; and these rows."""
+    order = in_order(rows.track_id, rows.time_ns)
+    same = (np.diff(rows.track_id[order]) == 0) & (np.diff(rows.time_ns[order]) == 0)
+    if not same.any():
+        return order, rows
+    kept = np.ones(len(rows), np.bool_)
+    kept[order[1:][same]] = False
+    losses.drop(REPEATED, ~kept)
+    return _without_repeats(rows[kept], losses)
 
 
 def _jumping(rows: Rows, order: IntArray, jumps: Jumps, least_m: float, path: Path) -> str:

@@ -19,7 +19,7 @@ from dirprim_filter.recording.container.errors import Damage
 from dirprim_filter.recording.container.log import Log, LogSource, Scan, opened
 from dirprim_filter.recording.errors import DamagedRecordingError, NoTracksError
 from dirprim_filter.recording.inspection import inspect
-from dirprim_filter.recording.losses import REPEATED, Losses
+from dirprim_filter.recording.losses import Losses
 from dirprim_filter.recording.name_patterns import is_table
 from dirprim_filter.recording.objects.observations import DetectionStream, Observations
 from dirprim_filter.recording.objects.options import EVERYTHING, ReadOptions, TimeSource
@@ -31,7 +31,6 @@ from dirprim_filter.recording.schemas.dirprim import decode_assignments, decode_
 from dirprim_filter.recording.schemas.family import FieldMapping
 from dirprim_filter.recording.summary import LogSummary, TopicSummary
 from dirprim_filter.recording.transforms.transform_tree import SharedTransforms
-from dirprim_filter.track_ids import repeated_rows
 from dirprim_filter.tracks import Tracks
 
 if TYPE_CHECKING:
@@ -118,9 +117,7 @@ def read_track_logs(
             observations = Observations(scan, own, shared)
             rows = observations if progress is None else _reporting(observations, scan.end_ns, progress)
             read = rows_of_log(rows)
-            repeated = repeated_rows(read.track_id, read.time_ns)
-            observations.losses.drop(REPEATED, repeated)
-            parts.append(plausible(read[~repeated], observations.losses, log.path))
+            parts.append(plausible(read, observations.losses, log.path))
             if np.count_nonzero(np.bincount(read.track_id)) >= len(read) and not read.has_motion().any():
                 _require_ids(log.path, len(read))
             names.append(log.path.stem)

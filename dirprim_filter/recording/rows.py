@@ -87,7 +87,12 @@ class Rows(ArrayValue):
         """The rows of a mask or of indices; the same rows where a mask leaves out none."""
         if rows.dtype == np.bool_ and rows.all():
             return self
-        return replace(self, **{name: getattr(self, name)[rows] for name in ("position", *self.NOTHING)})
+        position = self.position[rows]
+        chosen: dict[str, AnyArray] = {"position": position}
+        for name, column in ((name, getattr(self, name)) for name in self.NOTHING):
+            alike = column.strides[0] == 0 and len(self) > 0  # one row stands for all, and so it stays
+            chosen[name] = np.broadcast_to(column[0], (len(position), *column.shape[1:])) if alike else column[rows]
+        return replace(self, **chosen)
 
     @classmethod
     def concatenate(cls, parts: Iterable[Rows], names: AnyArray = LEFT_OUT, but: Sequence[str] = ()) -> Rows:

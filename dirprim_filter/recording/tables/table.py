@@ -17,11 +17,11 @@ from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.origin import Origin
 from dirprim_filter.recording.decoding.field_columns import NO_TIME
 from dirprim_filter.recording.errors import TableError
-from dirprim_filter.recording.losses import REPEATED, Losses
+from dirprim_filter.recording.losses import Losses
 from dirprim_filter.recording.plausibility import plausible
 from dirprim_filter.recording.rows import Rows
 from dirprim_filter.recording.transforms.geodesy import FARTHEST_M
-from dirprim_filter.track_ids import as_track_ids, numbered, repeated_rows, stand_for_none
+from dirprim_filter.track_ids import as_track_ids, numbered, stand_for_none
 from dirprim_filter.tracks import Tracks
 
 logger = logging.getLogger(__name__)
@@ -99,9 +99,7 @@ def table_of(path: Path, rows: Rows, *, sensor: AnyArray | None = None, losses: 
         losses.note("vehicles whose id stands in several groups; all ids became group/id", n_shared)
         group = own.group[np.unique(own.track_id, return_index=True)[1]]
         own = replace(own, names=np.strings.add(np.strings.add(group.astype(np.str_), "/"), own.names))
-    repeated = repeated_rows(own.track_id, own.time_ns)
-    losses.drop(REPEATED, repeated)
-    own = plausible(own[~repeated], losses, path)
+    own = plausible(own, losses, path)
     losses.note("rows earlier than the row before of the same vehicle; sorted", _n_out_of_order(own))
     partly = int((own.has_motion() & ~own.is_known_throughout()).sum())
     losses.note("rows of vehicles whose course or speed is known of a part; derived from positions", partly)
