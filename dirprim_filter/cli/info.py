@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
+    from dirprim_filter.recording.container.source import Files
     from dirprim_filter.recording.summary import LogSummary
 
 logger = logging.getLogger(__name__)
@@ -45,6 +46,7 @@ def info(
 
     Example: dirprim info recordings/roundabout_track.mcap
     """
+    from dirprim_filter.recording.container.source import log_files
     from dirprim_filter.recording.name_patterns import is_table
     from dirprim_filter.recording.summary import summarise_by_index
 
@@ -56,9 +58,10 @@ def info(
             worst = max(worst, _table(path, reading, as_json=as_json))
             continue
         faults: list[str] = []
-        summary = summarise_by_index(path, topics=reading.given.get("topics")) if by_index else None
+        files = log_files(path)
+        summary = summarise_by_index(files, topics=reading.given.get("topics")) if by_index else None
         if summary is None:
-            summary, faults = _whole(path, reading)
+            summary, faults = _whole(path, files, reading)
         if as_json:
             typer.echo(json.dumps(summary.as_json() | {"faults": faults}))
         else:
@@ -84,7 +87,7 @@ def _table(path: Path, reading: Reading, *, as_json: bool) -> int:
     return exit_codes.of_losses(table.losses)
 
 
-def _whole(path: Path, reading: Reading) -> tuple[LogSummary, list[str]]:
+def _whole(path: Path, files: Files, reading: Reading) -> tuple[LogSummary, list[str]]:
     """What a log holds, and the faults of the tracks that `dirprim learn` would read."""
     from dirprim_filter.recording.container.log import Log
     from dirprim_filter.recording.errors import MissingTransformError, RecordingError
@@ -92,7 +95,7 @@ def _whole(path: Path, reading: Reading) -> tuple[LogSummary, list[str]]:
     from dirprim_filter.recording.plausibility import ImplausibleError
     from dirprim_filter.recording.reader import read_track_logs
 
-    with Log(path) as log:
+    with Log(path, files=files) as log:
         summary = inspect(log, reading.options())
         if all(topic.tracks is None for topic in summary.topics):
             return summary, []

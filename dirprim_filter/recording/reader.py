@@ -15,9 +15,10 @@ from google.protobuf.message import DecodeError as ProtobufDecodeError
 from dirprim_filter.estimates import Assignments, Estimates
 from dirprim_filter.origin import Origin
 from dirprim_filter.recording import topic_names
+from dirprim_filter.recording.container.budget import most_rows
 from dirprim_filter.recording.container.errors import Damage
 from dirprim_filter.recording.container.log import Log, LogSource, Scan, opened
-from dirprim_filter.recording.errors import DamagedRecordingError, NoTracksError
+from dirprim_filter.recording.errors import DamagedRecordingError, NoTracksError, RecordingError
 from dirprim_filter.recording.inspection import inspect
 from dirprim_filter.recording.losses import Losses
 from dirprim_filter.recording.name_patterns import is_table
@@ -115,8 +116,8 @@ def read_track_logs(
             own = options.of_log(log.start_ns)
             scan = _wanted(log, choose_topics(log, own), own)
             observations = Observations(scan, own, shared)
-            rows = observations if progress is None else _reporting(observations, scan.end_ns, progress)
-            read = rows_of_log(rows)
+            rows = _bounded(observations, log)
+            read = rows_of_log(rows if progress is None else _reporting(rows, scan.end_ns, progress))
             parts.append(plausible(read, observations.losses, log.path))
             if np.count_nonzero(np.bincount(read.track_id)) >= len(read) and not read.has_motion().any():
                 _require_ids(log.path, len(read))
@@ -147,12 +148,23 @@ def _of_first(one: LogSource, options: ReadOptions, origin: Origin | None, frame
     return replace(options, origin=origin, meets=str(one.path if isinstance(one, Log) else one))
 
 
-def _reporting(
-    observations: Iterable[Rows], end_ns: int | None, progress: Callable[[int, int], None]
-) -> Iterator[Rows]:
+def _bounded(parts: Iterable[Rows], log: Log) -> Iterator[Rows]:
+    """The same; raises where a log holds more rows than its size allows."""
+    n, most = 0, most_rows(log.n_bytes)
+    for part in parts:
+        n += len(part)
+        if n > most:
+            raise RecordingError(
+                f"{log.path}: expected at most {most} rows of objects in so small a log, got more; if they are right, "
+                "write it with less compression (`mcap decompress`)"
+            )
+        yield part
+
+
+def _reporting(parts: Iterable[Rows], end_ns: int | None, progress: Callable[[int, int], None]) -> Iterator[Rows]:
     """The same, and after each part how far that is."""
     first_ns: int | None = None
-    for part in observations:
+    for part in parts:
         yield part
         first_ns = int(part.time_ns[0]) if first_ns is None else first_ns
         if end_ns is not None and end_ns > first_ns:

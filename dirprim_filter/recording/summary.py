@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import asdict, dataclass
-from os import PathLike
 from typing import Any
 
 from mcap.records import Statistics
 
 from dirprim_filter.recording.container.errors import Damage
 from dirprim_filter.recording.container.records import Channel
-from dirprim_filter.recording.container.source import log_files
+from dirprim_filter.recording.container.source import Files
 from dirprim_filter.recording.container.summary_section import Summary, read_summary
 from dirprim_filter.recording.name_patterns import matching
 
@@ -104,23 +103,15 @@ class LogSummary:
 
 
 def summarise_by_index(
-    path: str | PathLike[str],
-    *,
-    topics: str | None = None,
-    from_bytes: int = LONG_LOG_BYTES,
-) -> LogSummary | None:
+    files: Files, *, topics: str | None = None, from_bytes: int = LONG_LOG_BYTES
+) -> LogSummary | None:  # fmt: skip
     """What a long log's own index says of it, without reading a chunk; None where it is short or has no whole index.
 
     Args:
-        path: the log.
+        files: those of the log, open, as `log_files` gives them.
         topics: a name, or a regular expression that matches topics in full; left out: all.
         from_bytes: logs of this size are long.
-
-    Raises:
-        NotMcapError: the file is no MCAP log.
-        OSError: it cannot be opened.
     """
-    files = log_files(path)
     if sum(len(bytes_of) for _, bytes_of in files) < from_bytes:
         return None
     wanted = None if topics is None else matching(topics, of="topics")

@@ -4,12 +4,17 @@ import json
 import re
 import subprocess
 import sys
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
 from mcap_files import CHUNK, log_bytes, records, scene, write_protobuf_log
 
+from dirprim_filter import read_tracks
 from dirprim_filter.cli.main import run
+from dirprim_filter.recording.container.source import log_files
+from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.inspection import inspect
 from dirprim_filter.recording.schemas import decoders
 from dirprim_filter.recording.summary import summarise_by_index
@@ -19,14 +24,16 @@ SENT = [(f"/topic{i % 3}", 1000 * i, str(i).encode() * 9) for i in range(200)]
 
 def test_the_index_tells_what_reading_tells(log_file):
     path = log_file(log_bytes(SENT, chunk_size=900))
-    reported, read = summarise_by_index(path, from_bytes=0), inspect(path)
+    reported, read = summarise_by_index(log_files(path), from_bytes=0), inspect(path)
     topics = tuple(replace(topic, why="") for topic in read.topics)  # the index does not look at definitions
     assert (reported.topics, reported.messages, reported.start_ns, reported.end_ns) == (
         topics, read.messages, read.start_ns, read.end_ns,
     )  # fmt: skip
     assert (reported.is_checked, read.is_checked) == (False, True)
-    assert summarise_by_index(path) is None  # a short log is read
-    few = summarise_by_index(path, topics="/topic1", from_bytes=0)  # the index knows the span of all topics alone
+    assert summarise_by_index(log_files(path)) is None  # a short log is read
+    few = summarise_by_index(
+        log_files(path), topics="/topic1", from_bytes=0
+    )  # the index knows the span of all topics alone
     assert ([topic.name for topic in few.topics], few.start_ns, few.end_ns) == (["/topic1"], None, None)
 
 
@@ -36,8 +43,8 @@ def test_an_index_that_is_not_whole_says_nothing(log_file):
     for at in range(summary, len(data), 37):
         broken = bytearray(data)
         broken[at] ^= 4
-        assert summarise_by_index(log_file(broken), from_bytes=0) is None, at
-    assert summarise_by_index(log_file(data[:-9]), from_bytes=0) is None
+        assert summarise_by_index(log_files(log_file(broken)), from_bytes=0) is None, at
+    assert summarise_by_index(log_files(log_file(data[:-9])), from_bytes=0) is None
 
 
 def test_a_long_log_is_reported_by_its_index_unless_it_is_to_be_checked(log_file, capsys, monkeypatch):
@@ -89,6 +96,21 @@ def test_info_decodes_a_chunk_of_any_size_in_pieces(tmp_path, monkeypatch):
     assert inspect(path) == whole
     assert max(sizes) < (1 << 14) + update.ByteSize()
     assert sum(sizes) == 300 * update.ByteSize()
+
+
+def test_elements_that_hold_nothing_take_memory_of_one_message_at_a_time_and_are_no_endless_rows(tmp_path):
+    """50 messages of 60,000 in 9 kB: what was made of them took 490 MiB."""
+    for body, wanted in ((b"", 0), (b"\x42\x04\x0a\x02\x0a\x00", 1_200_000)):
+        update = (b"\x12" + bytes([len(body)]) + body) * 60_000
+        path = write_protobuf_log(tmp_path / "log.mcap", [("/objects", k, update) for k in range(20)])
+        tracemalloc.start()
+        found = inspect(path)
+        _, peak = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        assert sum(topic.detections for topic in found.topics) == wanted
+        assert peak < 140e6
+    with pytest.raises(RecordingError, match="expected at most 262144 rows of objects in so small a log, got more"):
+        read_tracks(path)
 
 
 def test_what_info_does_not_need_it_does_not_import():

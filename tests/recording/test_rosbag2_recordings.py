@@ -15,8 +15,10 @@ from rosbags.typesys import Stores, get_typestore
 
 from dirprim_filter import read_tracks
 from dirprim_filter.cli.main import run
+from dirprim_filter.recording.container import budget
 from dirprim_filter.recording.container.recovery import recover
 from dirprim_filter.recording.container.ros_bags import copied
+from dirprim_filter.recording.container.source import log_files
 from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.scan import scan
 from dirprim_filter.recording.summary import summarise_by_index
@@ -65,11 +67,11 @@ def test_a_split_recording_is_one_log_one_index_and_recovered_one_file(split, tm
     assert recovery.is_lossless
     assert rows(scan(tmp_path / "one.mcap")) == rows(scan(split))
     assert recovery.saved == sum(map(len, PARTS))
-    summary = summarise_by_index(split, from_bytes=0)
+    summary = summarise_by_index(log_files(split), from_bytes=0)
     assert {topic.name: topic.messages for topic in summary.topics} == {"/a": 66, "/b": 2, "/c": 1}
     assert (summary.messages, summary.start_ns, summary.end_ns) == (69, 0, 91)
     (split / "run_1.mcap").write_bytes(log_bytes(PARTS[1])[:-50])
-    assert summarise_by_index(split, from_bytes=0) is None
+    assert summarise_by_index(log_files(split), from_bytes=0) is None
 
 
 def test_damage_of_a_split_recording_names_the_file_and_costs_no_other(split):
@@ -235,6 +237,20 @@ def test_a_file_that_is_no_bag_is_one_line(tmp_path, data):
     with pytest.raises(RecordingError, match=r"a\.db3: expected a bag that rosbags can read, got ") as caught:
         scan(tmp_path / "a.db3")
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("compression", list(OldWriter.CompressionFormat))
+@pytest.mark.parametrize(("n_messages", "n_bytes"), [(1, 1 << 22), (40, 1 << 15)])
+def test_chunks_of_ros_1_are_bounded_by_the_size_of_the_bag(tmp_path, monkeypatch, compression, n_messages, n_bytes):
+    monkeypatch.setattr(budget, "SMALL_BYTES", 1 << 20)
+    bag = OldWriter(tmp_path / "bomb.bag")
+    bag.set_compression(compression)
+    with bag:
+        topic = bag.add_connection("/a", "std_msgs/msg/String", typestore=get_typestore(Stores.ROS1_NOETIC))
+        for k in range(n_messages):
+            bag.write(topic, k, (n_bytes - 4).to_bytes(4, "little") + bytes(n_bytes - 4))
+    with pytest.raises(RecordingError, match=r"bomb.bag: expected a bag .* more than \d+ bytes, many times the size"):
+        copied(tmp_path / "bomb.bag")
 
 
 @pytest.mark.parametrize(("n_rows", "n_bytes"), [(1, 1 << 27), (3, 1 << 25)])

@@ -16,6 +16,7 @@ from dirprim_filter.cli.main import run
 from dirprim_filter.detections import Detections
 from dirprim_filter.recording.errors import NoTracksError
 from dirprim_filter.recording.reader import FieldMapping, read_track_logs, read_tracks, stream_detections
+from dirprim_filter.recording.schemas import decoders
 from dirprim_filter.recording.schemas.families import FAMILIES
 
 
@@ -257,7 +258,7 @@ def compressed(data):
     return zstandard.ZstdCompressor().compress(data)
 
 
-def test_messages_that_rosbag2_compressed_one_by_one_are_read_and_those_that_are_broken_counted(tmp_path):
+def test_messages_that_rosbag2_compressed_one_by_one_are_read_and_those_that_are_broken_counted(tmp_path, monkeypatch):
     """As `compression_mode: MESSAGE` writes them, transforms too; a bomb is refused before it is unpacked."""
     plain = array_log(tmp_path, "vision_msgs/msg/Detection3DArray")
     packed, bomb = tmp_path / "packed.mcap", compressed(bytes(1 << 28))
@@ -273,5 +274,11 @@ def test_messages_that_rosbag2_compressed_one_by_one_are_read_and_those_that_are
     log = read_track_logs(packed)
     assert len(log.tracks) == len(whole)
     assert log.losses.why == {
-        "encapsulation 0x28b5 (zstd that does not decompress to at most 64 MiB), which is not read": 2
+        "encapsulation 0x28b5 (zstd that does not decompress, or to far more than it is), which is not read": 2
     }
+    bombs = [(sent[0][0], sent[0][1], compressed(bytes(1 << 15)))] * 9  # each is small, all together are not
+    write_log(packed, bombs + [(topic, at, compressed(data)) for topic, at, data, _ in sent], schema, "cdr")
+    monkeypatch.setattr(decoders, "SMALL_BYTES", 1 << 16)
+    log = read_track_logs(packed)
+    assert len(log.tracks) == len(whole)
+    assert next(n for why, n in log.losses.why.items() if "zstd" in why) == 9 - (1 << 16) // (1 << 15)

@@ -24,7 +24,7 @@ from dirprim_filter.recording.container.errors import Damage
 from dirprim_filter.recording.container.mcap_file import McapFile
 from dirprim_filter.recording.container.message_columns import MessageColumns, TimeMerge
 from dirprim_filter.recording.container.records import Channel, Message, parse
-from dirprim_filter.recording.container.source import log_files
+from dirprim_filter.recording.container.source import Files, log_files
 
 NO_TIMES = (0, 1 << 64)
 
@@ -60,6 +60,7 @@ class Log(AbstractContextManager["Log"]):
     Args:
         path: see `scan`.
         live: a pipe is read as it comes, and its chunks in its own order; else all of it is waited for.
+        files: what `log_files` has opened of it; left out, it is opened.
 
     Attributes:
         path: the log, as it was named.
@@ -72,11 +73,11 @@ class Log(AbstractContextManager["Log"]):
         OSError: it cannot be opened.
     """
 
-    def __init__(self, path: str | PathLike[str], *, live: bool = False) -> None:
+    def __init__(self, path: str | PathLike[str], *, live: bool = False, files: Files | None = None) -> None:
         self.path = Path(path)
         channels: list[Channel] = []
         numbers: dict[Channel, int] = {}
-        files = log_files(path, live=live)
+        files = files or log_files(path, live=live)
         self.files = [
             McapFile(file.name if len(files) > 1 else "", bytes_of, channels, numbers) for file, bytes_of in files
         ]
@@ -112,6 +113,11 @@ class Log(AbstractContextManager["Log"]):
                 if channel_id in summary.channels:
                     counts[summary.channels[channel_id].topic] += n
         return counts
+
+    @property
+    def n_bytes(self) -> int:
+        """Of all its files."""
+        return sum(len(file.bytes_of) for file in self.files)
 
     @property
     def start_ns(self) -> int | None:

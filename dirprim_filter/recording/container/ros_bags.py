@@ -5,9 +5,13 @@ Source: rosbag2's `metadata.yaml`, which lists the files of a folder in their or
 
 from __future__ import annotations
 
+import bz2
 import struct
+from collections.abc import Callable
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import lz4.frame
 
 from dirprim_filter.recording.container.budget import most_bytes
 from dirprim_filter.recording.container.errors import RecordingError
@@ -82,10 +86,12 @@ def copied(bag: Path) -> Copy:
     apsw.connection_hooks.append(bound)
     try:
         with (rosbag1 if is_old else rosbag2).Reader(bag) as reader:
+            if isinstance(reader, rosbag1.Reader):
+                reader.chunks = {at: _bounded(chunk, limit) for at, chunk in reader.chunks.items()}
             channels = {one.id: writer.define(_channel(one)) for one in reader.connections}
             for connection, time_ns, data in reader.messages():
                 contents = memoryview(data).tobytes()  # of a whole number `bytes` would make as many zeros
-                left -= 0 if is_old else len(contents)
+                left -= len(contents)
                 if left < 0:
                     raise ValueError(f"messages of more than {limit} bytes, many times the size of the file")
                 writer.add_message(channels[connection.id], max(time_ns, 0), contents, max(time_ns, 0))
@@ -97,6 +103,25 @@ def copied(bag: Path) -> Copy:
         apsw.connection_hooks.remove(bound)
     writer.finish()
     return copy
+
+
+def _bounded(chunk: Any, limit: int) -> Any:
+    """A chunk of ROS 1 that becomes no more than that: before a message of it is counted it is in memory as a whole."""
+    streams: dict[Callable[[bytes], bytes], Any] = {
+        bz2.decompress: bz2.BZ2Decompressor, lz4.frame.decompress: lz4.frame.LZ4FrameDecompressor
+    }  # fmt: skip
+
+    def decompress(data: bytes) -> bytes:
+        stream = streams[chunk.decompressor]()
+        try:
+            contents = bytes(stream.decompress(data, max_length=limit + 1))
+        except (OSError, RuntimeError, EOFError) as error:
+            raise ValueError(f"a chunk that does not decompress: {error}") from error
+        if len(contents) > limit or not stream.eof:
+            raise ValueError(f"a chunk that is cut, or of more than {limit} bytes, many times the size of the file")
+        return contents
+
+    return chunk._replace(decompressor=decompress) if chunk.decompressor in streams else chunk
 
 
 def _channel(connection: Connection) -> Channel:

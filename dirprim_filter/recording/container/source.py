@@ -29,6 +29,8 @@ COMPRESSED = b"\x28\xb5\x2f\xfd", b"\x1f\x8b"
 """What files of zstd and of gzip begin with."""
 VERSION_FREE_MAGIC = MAGIC[:5]
 """A log whose opening magic differs only behind this is read, and reported as damaged."""
+Files = list[tuple[Path, FileBytes]]
+"""Of a log or a table, open, by their names."""
 
 _copies: ContextVar[dict[str, Copy] | None] = ContextVar("copies", default=None)
 
@@ -43,7 +45,7 @@ def copied_once() -> Iterator[None]:
         _copies.reset(outer)
 
 
-def open_files(path: str | PathLike[str], *, live: bool = False) -> list[tuple[Path, FileBytes]]:
+def open_files(path: str | PathLike[str], *, live: bool = False) -> Files:
     """The files of a log or a table, open: one, or those of a folder that rosbag2 recorded.
 
     Args:
@@ -97,7 +99,7 @@ def _unpacked(file: Path, bytes_of: FileBytes) -> tuple[Path, FileBytes]:
     return file, inside if len(inside) else bytes_of
 
 
-def log_files(path: str | PathLike[str], *, live: bool = False) -> list[tuple[Path, FileBytes]]:
+def log_files(path: str | PathLike[str], *, live: bool = False) -> Files:
     """The same of an MCAP log, which may be compressed as a whole.
 
     Raises:

@@ -19,7 +19,7 @@ from tessellation._compiling import COMPILED, UNCOUNTED
 OK, CUT, OVERLONG, ENCAPSULATION, WIRE_TYPE, TOO_MANY, UNEVEN = range(7)
 STATUS_BITS = 8
 """Of a status; above them stands what was found."""
-MAX_ELEMENTS = 1 << 17
+MAX_ELEMENTS = 1 << 16
 """More elements of one repeated field than this in one message are no objects of traffic."""
 
 TEXT_BITS = 16

@@ -35,7 +35,7 @@ _SECONDS = frozenset(names[0] for names in CLOCKS)
 _NOWHERE: tuple[int, int, Form] = (-1, 0, "int")
 ENCAPSULATIONS = {
     0x00: "plain CDR", 0x02: "PL_CDR", 0x06: "CDR2", 0x08: "delimited CDR2", 0x0A: "PL_CDR2", 0x10: "CDR2",
-    0x12: "PL_CDR2", 0x14: "delimited CDR2", 0x28B4: "zstd that does not decompress to at most 64 MiB",
+    0x12: "PL_CDR2", 0x14: "delimited CDR2", 0x28B4: "zstd that does not decompress, or to far more than it is",
 }  # fmt: skip
 """Those of DDS by number, without the bit of the byte order."""
 
@@ -138,7 +138,7 @@ class OutputTables:
 SLACK, MOST_TIMES = 1.25, 16
 """Room beside what the messages read so far let expect, and at most so many times what they held: so much memory is
 taken for rows that are there, whatever sizes a file claims."""
-MOST_CELLS = 1 << 23
+MOST_CELLS = 1 << 21
 """Of several messages together: of tiny elements a megabyte makes a million rows."""
 Walk = Callable[..., bool]
 """A kernel: of data, starts, stops, tables, status, room for its work, and its program."""

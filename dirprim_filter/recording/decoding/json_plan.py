@@ -19,7 +19,7 @@ import numpy as np
 
 from dirprim_filter.arrays import AnyArray, IntArray
 from dirprim_filter.recording.decoding._kernels import MAX_ELEMENTS
-from dirprim_filter.recording.decoding.column_plan import CLOCKS
+from dirprim_filter.recording.decoding.column_plan import CLOCKS, MOST_CELLS, TooManyRowsError
 from dirprim_filter.recording.decoding.field_columns import (
     EACH,
     MAX_NAME_LENGTH,
@@ -82,6 +82,8 @@ class JsonPlan:
                 rows[table][1].extend(above + i for i, _ in items)
             for label, of_rows in values.items():
                 columns[label] += of_rows
+            if len(start) > 1 and sum(map(len, columns.values())) > MOST_CELLS:
+                raise TooManyRowsError
         return FieldColumns(
             fields=self._fields,
             n_messages=len(start),

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from dirprim_filter.arrays import IntArray
-from dirprim_filter.recording.container.budget import SMALL_BYTES
+from dirprim_filter.recording.container.budget import MOST_TIMES, SMALL_BYTES
 from dirprim_filter.recording.container.message_columns import MessageColumns, gathered
 from dirprim_filter.recording.container.records import ENCODINGS, Channel, Schema, refused_encoding
 from dirprim_filter.recording.decoding.cdr_plan import CdrPlan, full_name
@@ -77,6 +77,7 @@ class Decoders:
         self._mapped = mapping.family() if mapping else None
         self._plans: dict[tuple[str, Schema], Plan | SchemaError] = {}
         self.notes = set[str]()
+        self._left = SMALL_BYTES  # of what messages may become that are compressed one by one; each that comes adds
 
     def reads(self, channel: Channel) -> bool:
         """Whether the channel's messages can be read as objects; without a mapping a broken definition counts."""
@@ -145,42 +146,49 @@ class Decoders:
         if isinstance(plan, SchemaError):
             yield 0, messages, plan
             return
-        try:
-            messages = unpacked(messages) if messages.first_channel.message_encoding == "cdr" else messages
-            yield 0, messages, plan.read(np.frombuffer(messages.contents, np.uint8), messages.start, messages.stop)
-        except TooManyRowsError:
-            half = len(messages) // 2
-            for begin, part in ((0, messages[:half]), (half, messages[half:])):
-                yield from ((begin + first, own, columns) for first, own, columns in self.columns(part))
+        parts = [(0, len(messages))]
+        while parts:
+            first, last = parts.pop()
+            try:
+                part = messages[first:last]
+                part = self._unpacked(part) if part.first_channel.message_encoding == "cdr" else part
+                columns = plan.read(np.frombuffer(part.contents, np.uint8), part.start, part.stop)
+            except TooManyRowsError:
+                half = (first + last) // 2
+                parts += [(half, last), (first, half)]
+            else:
+                yield first, part, columns
 
+    def _unpacked(self, messages: MessageColumns) -> MessageColumns:
+        """Messages of CDR, those decompressed that rosbag2 compressed one by one, which no encapsulation looks like.
 
-def unpacked(messages: MessageColumns) -> MessageColumns:
-    """Messages of CDR, those decompressed that rosbag2 compressed one by one, which no encapsulation looks like.
+        Those that do not decompress, or become far more together than they are, stay as they are.
 
-    Those that do not decompress stay as they are.
+        Raises:
+            TooManyRowsError: several together are larger than `SMALL_BYTES`.
+        """
+        data, filled = np.frombuffer(messages.contents, np.uint8), messages.start < messages.stop
+        if not (data[messages.start[filled]] == ZSTD[0]).any():
+            return messages
+        import zstandard  # noqa: PLC0415 - few logs need it
 
-    Raises:
-        TooManyRowsError: several together are larger than `SMALL_BYTES`.
-    """
-    data, filled = np.frombuffer(messages.contents, np.uint8), messages.start < messages.stop
-    if not (data[messages.start[filled]] == ZSTD[0]).any():
-        return messages
-    import zstandard  # noqa: PLC0415 - few logs need it
-
-    parts, size, decompressor = list[bytes](), 0, zstandard.ZstdDecompressor()
-    for first, end in zip(messages.start.tolist(), messages.stop.tolist(), strict=True):
-        part = messages.contents[first:end]
-        if part.startswith(ZSTD):
-            with suppress(zstandard.ZstdError):
-                if zstandard.frame_content_size(part) <= SMALL_BYTES:
-                    part = decompressor.decompress(part, max_output_size=SMALL_BYTES)
-        parts.append(part)
-        size += len(part)
-        if size > SMALL_BYTES and len(messages) > 1:
-            raise TooManyRowsError
-    stop = np.cumsum([len(part) for part in parts])
-    start = np.append(0, stop[:-1])
-    return replace(messages, start=start, stop=stop, contents=b"".join(parts))
+        parts, size, left, decompressor = list[bytes](), 0, self._left, zstandard.ZstdDecompressor()
+        for first, end in zip(messages.start.tolist(), messages.stop.tolist(), strict=True):
+            part = messages.contents[first:end]
+            if part.startswith(ZSTD):
+                left += MOST_TIMES * len(part)
+                with suppress(zstandard.ZstdError):
+                    if zstandard.frame_content_size(part) <= min(left, SMALL_BYTES):
+                        part = decompressor.decompress(part, max_output_size=min(left, SMALL_BYTES))
+                left -= len(part)
+            parts.append(part)
+            size += len(part)
+            if size > SMALL_BYTES and len(messages) > 1:
+                raise TooManyRowsError
+        self._left = left
+        stop = np.cumsum([len(part) for part in parts])
+        start = np.append(0, stop[:-1])
+        return replace(messages, start=start, stop=stop, contents=b"".join(parts))
 
 
 def batches(
