@@ -19,7 +19,7 @@ from dirprim_filter.estimates import TrackedFrame
 from dirprim_filter.filtering import GroupTracker
 from dirprim_filter.filtering.smoothing.smoother import Smoother
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.replay import step
+from dirprim_filter.replay import Look, follow
 from dirprim_filter.sensor import AxisError, Sensor
 from dirprim_filter.track_ids import qualified_names
 
@@ -50,7 +50,7 @@ def is_measured(rows: Detections) -> BoolArray:
 
 def refine(
     rows: Detections, primitive_map: PrimitiveMap, *, config: FilterConfig, tracking: TrackingConfig,
-    rng: Callable[[], np.random.Generator],
+    rate_hz: float | None = None, rng: Callable[[], np.random.Generator],
 ) -> list[TrackedFrame]:  # fmt: skip
     """Smooth what another tracker reported, at each of its instants, from a vehicle's first measured row to its last.
 
@@ -59,6 +59,7 @@ def refine(
         primitive_map: how vehicles move there.
         config: of the filter; its noise is the spread of the tracker's errors.
         tracking: of the tracker.
+        rate_hz: where instants of a group are farther apart, there are estimates so often.
         rng: makes the generator of each group.
 
     Returns:
@@ -80,8 +81,8 @@ def refine(
         ))  # fmt: skip
         frame_at = {int(frame.time_ns[0]): frame for frame in seen.frames()}
         with smoother:
-            for time_ns, groups in instants:
-                step(tracker, frame_at.get(time_ns, Detections.none()), [smoother], time_ns=time_ns, groups=groups)
+            looks = (Look(time_ns, frame_at.get(time_ns, Detections.none()), groups) for time_ns, groups in instants)
+            follow(looks, tracker, [smoother], rate_hz=rate_hz)
         return frames, smoother.joined
 
     frames, joined = smooth(bare, joins_labelled=True)

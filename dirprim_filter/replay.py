@@ -2,12 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from typing import Any
+from collections import deque
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import EstimateSink, TrackedFrame
 from dirprim_filter.filtering import GroupTracker, Tracker
+
+
+class Look(NamedTuple):
+    """What a sensor saw at an instant.
+
+    Attributes:
+        time_ns: when.
+        detections: what it saw.
+        groups: of the log in which it looked; those of the detections at least.
+    """
+
+    time_ns: int
+    detections: Detections
+    groups: Collection[int]
 
 
 def replay(
@@ -21,7 +38,8 @@ def replay(
         tracker: holds the beliefs; they are those of the last frame when the loop ends. A stream of several groups
             needs one for each: `GroupTracker`.
         sinks: take every tracked frame, in the order given.
-        rate_hz: between two frames farther apart there are estimates so often, as long as there is a vehicle.
+        rate_hz: between two frames of a group that are farther apart it has estimates so often, as long as it has a
+            vehicle.
 
     Returns:
         The number of frames of the stream.
@@ -29,16 +47,70 @@ def replay(
     Raises:
         ValueError: a frame of several instants, a repeated id, or time going backwards.
     """
-    n_frames, frame = 0, None
-    every_ns = round(1e9 / rate_hz) if rate_hz else 0
-    for detections in stream:
-        if every_ns and frame is not None and len(detections):
-            until_ns = int(detections.time_ns[0]) - every_ns // 2
-            while len(frame.estimates) and frame.time_ns + every_ns < until_ns:
-                frame = step(tracker, Detections.none(), sinks, time_ns=frame.time_ns + every_ns, is_scan=False)
-        frame = step(tracker, detections, sinks)
-        n_frames += 1
-    return n_frames
+    is_grouped = isinstance(tracker, GroupTracker)
+    looks = (
+        Look(int(seen.time_ns[0]), seen, np.unique(seen.group).tolist() if is_grouped else [0]) for seen in stream
+    )  # fmt: skip
+    return follow(looks, tracker, sinks, rate_hz=rate_hz)
+
+
+def follow(
+    looks: Iterable[Look], tracker: Tracker | GroupTracker, sinks: Sequence[EstimateSink], *,
+    rate_hz: float | None = None,
+) -> int:  # fmt: skip
+    """As `replay`, of looks in which nothing may have been seen."""
+    n_looks, every_ns, due = 0, round(1e9 / rate_hz) if rate_hz else 0, dict[int, int]()
+    coming, of = _Ahead(looks), tracker.of if isinstance(tracker, GroupTracker) else lambda _: tracker
+
+    def take(look: Look, between: Collection[int]) -> None:
+        """A frame of the groups that are looked at, and of those that are due `between` two looks."""
+        at: dict[str, Any] = {"is_scan": not between}
+        if isinstance(tracker, GroupTracker):
+            at = {"groups": look.groups, "between": between}
+        step(tracker, look.detections, sinks, time_ns=look.time_ns, **at)
+        for group in (*look.groups, *between) if every_ns else ():
+            due.pop(group, None)
+            if of(group).n_tracks:
+                due[group] = look.time_ns + every_ns
+
+    def taken_out(time_ns: int) -> set[int]:
+        """The groups that are due then, but for those that are looked at within half an interval."""
+        groups = {group for group, due_ns in due.items() if due_ns == time_ns}
+        near = coming.groups(until_ns=time_ns + every_ns // 2) if groups else set()
+        for group in groups:
+            del due[group]
+        return groups - near
+
+    for look in coming:
+        while (next_ns := min(due.values(), default=look.time_ns)) < look.time_ns:
+            if groups := taken_out(next_ns):
+                take(Look(next_ns, Detections.none(), ()), groups)
+        take(look, taken_out(look.time_ns))
+        n_looks += 1
+    return n_looks
+
+
+class _Ahead:
+    """Iterates looks, and knows the groups of those to come soon; of the one that was given out too."""
+
+    def __init__(self, looks: Iterable[Look]) -> None:
+        self._coming, self._ahead = iter(looks), deque[Look]()
+
+    def __iter__(self) -> Iterator[Look]:
+        while self._ahead or self._read():
+            yield self._ahead[0]
+            self._ahead.popleft()
+
+    def _read(self) -> bool:
+        look = next(self._coming, None)
+        self._ahead.extend(() if look is None else (look,))
+        return look is not None
+
+    def groups(self, *, until_ns: int) -> set[int]:
+        """Those that are looked at by then."""
+        while self._ahead[-1].time_ns <= until_ns and self._read():
+            pass
+        return {group for look in self._ahead if look.time_ns <= until_ns for group in look.groups}
 
 
 def step(

@@ -40,9 +40,9 @@ def other_tracker(tracks, *, seed):
     ), np.array(measured)
 
 
-def refined(rows, primitive_map, seed):
+def refined(rows, primitive_map, seed, **options):
     config, rng = FilterConfig(n_particles=300, noise_m=0.4), lambda: np.random.default_rng(seed)
-    frames = refine(rows, primitive_map, config=config, tracking=TrackingConfig(), rng=rng)
+    frames = refine(rows, primitive_map, config=config, tracking=TrackingConfig(), rng=rng, **options)
     return Estimates.concatenate(frame.estimates for frame in frames)
 
 
@@ -82,3 +82,11 @@ def test_a_track_that_was_broken_where_nothing_was_seen_is_one_again(ring_map):
     kept = measured | (number < LOST.start + 5)  # it coasted for some rows, then started again
     found = refined(replace(rows, track_id=pieces)[kept], ring_map, 0)
     assert set(map(str, found.track_id.tolist())) == set(rows.track_id.tolist())
+
+
+def test_at_a_rate_what_a_tracker_left_out_is_filled_too(ring_map):
+    tracks = ring_traffic(np.random.default_rng(31), n_vehicles=4, n_rows=60)
+    rows, measured = other_tracker(tracks, seed=0)
+    after = refined(rows[measured], ring_map, 0, rate_hz=1e9 / np.diff(np.unique(tracks.time_ns))[0])
+    assert sorted(keys(after)) == sorted(keys(rows))
+    assert np.isin(keys(refined(rows[measured], ring_map, 0)), keys(rows[measured])).all()

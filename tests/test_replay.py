@@ -1,6 +1,6 @@
 """The main loop hands every frame to every sink, in order, and asks the log for no more than it needs."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -9,6 +9,7 @@ from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import EstimateList, Estimates
 from dirprim_filter.filtering import GroupTracker, Tracker
+from dirprim_filter.filtering.smoothing.smoother import Smoother
 from dirprim_filter.replay import replay
 from situations import TRUSTING
 
@@ -45,6 +46,45 @@ def test_sinks_see_every_frame_in_order_of_a_stream_that_is_read_one_at_a_time(r
         np.testing.assert_array_equal(frame.detections.position, reported.position)
         assert frame.estimates.track_id.astype(str).tolist() == reported.track_id.tolist()
         assert (frame.estimates.time_ns == frame.time_ns).all()
+
+
+def of_group(seen, group):
+    """The same, as of a recording of its own that begins a little later."""
+    return replace(seen, group=np.full(len(seen), group), time_ns=seen.time_ns + 10_000_000 * (group // 4))
+
+
+@pytest.mark.parametrize("smooth", [False, True])
+def test_at_a_rate_each_group_has_estimates_in_its_own_gaps_as_if_it_were_alone(ring_map, ring, smooth):
+    """The gaps of the first and the second overlap, that of the third begins and ends between their frames."""
+    few = Detections.of(ring[(ring.track_id < 3) & (ring.time_ns < 5e9)])
+    gaps = {1: (1.0, 3.0), 4: (2.0, 4.05), 7: (0.35, 0.65)}
+    parts = {
+        group: of_group(few[(few.time_ns < low * 1e9) | (few.time_ns > high * 1e9)], group)
+        for group, (low, high) in gaps.items()
+    }
+
+    def tracked(seen):
+        kept, config = EstimateList(), FilterConfig(n_particles=50)
+        smoother = Smoother(sinks=[kept.write])
+        options = {"config": config, "tracking": TRUSTING}
+        tracker = GroupTracker(lambda group: smoother.tracker(group, ring_map, **options, rng=np.random.default_rng(0)))
+        with smoother:
+            replay(seen.frames(), tracker, [smoother] if smooth else [kept], rate_hz=5.0)
+        return kept.all()
+
+    together = tracked(Detections.concatenate(parts.values()))
+    assert (np.diff(together.time_ns) >= 0).all()
+    for group, seen in parts.items():
+        alone = tracked(seen)
+        ours = together[np.char.startswith(together.track_id, f"{group}/")]
+        own = ours[ours.time_ns <= seen.time_ns.max()]
+        for column in fields(Estimates):
+            np.testing.assert_array_equal(getattr(own, column.name), getattr(alone, column.name))
+        between = np.unique(alone.time_ns[~np.isin(alone.time_ns, seen.time_ns)]) * 1e-9
+        low, high = gaps[group]
+        last = seen.time_ns[seen.time_ns < low * 1e9].max() * 1e-9
+        expected = np.arange(last + 0.2, high - 0.05, 0.2)
+        np.testing.assert_allclose(between, expected)
 
 
 def test_at_a_rate_the_log_has_estimates_also_where_it_has_no_frame_and_those_of_its_frames_stay(ring_map, ring):

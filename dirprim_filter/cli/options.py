@@ -171,6 +171,14 @@ Noise = Annotated[
     float | None,
     typer.Option(min=1e-6, help="Standard deviation of measured positions, metres. Default: learned from the log."),
 ]
+SLOWEST_HZ, FASTEST_HZ = 1e-3, 1e3
+Rate = Annotated[
+    float | None,
+    typer.Option(
+        "--rate", metavar="HZ", min=SLOWEST_HZ, max=FASTEST_HZ,
+        help="Estimate so many times a second where no frame comes.",
+    ),
+]  # fmt: skip
 SensorFile = Annotated[
     Path | None,
     typer.Option("--sensor", help="How the sensor errs: a sensor.toml, as of `dirprim calibrate`.", exists=True),

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dirprim_filter.cli import exit_codes
-from dirprim_filter.cli.options import Force, Log, Map, Output, Particles, Seed
+from dirprim_filter.cli.options import Force, Log, Map, Output, Particles, Rate, Seed
 from dirprim_filter.cli.reading import OF_TRUTH, Reading, reads_logs
 from dirprim_filter.cli.results import read_filter
 from dirprim_filter.cli.settings import Settings
@@ -32,6 +32,7 @@ def smooth(
     truth: Annotated[
         Path | None, typer.Option("--truth", help="True tracks: score before and after.", exists=True, dir_okay=False)
     ] = None,
+    rate: Rate = None,
     particles: Particles = None,
     seed: Seed = 0,
     force: Force = False,
@@ -68,7 +69,7 @@ def smooth(
         raise RecordingError(f"{estimates}: expected tracks with ids, got detections; `dirprim track` makes tracks")
     Coverage(primitive_map, map_file, estimates).check(rows.position)
     said = provenance(
-        "smooth", inputs=[estimates, map_file], config=config, seed=seed,
+        "smooth", inputs=[estimates, map_file], config=config, seed=seed, rate_hz=rate,
         tracking=json.dumps(asdict(tracking), sort_keys=True), **reading.said(),
     )  # fmt: skip
     with (
@@ -76,7 +77,9 @@ def smooth(
         EstimateWriter(output, metadata=said, force=force, particle_stride=None) as writer,
     ):
         writer.write_map_scene(primitive_map)
-        frames = refine(rows, primitive_map, config=config, tracking=tracking, rng=lambda: np.random.default_rng(seed))
+        frames = refine(
+            rows, primitive_map, config=config, tracking=tracking, rate_hz=rate, rng=lambda: np.random.default_rng(seed)
+        )
         for frame in frames:
             writer.write(frame)
     after, n_measured = Estimates.concatenate(frame.estimates for frame in frames), int(is_measured(rows).sum())

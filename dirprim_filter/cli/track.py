@@ -22,6 +22,7 @@ from dirprim_filter.cli.options import (
     Noise,
     Output,
     Particles,
+    Rate,
     Save,
     Seed,
     SensorOrAuto,
@@ -42,8 +43,6 @@ if TYPE_CHECKING:
     from dirprim_filter.sensor import Sensor
     from dirprim_filter.viewer.sink import RerunSink
 
-SLOWEST_HZ, FASTEST_HZ = 1e-3, 1e3
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Own:
@@ -52,7 +51,6 @@ class Own:
     Attributes:
         motion: the log's directions and speeds are measurements too.
         without_map: track without the map's cells: the ablation.
-        rate_hz: also estimate so many times a second where no frame comes.
         particles_out: so many particles of each vehicle are written, to be looked at.
         truth: a log of true tracks, which the viewer draws and from which it takes the errors.
         focus: id of the vehicle that the viewer follows; empty: the one with the largest innovations.
@@ -64,20 +62,15 @@ class Own:
     motion: bool = False
     without_map: bool = False
     particles_out: int = 0
-    rate_hz: float = 0.0
     truth: str = ""
     focus: str = ""
 
     def __post_init__(self) -> None:
-        if self.rate_hz and not SLOWEST_HZ <= self.rate_hz <= FASTEST_HZ:  # each step takes as long as a frame
-            raise ValueError(f"rate_hz: expected 0, or {SLOWEST_HZ:g} to {FASTEST_HZ:g}, got {self.rate_hz}")
         if self.particles_out < 0:
             raise ValueError(f"particles_out: expected at least 0, got {self.particles_out}")
 
 
-@reads_logs(
-    "motion", "without_map", "particles_out", "rate_hz", "truth", "focus", "fields of FilterConfig and TrackingConfig"
-)
+@reads_logs("motion", "without_map", "particles_out", "truth", "focus", "fields of FilterConfig and TrackingConfig")
 def track(
     log: Log,
     map_file: Map,
@@ -92,6 +85,7 @@ def track(
     forecast: Annotated[
         float, typer.Option(min=0.0, max=3600.0, help="Every second, forecast so many seconds ahead.")
     ] = 0.0,
+    rate: Rate = None,
     no_ids: NoIds = False,
     noise: Noise = None,
     sensor: SensorOrAuto = None,
@@ -151,7 +145,7 @@ def track(
     smoother = Smoother(lag_s=lag) if smooth or lag is not None else None
     said = provenance(
         "track", inputs=[map_file] if is_live else [log, map_file], config=filtering, seed=seed,
-        without_map=own.without_map, no_ids=no_ids, motion=own.motion, smooth=smooth, lag_s=lag,
+        without_map=own.without_map, no_ids=no_ids, motion=own.motion, smooth=smooth, lag_s=lag, rate_hz=rate,
         tracking=json.dumps(asdict(association), sort_keys=True),
         sensor=None if sensing is None else json.dumps(asdict(sensing)), **reading.said(),
         **{CONFIG_KEY: json.dumps({"filter": asdict(filtering), "tracking": asdict(association)})},
@@ -192,7 +186,7 @@ def track(
             (frame.without_ids() for frame in frames) if no_ids else frames, what=f"tracking {log.name}",
             end_ns=stream.end_ns,
         )  # fmt: skip
-        n_frames = replay(seen, trackers, sinks, rate_hz=own.rate_hz or None)
+        n_frames = replay(seen, trackers, sinks, rate_hz=rate)
         reading.require_frames(n_frames, log, stream.losses)
     _say(trackers, f"{output}: {counted(n_frames, 'frame')} of {', '.join(sorted(stream.topics))}", coverage)
     return exit_code(viewer, exit_codes.INPUT_LOST if coverage.is_poor else exit_codes.of_losses(stream.losses, lost))

@@ -38,23 +38,34 @@ class GroupTracker:
         """How many groups have come so far."""
         return len(self._trackers)
 
+    def of(self, group: int) -> Tracker:
+        """The tracker of a group."""
+        if group not in self._trackers:
+            self._trackers[group] = self._make(group)
+        return self._trackers[group]
+
     def track(
-        self, detections: Detections, *, time_ns: int | None = None, groups: Iterable[int] = (), is_scan: bool = True
+        self, detections: Detections, *, time_ns: int | None = None, groups: Iterable[int] = (),
+        between: Iterable[int] = (),
     ) -> TrackedFrame:  # fmt: skip
         """One frame of the groups that have one, each as `Tracker.track`, of vehicles named `group/id`.
 
-        Those of group 0 keep their ids. Groups of the detections have a frame, those of `groups`, and all where the
-        sensor did not look.
+        Those of group 0 keep their ids.
+
+        Args:
+            detections: one instant, each id of a group once.
+            time_ns: the frame's time; left out, that of the detections.
+            groups: in which the sensor looked, beside those of the detections.
+            between: which have a frame though their sensor did not look.
 
         Raises:
             ValueError: no group has a frame; or as `Tracker.track`.
         """
-        parts = []
-        for group in sorted({*np.unique(detections.group).tolist(), *(groups if is_scan else self._trackers)}):
-            if group not in self._trackers:
-                self._trackers[group] = self._make(group)
+        parts, looked = [], {*np.unique(detections.group).tolist(), *groups}
+        for group in sorted({*looked, *between}):
             seen = detections[detections.group == group]
-            parts.append(_renamed(self._trackers[group].track(seen, time_ns=time_ns, is_scan=is_scan), group))
+            frame = self.of(group).track(seen, time_ns=time_ns, is_scan=group in looked)
+            parts.append(_renamed(frame, group))
         if not parts:
             raise ValueError("groups: expected a frame of at least one, got none")
         if len(parts) == 1:

@@ -99,6 +99,11 @@ class Tracker:
         """As of the `Roster`."""
         return self._roster.longest_gap_ns
 
+    @property
+    def n_tracks(self) -> int:
+        """How many there are, those that are not reported included."""
+        return len(self._roster)
+
     def step(self, detections: Detections, *, time_ns: int | None = None) -> Estimates:
         """The estimates of a frame; as `track`, errors included."""
         return self.track(detections, time_ns=time_ns).estimates

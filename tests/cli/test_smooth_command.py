@@ -22,3 +22,5 @@ def test_a_table_of_tracks_is_refined_and_scored_before_and_after(here, capsys):
     before, after = (float(figure) for figure in next(row for row in said.splitlines() if "RMSE, m" in row).split()[2:])
     assert after < before
     assert len(read_estimates("out.mcap")) == len(rows)
+    assert dirprim("smooth theirs.csv --map map.mcap -o rated.mcap --particles 200 --rate 50") == DONE
+    assert len(read_estimates("rated.mcap")) > 4 * len(rows)
