@@ -55,6 +55,26 @@ def figure_lines(names: Sequence[str], cell: Callable[[int, str], str]) -> list[
     return columns([["", *names], *([head, *(cell(i, of) for i in range(len(names)))] for of, head in FIGURES.items())])
 
 
+def markdown(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Rows, the first of them heads, as a table of Markdown."""
+    head, *others = [[cell.replace("\\", "\\\\").replace("|", "\\|") for cell in row] for row in rows]
+    return [f"| {' | '.join(row)} |" for row in (head, ["---", *["---:"] * (len(head) - 1)], *others)]
+
+
+LATEX = str.maketrans({
+    **{sign: f"\\{sign}" for sign in "%_&#${}"}, "\\": r"\textbackslash{}", "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}", "±": r"$\pm$",
+})  # fmt: skip
+"""Signs that LaTeX takes for its own, and how they are typed."""
+
+
+def latex(rows: Sequence[Sequence[str]]) -> list[str]:
+    """The same as a tabular of LaTeX, which needs no package."""
+    head, *others = [" & ".join(cell.translate(LATEX) for cell in row) + r" \\" for row in rows]
+    begin, end = rf"\begin{{tabular}}{{l{'r' * (len(rows[0]) - 1)}}}", r"\end{tabular}"
+    return [begin, r"\hline", head, r"\hline", *others, r"\hline", end]
+
+
 def say(*lines: str, err: bool = False) -> None:
     """Print lines; what a log calls its things does not break them."""
     if lines:

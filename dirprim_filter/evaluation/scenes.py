@@ -15,6 +15,7 @@ from dirprim_filter.detections import NO_TIME, Detections
 from dirprim_filter.estimates import EstimateList, EstimateSink
 from dirprim_filter.evaluation.rivals import MakeFilter
 from dirprim_filter.evaluation.scores import TrackedScene
+from dirprim_filter.evaluation.tracked_rows import TrackedRows
 from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
 from dirprim_filter.filtering import Tracker
 from dirprim_filter.filtering.smoothing.smoother import Smoother
@@ -87,6 +88,15 @@ class Scene(NamedTuple):
             tracking=experiment.tracking or honest_tracking(truth, experiment),
         )  # fmt: skip
 
+    @property
+    def group(self) -> int:
+        """Its number."""
+        return int(self.truth.group[0])
+
+    def tracked(self, rows: TrackedRows) -> TrackedScene:
+        """The scene beside what a tracker says of it; rows of other groups are left out."""
+        return TrackedScene(self.truth, self.is_hidden, rows[rows.group == self.group])
+
 
 def _seed_of(seed: int, group: int) -> list[int]:
     return [seed, group % (1 << 64)]
@@ -125,13 +135,13 @@ def followed(
         sinks: list[EstimateSink] = [found, smoother] if smooth else [found]
         tracker = (partial(smoother.tracker, 0) if smooth else Tracker)(
             make(), config=experiment.filter, tracking=scene.tracking,
-            rng=np.random.default_rng(_seed_of(seed, int(scene.truth.group[0]))),
+            rng=np.random.default_rng(_seed_of(seed, scene.group)),
         )  # fmt: skip
         frames = {int(frame.time_ns[0]): frame for frame in scene.seen.frames()}
         with smoother:
             for time_ns in np.unique(scene.truth.time_ns).tolist():
                 step(tracker, frames.get(time_ns, Detections.none()), sinks, time_ns=time_ns)
-        result.filtered.append(TrackedScene(scene.truth, scene.is_hidden, found.all()))
+        result.filtered.append(scene.tracked(TrackedRows.of(found.all(), group=scene.group)))
         if smooth:
-            result.smoothed.append(TrackedScene(scene.truth, scene.is_hidden, later.all()))
+            result.smoothed.append(scene.tracked(TrackedRows.of(later.all(), group=scene.group)))
     return result

@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray
-from dirprim_filter.estimates import Estimates
 from dirprim_filter.evaluation.metrics.comparison import SIMILARITY_M
 from dirprim_filter.evaluation.splits import steps
 from dirprim_filter.evaluation.tracked_rows import TrackedRows, instant_numbers
@@ -25,12 +24,12 @@ class TrackedScene(NamedTuple):
     Attributes:
         truth: where its vehicles were.
         is_hidden: (n,) in which rows they were out of the sensor's sight.
-        estimates: at every instant of the truth.
+        rows: what a tracker says of it.
     """
 
     truth: Tracks
     is_hidden: BoolArray
-    estimates: Estimates
+    rows: TrackedRows
 
 
 class RowErrors(NamedTuple):
@@ -40,13 +39,15 @@ class RowErrors(NamedTuple):
         cluster: (n,) str, of whom: the group, where there are several, else the vehicle.
         squared: (n,) square metres; NaN without an estimate.
         normalised: (n,) the same in units of the covariance.
-        is_hidden: (n,) whether the vehicle was out of sight.
+        is_hidden: (n,) whether the vehicle was out of sight,
+        unseen_s: (n,) and for how many seconds; 0 in sight.
     """
 
     cluster: AnyArray
     squared: FloatArray
     normalised: FloatArray
     is_hidden: BoolArray
+    unseen_s: FloatArray
 
 
 def scored(
@@ -54,27 +55,37 @@ def scored(
 ) -> tuple[TrackingReport, RowErrors]:
     """The figures of one group, or pooled over all, and the errors they are of: each row counts as in any other group.
 
-    Where vehicles of a group have rows at different instants, the truth is interpolated: see `judged_truth`. An
-    interpolated row is hidden where both its neighbours are.
+    Where vehicles of a group have rows at different instants, the truth is interpolated: see `judged_truth`; so are
+    estimates of other instants: see `judged_rows`. An interpolated row is hidden where both its neighbours are.
 
     Args:
         scenes: groups, at least one.
         with_ids: assign estimates to vehicles by id; else by GOSPA's assignment.
         similarity_m: metres, the length of all metrics.
     """
-    groups = np.repeat([scene.truth.group[0] for scene in scenes], [len(scene.estimates) for scene in scenes])
-    rows = TrackedRows.of(Estimates.concatenate(scene.estimates for scene in scenes), group=groups)
     judged = [judged_truth(scene.truth) for scene in scenes]
     order = np.argsort(np.concatenate([of.tracks.time_ns for of in judged]), kind="stable")
     truth = Tracks.concatenate([of.tracks for of in judged])  # in order of time
     hidden = [of.both(scene.is_hidden) for of, scene in zip(judged, scenes, strict=True)]
     is_hidden = np.concatenate(hidden)[order]
+    rows = judged_rows(TrackedRows.concatenate(scene.rows for scene in scenes), truth).rows
     report, (squared, normalised) = report_of(
         rows, truth, is_hidden=is_hidden, with_ids=with_ids, similarity_m=similarity_m,
         interpolated=sum(of.n_interpolated for of in judged) / len(truth),
     )  # fmt: skip
     names = truth.group.astype(np.str_) if len(scenes) > 1 else qualified_names(truth.track_id, truth.group)
-    return report, RowErrors(cluster=names, squared=squared, normalised=normalised, is_hidden=is_hidden)
+    return report, RowErrors(names, squared, normalised, is_hidden, _unseen_s(truth, is_hidden))
+
+
+def _unseen_s(truth: Tracks, is_hidden: BoolArray) -> FloatArray:
+    """(n,) seconds since a vehicle was last in sight; 0 where it is, and of the first rows where it never was."""
+    order = np.lexsort((truth.time_ns, truth.vehicle))
+    vehicle, time_ns = truth.vehicle[order], truth.time_ns[order]
+    begins = np.diff(vehicle, prepend=-1) != 0
+    last = np.maximum.accumulate(np.where(begins | ~is_hidden[order], np.arange(order.size), 0))
+    unseen_s = np.empty(order.size)
+    unseen_s[order] = (time_ns - time_ns[last]) * 1e-9
+    return unseen_s
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

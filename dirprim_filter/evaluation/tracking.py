@@ -15,14 +15,23 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dirprim_filter.arrays import FloatArray
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.detections import Detections
-from dirprim_filter.evaluation.intervals import Interval, difference_of_means, paired, reduction_of_rmse
+from dirprim_filter.evaluation.intervals import (
+    Interval,
+    clustered,
+    difference_of_means,
+    interval,
+    mean,
+    paired,
+    reduction_of_rmse,
+)
 from dirprim_filter.evaluation.rivals import CONSTANT_VELOCITY, SMOOTHED, MakeFilter, Method, fitted_acceleration
 from dirprim_filter.evaluation.scenes import Scene, followed
 from dirprim_filter.evaluation.scores import RowErrors, TrackedScene, scored
 from dirprim_filter.evaluation.settings import Choice
 from dirprim_filter.evaluation.splits import held_out, honest_split, steps
+from dirprim_filter.evaluation.tracked_rows import TrackedRows
 from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
 from dirprim_filter.evaluation.tracking_report import TrackingReport
 from dirprim_filter.filtering import ConstantVelocityKalman
@@ -31,6 +40,8 @@ from dirprim_filter.primitives.learning import learn_primitives
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
 
+Other = Callable[[Sequence[Scene], int], TrackedRows]
+"""A tracker of others: scenes of a run, each a group, and the run's seed -> what it says of all of them."""
 SMOOTHED_SUFFIX = " smoothed"
 """Ends the name of what a method's smoother wrote."""
 SAID = {"prior": "the map", "place-free": "the same filter without the map"}
@@ -107,6 +118,7 @@ def evaluate_tracking(
     experiment: TrackingExperiment,
     *,
     primitive_map: PrimitiveMap | None = None,
+    others: Mapping[str, Other] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> TrackingTable:
     """Run the experiment.
@@ -116,6 +128,7 @@ def evaluate_tracking(
         experiment: what to do.
         primitive_map: the prior; left out, it is learned from a part of the vehicles, and the others are tracked. Where
             it is given, the Kalman filter and the single cell learn from the very vehicles they track, in their favour.
+        others: trackers of others by name, which get the same scenes; their seeds are that of the first run, and on.
         progress: called with the number of steps done, and their total.
 
     Raises:
@@ -131,7 +144,7 @@ def evaluate_tracking(
     groups: list[tuple[int, ...]] = []
     settings: list[Mapping[str, tuple[Choice, ...]]] = []
     n_vehicles = n_gaps = 0
-    done = steps(experiment.n_seeds * (1 + len(experiment.methods)), progress)
+    done = steps(experiment.n_seeds * (1 + len(experiment.methods) + len(others or {})), progress)
     for i in range(experiment.n_seeds):
         deal, learn, sense, fit, filtering, one_cell = np.random.default_rng([experiment.seed, i]).spawn(6)
         train, test = (tracks, tracks) if primitive_map else held_out(tracks, share=experiment.learn, rng=deal)
@@ -145,7 +158,7 @@ def evaluate_tracking(
                 ConstantVelocityKalman, acceleration_density=noise.chosen, config=experiment.filter
             )
         done()
-        groups.append(tuple(int(scene.truth.group[0]) for scene in scenes))
+        groups.append(tuple(scene.group for scene in scenes))
         settings.append(fits)
         n_vehicles += test.n_tracks
         n_gaps += sum(np.unique(scene.truth.vehicle[scene.is_hidden]).size for scene in scenes)
@@ -156,6 +169,10 @@ def evaluate_tracking(
             add(method, tracked.filtered)
             if smooth:
                 add(method + SMOOTHED_SUFFIX, tracked.smoothed)
+            done()
+        for name, track in (others or {}).items():
+            rows = track(scenes, experiment.seed + i)
+            add(name, [scene.tracked(rows) for scene in scenes])
             done()
     results = [
         MethodResult(name=name, reports=reports, by_group=by_group, errors=errors)
@@ -255,12 +272,23 @@ def _nearer(seeds: Sequence[tuple[RowErrors, RowErrors]], *, is_hidden: bool) ->
 
 
 def _hota(table: TrackingTable, a: MethodResult, b: MethodResult) -> Interval:
-    """Over groups, the runs' mean of each; of a single group over runs."""
-    own, others = (np.array([report.hota for seed in of.by_group for report in seed]) for of in (a, b))
+    return paired(_hota_clusters(table), _hotas(a), _hotas(b), difference_of_means)
+
+
+def hota_of(table: TrackingTable, method: MethodResult) -> Interval:
+    """Of one method of a table: over groups, the runs' mean of each; of a single group over runs."""
+    values = _hotas(method)
+    return interval(clustered(_hota_clusters(table), [values, np.ones_like(values)]), mean)
+
+
+def _hotas(method: MethodResult) -> FloatArray:
+    return np.array([report.hota for seed in method.by_group for report in seed])
+
+
+def _hota_clusters(table: TrackingTable) -> IntArray:
     groups = np.array([group for seed in table.groups for group in seed])
     runs = np.repeat(np.arange(len(table.groups)), [len(seed) for seed in table.groups])
-    cluster = groups if np.unique(groups).size > 1 else runs
-    return paired(cluster, own, others, difference_of_means)
+    return groups if np.unique(groups).size > 1 else runs
 
 
 def _said(name: str) -> str:

@@ -183,7 +183,7 @@ def test_an_interpolated_row_is_hidden_where_both_its_neighbours_are():
         judged.tracks.track_id, time_ns=judged.tracks.time_ns, direction=judged.tracks.direction,
         position=judged.tracks.position + off,
     )  # fmt: skip
-    got, found = scored([TrackedScene(truth, hidden, estimates)], with_ids=True)
+    got, found = scored([TrackedScene(truth, hidden, TrackedRows.of(estimates))], with_ids=True)
     assert (got.reported, got.interpolated) == (1.0, pytest.approx(10 / 22))
     assert (got.seen_rmse, got.hidden_rmse) == pytest.approx((1.0, 3.0))
     assert set(found.cluster) == {"a", "b"}

@@ -2,31 +2,61 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dirprim_filter.cli.options import Config, Json, Logs
+from dirprim_filter.cli.evaluate.others import files_of, others_of
+from dirprim_filter.cli.options import FIGURE, WRITTEN, Config, Force, Json, Logs, named_file
 from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.results import read_experiment, report
-from dirprim_filter.cli.settings import Settings, deal
-from dirprim_filter.cli.texts import counted, figure_lines, number
+from dirprim_filter.cli.settings import Settings, deal, taken
+from dirprim_filter.cli.texts import FIGURES, counted, figure_lines, latex, markdown, number
 
 if TYPE_CHECKING:
-    from dirprim_filter.evaluation.tracking import TrackingTable
+    from dirprim_filter.evaluation.intervals import Interval
+    from dirprim_filter.evaluation.tracking import MethodResult, TrackingTable
     from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
 
 
-@reads_logs("those of an experiment", "fields of FilterConfig and TrackingConfig")
+MAIN_FIGURES = {
+    True: ("seen_rmse", "hidden_rmse", "seen_nees", "hidden_nees", "reported"),
+    False: ("hota", "assa", "idf1", "switches", "gospa"),
+}
+"""With ids and without: those of `--markdown` and `--latex`."""
+GAINS = {
+    True: {"in_sight": "the first is nearer in sight, %", "in_gaps": "in gaps, %"},
+    False: {"hota": "HOTA of the first more"},
+}
+"""And what the first method gains on the row's, beside them."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Own:
+    """Settings of the command."""
+
+    time_limit_s: float = 600.0
+
+
+@reads_logs("those of an experiment", "fields of FilterConfig and TrackingConfig", "time_limit_s")
 def tracking(
     logs: Logs,
     map_file: Annotated[
         Path | None,
         typer.Option("--map", help="Track with this map. Default: learn one from a part of the log.", exists=True),
     ] = None,
-    method: Annotated[list[str] | None, typer.Option(help="Compare only this method; may be repeated.")] = None,
+    method: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Of ours only this; or NAME='COMMAND {detections} {estimates}', another's beside ours. Repeatable."
+        ),
+    ] = None,
+    estimates: Annotated[
+        list[str] | None,
+        typer.Option(help="Another tracker's tables, such as theirs_seed{seed}.csv, one for each run. Repeatable."),
+    ] = None,
     gap: Annotated[
         float | None, typer.Option(help="Seconds out of sight of each vehicle; 0: none. Default: 3.")
     ] = None,
@@ -35,6 +65,15 @@ def tracking(
     seed: Annotated[int | None, typer.Option(min=0, help="The same seed gives the same result.")] = None,
     config: Config = None,
     as_json: Json = False,
+    as_markdown: Annotated[bool, typer.Option("--markdown", help="Print the main figures in Markdown.")] = False,
+    as_latex: Annotated[bool, typer.Option("--latex", help="Print the main figures in LaTeX.")] = False,
+    plot: Annotated[
+        Path | None,
+        typer.Option(help="Draw errors and reliability: .pdf, .svg or .png.", callback=named_file),
+        WRITTEN,
+        FIGURE,
+    ] = None,
+    force: Force = False,
     *,
     reading: Reading,
     settings: Settings,
@@ -51,20 +90,35 @@ def tracking(
     from dirprim_filter.evaluation.tracking import evaluate_tracking
     from dirprim_filter.recording import load_map
 
+    if as_json + as_markdown + as_latex > 1:
+        raise typer.BadParameter("expected one of --json, --markdown and --latex")
+    own, commands = taken(Own, settings), [text for text in method or () if "=" in text]
     made = _experiment(config, settings, {
-        "gap_s": gap, "with_ids": with_ids, "methods": method or None, "n_seeds": seeds, "seed": seed,
+        "gap_s": gap, "with_ids": with_ids, "methods": [name for name in method or () if "=" not in name] or None,
+        "n_seeds": seeds, "seed": seed,
     })  # fmt: skip
+    if not own.time_limit_s > 0:
+        raise typer.BadParameter(f"time_limit_s: expected positive seconds, got {own.time_limit_s}", param_hint="--set")
+    others = others_of(commands, estimates or (), made, limit_s=own.time_limit_s)
     inputs, primitive_map = [*logs, *([map_file] if map_file else [])], load_map(map_file) if map_file else None
+    inputs += [path for other in others.values() for path in files_of(other, made)]
     if map_file is not None and primitive_map is not None:
         reading = reading.on_plane_of(map_file, primitive_map.origin)
     log = reading.tracks(logs)
     if map_file is not None and primitive_map is not None:
         Coverage(primitive_map, map_file, logs[0]).check(log.tracks.position)
     with step_progress("evaluating", "steps") as step:
-        table = evaluate_tracking(log.tracks, made, primitive_map=primitive_map, progress=step)
+        table = evaluate_tracking(log.tracks, made, primitive_map=primitive_map, others=others, progress=step)
+    if plot is not None:
+        from dirprim_filter.viewer.experiment_figure import experiment_figure
+        from dirprim_filter.viewer.figures import save_figure
+
+        save_figure(experiment_figure(table), plot, force=force)
+    lines = markdown if as_markdown else latex if as_latex else None
     return report(
-        "evaluate tracking", inputs, reading, log.losses, table=tracking_object(table), settings=asdict(made),
-        text=lambda: tracking_text(table), as_json=as_json,
+        "evaluate tracking", inputs, reading, log.losses, settings=asdict(made), as_json=as_json,
+        table=tracking_object(table) | ({"others": [*commands, *(estimates or ())]} if others else {}),
+        text=lambda: "\n".join(lines(main_rows(table))) if lines else tracking_text(table),
     )  # fmt: skip
 
 
@@ -99,15 +153,36 @@ def tracking_text(table: TrackingTable) -> str:
         *["means over the runs, +- deviations from run to run"] * (experiment.n_seeds > 1),
         "",
     ]
-
-    def cell(i: int, figure: str) -> str:
-        method = table.methods[i]
-        spread = [method.std(figure)] if experiment.n_seeds > 1 else []
-        return " +-".join(map(number, [method.mean(figure), *spread]))
-
-    lines += figure_lines([method.name for method in table.methods], cell)
+    names = [method.name for method in table.methods]
+    lines += figure_lines(names, lambda i, figure: _cell(table.methods[i], figure, " +-"))
     lines += ["", *(found.sentence for found in comparisons(table) if found.sentence)]
     return "\n".join(lines).rstrip()
+
+
+def _cell(method: MethodResult, figure: str, between: str) -> str:
+    """The mean over the runs and, where there are several, their deviation."""
+    spread = [method.std(figure)] if len(method.reports) > 1 else []
+    return between.join(map(number, [method.mean(figure), *spread]))
+
+
+def main_rows(table: TrackingTable) -> list[list[str]]:
+    """The main figures, a row for each method under a row of heads, and what the first gains, with 95 % intervals."""
+    from dirprim_filter.evaluation.tracking import comparisons
+
+    figures, gains = MAIN_FIGURES[table.experiment.with_ids], GAINS[table.experiment.with_ids]
+    beside = {found.other: found for found in comparisons(table)}
+    rows = [["method", *(FIGURES[figure] for figure in figures), *gains.values()]]
+    for method in table.methods:
+        own = [_gain(getattr(beside.get(method.name), gain, None), gain) for gain in gains]
+        rows.append([method.name, *(_cell(method, figure, " ± ") for figure in figures), *own])
+    return rows
+
+
+def _gain(found: Interval | None, gain: str) -> str:
+    if found is None:
+        return ""
+    value, low, high = (f"{of:+.3f}" if gain == "hota" else f"{100 * of:.0f}" for of in found[:3])
+    return f"{value} [{low}, {high}]"
 
 
 def tracking_object(table: TrackingTable) -> dict[str, Any]:

@@ -1,0 +1,219 @@
+"""Trackers of others in an experiment: a command that is run for each seed, or tables that one wrote before."""
+
+from __future__ import annotations
+
+import csv
+import os
+import shlex
+import shutil
+import signal
+import subprocess
+import tempfile
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from decimal import Decimal
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import typer
+
+if TYPE_CHECKING:
+    from dirprim_filter.arrays import IntArray
+    from dirprim_filter.evaluation.scenes import Scene
+    from dirprim_filter.evaluation.tracked_rows import TrackedRows
+    from dirprim_filter.evaluation.tracking import Other
+    from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
+
+DETECTIONS, INSTANTS, ESTIMATES, SEED = "{detections}", "{instants}", "{estimates}", "{seed}"
+"""What stands in a command for its files, and in either for the seed of the run."""
+BEGINS = {b"\x89MCAP": ".mcap", b"PAR1": ".parquet"}
+"""Of files that are no .csv, whatever the command was told to call them."""
+LAST_BYTES = 4096
+"""Of what a command reports, where its last line is."""
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """A tracker that is started for each run; a process group of its own, which ends with it.
+
+    Attributes:
+        name: of the row.
+        words: the program and its arguments.
+        noise_m: metres, of detections that state no covariance.
+        limit_s: seconds after which it is stopped.
+    """
+
+    name: str
+    words: tuple[str, ...]
+    noise_m: float
+    limit_s: float
+
+    def __call__(self, scenes: Sequence[Scene], seed: int) -> TrackedRows:
+        """What it writes of a run.
+
+        Raises:
+            ValueError: it cannot be started, fails, takes too long, or writes no estimates.
+        """
+        import numpy as np
+
+        from dirprim_filter.recording.errors import RecordingError
+
+        with tempfile.TemporaryDirectory(prefix="dirprim-") as folder:
+            files = {what: Path(folder) / f"{what[1:-1]}.csv" for what in (DETECTIONS, INSTANTS, ESTIMATES)}
+            _write(files[DETECTIONS], _detections(scenes, self.noise_m))
+            _write(files[INSTANTS], _instants(scenes, [np.unique(scene.truth.time_ns) for scene in scenes]))
+            stands_for = {what: str(path) for what, path in files.items()} | {SEED: str(seed)}
+            self._run([_filled(word, stands_for) for word in self.words], Path(folder) / "reported", seed)
+            written = files[ESTIMATES]
+            if not written.is_file():
+                self._fail(seed, f"ended well and wrote no {ESTIMATES}")
+            with written.open("rb") as file:
+                begin = file.read(5)
+            suffix = next((of for magic, of in BEGINS.items() if begin.startswith(magic)), ".csv")
+            try:
+                return _read(written.rename(written.with_suffix(suffix)), scenes)
+            except (RecordingError, ValueError, OSError) as error:
+                said = str(error).replace(str(written.with_suffix(suffix)), ESTIMATES)
+                raise ValueError(f"{self.name}, seed {seed}: {said}") from error
+
+    def _run(self, words: list[str], reported: Path, seed: int) -> None:
+        with reported.open("wb") as errors:
+            try:
+                process = subprocess.Popen(  # noqa: S603  the user's own command, a list, no shell
+                    words, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=errors, start_new_session=True
+                )
+            except OSError as error:
+                self._fail(seed, f"cannot start {words[0]}: {error.strerror}")
+            try:
+                code = process.wait(self.limit_s)
+            except subprocess.TimeoutExpired:
+                self._fail(seed, f"stopped after {self.limit_s:g} s; --set time_limit_s=... allows more")
+            finally:
+                with suppress(ProcessLookupError):
+                    os.killpg(process.pid, signal.SIGKILL)
+                process.wait()
+        if code:
+            with reported.open("rb") as file:
+                file.seek(max(reported.stat().st_size - LAST_BYTES, 0))
+                lines = file.read().decode(errors="replace").strip().splitlines()
+            self._fail(seed, f"ended with {code}: {lines[-1] if lines else 'it reported nothing'}")
+
+    def _fail(self, seed: int, why: str) -> NoReturn:
+        raise ValueError(f"{self.name}, seed {seed}: {why}")
+
+
+@dataclass(frozen=True, slots=True)
+class Written:
+    """A tracker's tables of earlier runs, `{seed}` in whose name is that of the run."""
+
+    pattern: str
+
+    def path(self, seed: int) -> Path:
+        """The table of a run."""
+        return Path(self.pattern.replace(SEED, str(seed)))
+
+    def __call__(self, scenes: Sequence[Scene], seed: int) -> TrackedRows:
+        """What it has of a run.
+
+        Raises:
+            RecordingError: it is no table of estimates.
+            ValueError: a track has two rows at one time.
+            OSError: it cannot be read.
+        """
+        return _read(self.path(seed), scenes)
+
+
+def others_of(
+    commands: Sequence[str], patterns: Sequence[str], experiment: TrackingExperiment, *, limit_s: float
+) -> dict[str, Other]:
+    """The trackers of `--method NAME=COMMAND` and `--estimates PATTERN`, by the names of their rows.
+
+    Raises:
+        BadParameter: a command cannot be started or names no files, a table is not there, or a name is used twice.
+    """
+    found: list[tuple[str, str, Other]] = []
+    for text in commands:
+        name, _, line = text.partition("=")
+        found.append(("--method", name, Command(name, _words(name, line), experiment.noise_m, limit_s)))
+    for pattern in patterns:
+        written = Written(pattern)
+        if SEED not in pattern and experiment.n_seeds > 1:
+            _refuse("--estimates", f"{pattern}: expected {SEED} in its name, for there are {experiment.n_seeds} runs")
+        for path in files_of(written, experiment):
+            if not path.is_file():
+                _refuse("--estimates", f"{path}: there is no such file")
+        found.append(("--estimates", Path(pattern).name, written))
+    for i, (option, name, _) in enumerate(found):
+        if not name or name in experiment.methods or name in [other for _, other, _ in found[:i]]:
+            _refuse(option, f"expected another name for each row, got {name!r}")
+    return {name: track for _, name, track in found}
+
+
+def files_of(other: Other, experiment: TrackingExperiment) -> list[Path]:
+    """The tables that it reads, one for each run."""
+    runs = range(experiment.seed, experiment.seed + experiment.n_seeds)
+    return [other.path(seed) for seed in runs] if isinstance(other, Written) else []
+
+
+def _words(name: str, line: str) -> tuple[str, ...]:
+    try:
+        words = tuple(shlex.split(line))
+    except ValueError as error:
+        _refuse("--method", f"{name}: {error}")
+    if not (DETECTIONS in line and ESTIMATES in line):
+        _refuse("--method", f"{name}: expected a command with {DETECTIONS} and {ESTIMATES}, got {line!r}")
+    if shutil.which(words[0]) is None:
+        _refuse("--method", f"{name}: {words[0]}: there is no such program")
+    return words
+
+
+def _refuse(option: str, why: str) -> NoReturn:
+    raise typer.BadParameter(why, param_hint=option)
+
+
+def _filled(word: str, stands_for: dict[str, str]) -> str:
+    for what, text in stands_for.items():
+        word = word.replace(what, text)
+    return word
+
+
+def _read(path: Path, scenes: Sequence[Scene]) -> TrackedRows:
+    from dirprim_filter.recording.estimate_tables import read_tracked_rows
+    from dirprim_filter.tracks import Tracks
+
+    return read_tracked_rows(path, truth=Tracks.concatenate(scene.truth for scene in scenes))
+
+
+def _write(path: Path, columns: dict[str, list[Any]]) -> None:
+    with path.open("w", newline="") as file:
+        table = csv.writer(file)
+        table.writerow(columns)
+        table.writerows(zip(*columns.values(), strict=True))
+
+
+def _detections(scenes: Sequence[Scene], noise_m: float) -> dict[str, list[Any]]:
+    """Rows of all scenes, one after the other; ids where the sensor states them."""
+    import numpy as np
+
+    from dirprim_filter.detections import NO_ID, Detections
+
+    seen = Detections.concatenate(scene.seen for scene in scenes)
+    covariance = np.where(np.isnan(seen.covariance), noise_m**2 * np.eye(2), seen.covariance)
+    columns = _instants(scenes, [scene.seen.time_ns for scene in scenes])
+    if (seen.track_id != NO_ID).any():
+        columns["track_id"] = seen.track_id.tolist()
+    columns |= {"x_m": seen.position[:, 0].tolist(), "y_m": seen.position[:, 1].tolist()}
+    for name, (i, j) in {"xx": (0, 0), "xy": (0, 1), "yy": (1, 1)}.items():
+        columns[f"covariance_{name}_m2"] = covariance[:, i, j].tolist()
+    return columns
+
+
+def _instants(scenes: Sequence[Scene], times_ns: Sequence[IntArray]) -> dict[str, list[Any]]:
+    """Times of each scene, to the nanosecond, and its group where there are several."""
+    columns: dict[str, list[Any]] = {
+        "time_s": [f"{Decimal(time_ns).scaleb(-9):f}" for of in times_ns for time_ns in of.tolist()]
+    }
+    if len(scenes) > 1:
+        columns["group"] = [scene.group for scene, of in zip(scenes, times_ns, strict=True) for _ in range(len(of))]
+    return columns

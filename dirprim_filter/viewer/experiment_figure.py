@@ -1,0 +1,110 @@
+"""A tracking experiment as a figure for papers: error by time unseen, reliability, and error by method."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+from dirprim_filter.arrays import FloatArray
+from dirprim_filter.evaluation.error_curves import reliability, rmse
+from dirprim_filter.evaluation.intervals import Interval
+from dirprim_filter.evaluation.tracking import SMOOTHED_SUFFIX, TrackingTable, hota_of
+from dirprim_filter.viewer.figures import DOTS_PER_INCH, FAINT, INK, NORMAL, PAD, SMALL
+
+SIZE = (10.5, 3.4)
+"""Inches: three panels side by side across a page on its side."""
+COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#F0E442")
+"""Of Okabe and Ito (2008); a method and its smoother have the same."""
+N_TIMES = 6
+"""Parts of a gap whose errors are drawn."""
+SHARES = np.linspace(0.05, 0.95, 19)
+
+
+def experiment_figure(table: TrackingTable) -> Figure:
+    """Three panels, a colour for each method; bars are 95 % intervals over vehicles or groups.
+
+    RMSE by how long a vehicle was unseen; the share of true positions in ellipses that should hold so many, in gaps
+    (without gaps in sight); RMSE in sight and in gaps by method, without ids HOTA.
+    """
+    figure = Figure(figsize=SIZE, dpi=DOTS_PER_INCH, layout=ConstrainedLayoutEngine(w_pad=PAD, h_pad=PAD))
+    by_time, reliable, by_method = figure.subplots(1, 3)
+    styles = _styles([method.name for method in table.methods])
+    _draw_times(by_time, table, styles)
+    _draw_reliability(reliable, table, styles)
+    _draw_methods(by_method, table, styles)
+    for axes in figure.axes:
+        axes.tick_params(color=FAINT, labelsize=SMALL)
+        axes.spines[:].set_color(FAINT)
+    handles, labels = by_time.get_legend_handles_labels()
+    columns = min(len(labels), 6)
+    figure.legend(handles, labels, loc="outside lower center", ncols=columns, fontsize=SMALL, frameon=False)
+    return figure
+
+
+def _styles(names: Sequence[str]) -> list[dict[str, Any]]:
+    """Of each method's line: a colour, dashed for smoothers, and its name."""
+    own = list(dict.fromkeys(name.removesuffix(SMOOTHED_SUFFIX) for name in names))
+    return [
+        {
+            "color": COLORS[own.index(name.removesuffix(SMOOTHED_SUFFIX)) % len(COLORS)],
+            "linestyle": "--" if name.endswith(SMOOTHED_SUFFIX) else "-", "label": name.lstrip("_"),
+        }
+        for name in names
+    ]  # fmt: skip
+
+
+def _draw_times(axes: Axes, table: TrackingTable, styles: Sequence[dict[str, Any]]) -> None:
+    gap_s = table.experiment.gap_s
+    edges = np.concatenate([[-np.inf, 0.0], np.linspace(0.0, gap_s, N_TIMES + 1)[1:] if table.n_gaps else []])
+    middle = np.array([0.0, *(0.5 * (edges[1:-1] + edges[2:]))])
+    for method, style in zip(table.methods, styles, strict=True):
+        found = [rmse(method.errors, above_s=a, to_s=b) for a, b in pairwise(edges)]
+        axes.errorbar(
+            middle, [of.value for of in found], yerr=_bars(found), marker="o", markersize=3, linewidth=1.2,
+            elinewidth=0.7, **style,
+        )  # fmt: skip
+    axes.set_ylim(bottom=0.0)
+    axes.set_xlabel("time since last seen [s]", fontsize=NORMAL)
+    axes.set_ylabel("RMSE [m]", fontsize=NORMAL)
+
+
+def _draw_reliability(axes: Axes, table: TrackingTable, styles: Sequence[dict[str, Any]]) -> None:
+    axes.plot([0.0, 1.0], [0.0, 1.0], color=FAINT, linewidth=0.8)
+    for method, style in zip(table.methods, styles, strict=True):
+        axes.plot(SHARES, reliability(method.errors, SHARES, is_hidden=table.n_gaps > 0), linewidth=1.2, **style)
+    axes.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0), aspect="equal")
+    where = "in gaps" if table.n_gaps else "in sight"
+    axes.set_xlabel(f"share that a region should hold, {where}", fontsize=NORMAL)
+    axes.set_ylabel("share of true positions in it", fontsize=NORMAL)
+
+
+def _draw_methods(axes: Axes, table: TrackingTable, styles: Sequence[dict[str, Any]]) -> None:
+    row = np.arange(len(table.methods))[::-1]
+    for method, style, at in zip(table.methods, styles, row.tolist(), strict=True):
+        if not table.experiment.with_ids:
+            _draw_point(axes, hota_of(table, method), at, style["color"], style["color"])
+            continue
+        _draw_point(axes, rmse(method.errors, above_s=-np.inf, to_s=0.0), at + 0.15, style["color"], "white")
+        _draw_point(axes, rmse(method.errors, above_s=0.0, to_s=np.inf), at - 0.15, style["color"], style["color"])
+    axes.set_yticks(row, [style["label"] for style in styles])
+    axes.set_ylim(-0.6, len(row) - 0.4)
+    text = "RMSE [m], hollow in sight, full in gaps" if table.experiment.with_ids else "HOTA"
+    axes.set_xlabel(text, fontsize=NORMAL, color=INK)
+
+
+def _draw_point(axes: Axes, found: Interval, at: float, color: str, face: str) -> None:
+    axes.errorbar(
+        [found.value], [at], xerr=_bars([found]), marker="o", markersize=4, color=color, markerfacecolor=face,
+        elinewidth=0.8, linestyle="none",
+    )  # fmt: skip
+
+
+def _bars(found: Sequence[Interval]) -> FloatArray:
+    """(n,) half widths; 0 where an interval is unknown."""
+    return np.nan_to_num(np.array([of.half_width for of in found], np.float64))
