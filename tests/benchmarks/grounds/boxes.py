@@ -1,29 +1,33 @@
 """Detections that are boxes of images, tracked on the ground, and judged as boxes by TrackEval.
 
-A track's box is that of the detection it was given; where it coasts it has none. Noise, acceleration and rates are
-measured on training scenes: detections are those of a true vehicle where their boxes overlap by half.
+A track's box is that of the detection it was given; where it coasts it has none. Noise and rates are measured on
+training scenes: detections are those of a true vehicle where their boxes overlap by half. Each method chooses its
+settings there, by HOTA: errors of boxes last, so that ours may widen their spread as others may raise the acceleration.
 """
 
 from __future__ import annotations
 
 import contextlib
 import io
+import logging
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from peer_scenes import Fold, Part, UnavailableError
+from peer_trackers import HALF_DECADE
+from peers import PACKAGES
 from scipy.optimize import linear_sum_assignment
 
 from dirprim_filter import PrimitiveMap, Tracks
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.config import FilterConfig, TrackingConfig
-from dirprim_filter.detections import Detections
+from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.evaluation.intervals import difference_of_means, interval
-from dirprim_filter.evaluation.rivals import log_evidence
-from dirprim_filter.evaluation.settings import Axis, Choice, choose
+from dirprim_filter.evaluation.settings import Axis, choose
 from dirprim_filter.evaluation.tracking_report import normalised_squared
 from dirprim_filter.filtering import BayesFilter, ConstantVelocityKalman, Tracker
 from grounds.findings import STRAIGHT, WITH, WITHOUT, Findings
@@ -31,6 +35,10 @@ from grounds.findings import STRAIGHT, WITH, WITHOUT, Findings
 OVERLAP = 0.5
 MEDIAN_SQUARED = 1.386
 """Of chi-squared with two degrees."""
+GAIN = 0.1
+"""Of HOTA in percent; less is no gain."""
+GATE = 25.0
+"""Squared distance, in units of the covariance, of a package's track from the detection that it was given."""
 COLUMNS = ("hota", "assa", "deta", "mota", "idf1", "switches")
 
 
@@ -89,7 +97,7 @@ class Scene(NamedTuple):
     def named(self) -> Boxes:
         """The detections that are of a true vehicle, by its name."""
         name = np.zeros(self.seen.frame.size, np.int64)
-        for mine, own in _frames(self.seen, self.truth):
+        for mine, own in _frames(self.seen.frame, self.truth.frame):
             overlap = overlaps(self.seen.box[mine], self.truth.box[own])
             a, b = linear_sum_assignment(-overlap)
             near = overlap[a, b] >= OVERLAP
@@ -103,9 +111,9 @@ class Scene(NamedTuple):
         return self.truth.place[order[np.searchsorted(keys[0][order], keys[1])]]
 
 
-def _frames(one: Boxes, other: Boxes) -> Iterator[tuple[IntArray, IntArray]]:
-    for frame in np.intersect1d(one.frame, other.frame):
-        yield np.flatnonzero(one.frame == frame), np.flatnonzero(other.frame == frame)
+def _frames(one: IntArray, other: IntArray) -> Iterator[tuple[IntArray, IntArray]]:
+    for frame in np.intersect1d(one, other):
+        yield np.flatnonzero(one == frame), np.flatnonzero(other == frame)
 
 
 def overlaps(one: FloatArray, other: FloatArray) -> FloatArray:
@@ -118,68 +126,138 @@ def overlaps(one: FloatArray, other: FloatArray) -> FloatArray:
 
 
 class Fitted(NamedTuple):
-    """What training scenes show of the sensor, and of motion."""
+    """What training scenes show: the scale of the stated covariances, and the rates of detections and vehicles."""
 
     scale: float
-    density: float
     tracking: TrackingConfig
-    settings: tuple[Choice, ...]
 
     @classmethod
-    def of(cls, scenes: Sequence[Scene], *, factor: float = 1.0) -> Fitted:
-        """The spread by how far detections are from the truth, as errors of boxes last; the acceleration of greatest
-        evidence for them, each under its vehicle's name. A factor widens the spread.
-        """
-        parts, squared, hits, n_true, n_false, n_new, frames, areas = [], [], 0, 0, 0, 0, 0, []
-        for number, scene in enumerate(scenes):
+    def of(cls, scenes: Sequence[Scene]) -> Fitted:
+        """The scale by how far detections are from the truth."""
+        squared, n_new, areas = [], 0, []
+        hits, n_true, n_false, frames = 0, 0, 0, 0
+        for scene in scenes:
             named = scene.named()
             kept = named.of(named.name > 0)
-            parts.append(_detections(kept, scene, names=[f"{number}/{name}" for name in kept.name]))
             squared.append(normalised_squared(kept.place - scene.place_of(kept), kept.covariance))
             hits, n_true = hits + kept.frame.size, n_true + scene.truth.frame.size
             n_false += named.frame.size - kept.frame.size
             n_new += np.unique(scene.truth.name).size
             frames += scene.n_frames
             areas.append(scene.area)
-        seen, area = Detections.concatenate(parts), float(np.mean(areas))
-
-        scale = factor * float(np.median(np.concatenate(squared)) / MEDIAN_SQUARED)
-        noisy = replace(seen, covariance=scale * seen.covariance)
-
-        def evidence(values: tuple[float, ...]) -> float:
-            return log_evidence(ConstantVelocityKalman(acceleration_density=values[0]), noisy) / len(seen)
-
-        choices = choose([Axis("density", 1.0)], evidence)
+        area = float(np.mean(areas))
         tracking = TrackingConfig(
             detection_probability=min(hits / n_true, 0.99), clutter_density=max(n_false, 1) / frames / area,
             birth_density=n_new / frames / area, vehicle_density=n_true / frames / area,
         )  # fmt: skip
-        return cls(scale, choices[0].chosen, tracking, choices)
+        return cls(float(np.median(np.concatenate(squared)) / MEDIAN_SQUARED), tracking)
 
 
-def _detections(of: Boxes, scene: Scene, names: Sequence[str] | None = None) -> Detections:
+def _detections(of: Boxes, scene: Scene, scale: float) -> Detections:
     return Detections(
-        track_id=np.array([""] * of.frame.size if names is None else names, np.str_),
-        time_ns=np.round(of.frame * scene.frame_s * 1e9).astype(np.int64), position=of.place, covariance=of.covariance,
+        track_id=np.full(of.frame.size, NO_ID), time_ns=np.round(of.frame * scene.frame_s * 1e9).astype(np.int64),
+        position=of.place, covariance=scale * of.covariance,
     )  # fmt: skip
 
 
-def tracked(scene: Scene, model: PrimitiveMap | BayesFilter, fit: Fitted, *, seed: int, n_particles: int) -> Boxes:
-    """The boxes of a tracker, each under its track's name."""
-    of = scene.seen
-    seen = _detections(of, scene)
-    seen = replace(seen, covariance=fit.scale * seen.covariance)
+Settings = Mapping[str, float]
+
+
+class Given(NamedTuple):
+    """What a method is run with: what training scenes show, settings, and a seed."""
+
+    fit: Fitted
+    settings: Settings
+    seed: int = 0
+
+
+class Method(NamedTuple):
+    """A tracker.
+
+    Attributes:
+        run: boxes of a scene, each under its track's name; by the scene's number too.
+        axes: the settings.
+        n_seeds: of its random numbers.
+        is_ours: not a package's.
+    """
+
+    run: Callable[[int, Scene, Given], Boxes]
+    axes: tuple[Axis, ...]
+    n_seeds: int = 1
+    is_ours: bool = False
+
+
+def ours(
+    models: Mapping[str, Callable[[int], PrimitiveMap]], *, n_seeds: int, n_particles: int
+) -> dict[str, Method]:  # fmt: skip
+    """Our tracker on a map of each scene, and on a Kalman filter of constant velocity."""
     config = FilterConfig(n_particles=n_particles, interaction="none")
-    tracker = Tracker(model, config=config, tracking=fit.tracking, rng=np.random.default_rng(seed))
-    name, numbers = np.zeros(of.frame.size, np.int64), dict[str, int]()
+
+    def by_map(of: Callable[[int], PrimitiveMap], i: int, scene: Scene, given: Given) -> Boxes:
+        return _tracked(of(i), config, scene, given)
+
+    def by_kalman(_: int, scene: Scene, given: Given) -> Boxes:
+        return _tracked(ConstantVelocityKalman(acceleration_density=given.settings["density"]), config, scene, given)
+
+    factor = Axis("factor", 4.0, 4.0)
+    found = {name: Method(partial(by_map, of), (factor,), n_seeds, is_ours=True) for name, of in models.items()}
+    return found | {STRAIGHT: Method(by_kalman, (factor, Axis("density", 1.0, HALF_DECADE)), is_ours=True)}
+
+
+def _tracked(model: PrimitiveMap | BayesFilter, config: FilterConfig, scene: Scene, given: Given) -> Boxes:
+    of, names = scene.seen, []
+    seen = _detections(of, scene, given.fit.scale * given.settings["factor"])
+    tracker = Tracker(model, config=config, tracking=given.fit.tracking, rng=np.random.default_rng(given.seed))
     for frame in range(scene.n_frames):
-        rows = np.flatnonzero(of.frame == frame)
-        found = tracker.step(seen[rows], time_ns=round(frame * scene.frame_s * 1e9))
-        found = found[found.unseen_s == 0.0]
-        a, b = linear_sum_assignment(((of.place[rows][:, None] - found.position) ** 2).sum(axis=-1))
-        for row, track in zip(rows[a], found.track_id[b].tolist(), strict=True):
-            name[row] = numbers.setdefault(track, len(numbers) + 1)
+        found = tracker.track(seen[of.frame == frame], time_ns=round(frame * scene.frame_s * 1e9))
+        names.append(found.assigned)
+    known = np.concatenate(names)
+    return of._replace(name=np.unique(known, return_inverse=True)[1] + 1).of(known != NO_ID)
+
+
+def packages() -> dict[str, Method]:
+    """The first tracker of each package of `peers.py` that is installed."""
+    found = {}
+    nothing = Scene("", *[Boxes(*(np.zeros((1, *n)) for n in ((), (), (4,), (), (2,), (2, 2))))] * 2, 1, 1.0, 1.0)
+    for package in PACKAGES:
+        try:
+            name, peer = next(iter(package(_fold(nothing, Fitted(1.0, TrackingConfig()))).items()))
+        except UnavailableError as error:
+            logging.getLogger(__name__).warning("left out: %s", error)
+            continue
+        found[name] = Method(partial(_by_package, package), peer.axes)
+    return found
+
+
+def _fold(scene: Scene, fit: Fitted) -> Fold:
+    noise_m = float(np.sqrt(0.5 * fit.scale * np.median(np.trace(scene.seen.covariance, axis1=1, axis2=2))))
+    return Fold(judged=(), training=(), traffic=scene.tracks(), noise_m=noise_m, tracking=fit.tracking)
+
+
+def _by_package(package: Any, _: int, scene: Scene, given: Given) -> Boxes:
+    of, fold = scene.seen, _fold(scene, given.fit)
+    part = Part(seen=_detections(of, scene, given.fit.scale), truth=fold.traffic)
+    rows = next(iter(package(fold).values())).track(part, given.settings).rows
+    name = np.zeros(of.frame.size, np.int64)
+    for mine, own in _frames(of.frame, np.round(rows.time_ns * 1e-9 / scene.frame_s).astype(np.int64)):
+        off = of.place[mine, None] - rows.position[own]
+        squared = np.einsum("dti,dij,dtj->dt", off, np.linalg.inv(of.covariance[mine]), off)
+        a, b = linear_sum_assignment(np.minimum(squared, GATE))
+        near = squared[a, b] < GATE
+        name[mine[a[near]]] = rows.vehicle[own[b[near]]] + 1
     return of._replace(name=name).of(name > 0)
+
+
+def tuned(
+    table: Findings, name: str, axes: Sequence[Axis], hota: Callable[[Settings], float], *, is_smoke: bool
+) -> Settings:  # fmt: skip
+    """The settings of the greatest HOTA; where all is to be quick, those to begin with."""
+    if is_smoke:
+        return {axis.name: axis.start for axis in axes}
+    names = [axis.name for axis in axes]
+    choices = choose(axes, lambda values: hota(dict(zip(names, values, strict=True))), least_gain=GAIN)
+    table.settings += [of._replace(name=f"{name}: {of.name}") for of in choices]
+    return {of.name: of.chosen for of in choices}
 
 
 def above_mean(tracks: Boxes, least: float) -> Boxes:
@@ -187,16 +265,6 @@ def above_mean(tracks: Boxes, least: float) -> Boxes:
     _, number = np.unique(tracks.name, return_inverse=True)
     mean = np.bincount(number, tracks.score) / np.maximum(np.bincount(number), 1)
     return tracks.of(mean[number] > least if number.size else np.zeros(0, np.bool_))
-
-
-def widened(hota_at: Callable[[float], Sequence[float]], own: int | None = None) -> Choice:
-    """The factor of the spread of the greatest mean HOTA of constant velocity; of other sequences than one's own."""
-
-    def hota(values: tuple[float, ...]) -> float:
-        found = np.asarray(hota_at(values[0]))
-        return float((found if own is None or found.size == 1 else np.delete(found, own)).mean())
-
-    return choose([Axis("factor", 1.0, 4.0)], hota, least_gain=0.1)[0]
 
 
 Write = Callable[[Boxes], Iterable[str]]
@@ -240,24 +308,6 @@ def _figures(of: Mapping[str, Mapping[str, Any]]) -> dict[str, float]:
     values = [100.0 * float(np.mean(hota[key])) for key in ("HOTA", "AssA", "DetA")]
     values += [100.0 * float(clear["MOTA"]), 100.0 * float(of["Identity"]["IDF1"]), float(clear["IDSW"])]
     return dict(zip(COLUMNS, values, strict=True))
-
-
-def compared(
-    table: Findings, scenes: Sequence[Scene], models: Mapping[str, Callable[[int], Any]],
-    fits: Sequence[Fitted], *, n_seeds: int, n_particles: int,
-) -> dict[str, list[list[Boxes]]]:  # fmt: skip
-    """Each method's runs over all scenes; the constant velocity of the fit beside the models, by scene."""
-    table.settings += [choice for fit in fits for choice in fit.settings]
-
-    def run(model: Callable[[int, Fitted], Any], seed: int) -> list[Boxes]:
-        return [
-            tracked(scene, model(i, fit), fit, seed=seed, n_particles=n_particles)
-            for i, (scene, fit) in enumerate(zip(scenes, fits, strict=True))
-        ]
-
-    runs = {name: [run(lambda i, _, of=of: of(i), seed) for seed in range(n_seeds)] for name, of in models.items()}
-    runs[STRAIGHT] = [run(lambda _, fit: ConstantVelocityKalman(acceleration_density=fit.density), 0)]
-    return runs
 
 
 def add_rows(

@@ -1,6 +1,7 @@
 """Pedestrians by fixed cameras: MOT17 by its cameras' parameters, PETS09 by a homography fitted to its truth.
 
-The first half of a sequence makes the map, the settings, and the least confidence of a detection; the second is judged.
+The first half of a sequence makes the map; by its last 200 frames each method chooses its settings, and the least
+confidence of a detection; the second half is judged.
 A box stands where the middle of its lower side meets the ground; its covariance there is that of the pixels, carried
 by the mapping's derivative.
 
@@ -10,8 +11,8 @@ spread of pixels); Dendorfer et al., MOTChallenge, 2021; Zhang et al., ByteTrack
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from functools import cache, partial
+from collections.abc import Iterable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,10 +20,12 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from dirprim_filter.arrays import FloatArray
-from grounds.boxes import Boxes, Fitted, Scene, add_rows, compared, trackeval, widened
+from dirprim_filter.evaluation.settings import Axis
+from grounds.boxes import Boxes, Fitted, Given, Method, Scene, Settings, add_rows, ours, packages, trackeval, tuned
 from grounds.findings import WITH, WITHOUT, Asked, Findings, learned, published
 
-CONFIDENCES = (0.0, 0.3, 0.5, 0.6, 0.7)
+CONFIDENCE = Axis("confidence", 0.5, 1.2, most=0.95)
+TRAINING_FRAMES = 200
 FAR_M = 100.0
 """Beyond is the horizon, or the wrong side of it."""
 UCMC = (
@@ -97,9 +100,14 @@ class Camera(NamedTuple):
     n_frames: int
     frame_s: float
 
-    def part(self, *, is_second: bool) -> Scene:
-        """One half, frames from 0."""
-        first, last = (self.half + 1, self.n_frames) if is_second else (1, self.half)
+    @property
+    def parts(self) -> tuple[tuple[int, int], ...]:
+        """First and last frames of what is learned from, what settings are chosen by, and what is judged."""
+        return (1, self.half), (max(self.half - TRAINING_FRAMES, 0) + 1, self.half), (self.half + 1, self.n_frames)
+
+    def part(self, number: int) -> Scene:
+        """One of them, frames from 0."""
+        first, last = self.parts[number]
         truth = self.truth[self.truth[:, 6] > 0]
         truth = truth[truth[:, 7] == 1] if self.name.startswith("MOT17") else truth
         of_truth, seen = (self._boxes(rows, first, last) for rows in (truth, self.seen))
@@ -116,9 +124,9 @@ class Camera(NamedTuple):
         name = rows[:, 1].astype(np.int64)
         return Boxes(frame, name, box, rows[:, 6], place, covariance).of(near)
 
-    def lines(self, *, is_second: bool) -> str:
-        """The truth of one half, as the benchmark has it, frames from 1."""
-        first, last = (self.half + 1, self.n_frames) if is_second else (1, self.half)
+    def lines(self, number: int) -> str:
+        """The truth of one of them, as the benchmark has it, frames from 1."""
+        first, last = self.parts[number]
         rows = self.truth[(self.truth[:, 0] >= first) & (self.truth[:, 0] <= last)].copy()
         rows[:, 0] -= first - 1
         return "\n".join(",".join(f"{value:g}" for value in row) for row in rows) + "\n"
@@ -146,15 +154,16 @@ def of_pets(folder: Path) -> Camera:
 KINDS = {"mot17": ("mot17", "MOT17", of_mot17), "pets09": ("mot15", "MOT15", of_pets)}
 
 
-def dataset(benchmark: str, truth: Mapping[str, str], n_frames: Mapping[str, int], results: Path, folder: Path) -> Any:
-    """TrackEval's."""
+def dataset(benchmark: str, cameras: Sequence[Camera], part: int, results: Path, folder: Path) -> Any:
+    """TrackEval's, of one part of each camera's."""
     from trackeval.datasets import MotChallenge2DBox
 
-    for name, lines in truth.items():
-        (folder / f"{name}.txt").write_text(lines)
+    for of in cameras:
+        (folder / f"{of.name}.txt").write_text(of.lines(part))
     return MotChallenge2DBox({
         "GT_FOLDER": str(folder), "TRACKERS_FOLDER": str(results), "BENCHMARK": benchmark, "SKIP_SPLIT_FOL": True,
-        "GT_LOC_FORMAT": "{gt_folder}/{seq}.txt", "SEQ_INFO": dict(n_frames), "PRINT_CONFIG": False,
+        "GT_LOC_FORMAT": "{gt_folder}/{seq}.txt", "PRINT_CONFIG": False,
+        "SEQ_INFO": {of.name: of.parts[part][1] - of.parts[part][0] + 1 for of in cameras},
     })  # fmt: skip
 
 
@@ -172,44 +181,35 @@ def of_mot(kind: str, asked: Asked) -> list[Findings]:
     sequences = [read(folder) for folder in folders]
     if asked.is_smoke:
         sequences = [of._replace(half=min(of.half, 60), n_frames=min(of.n_frames, 120)) for of in sequences]
-    first, second = ([of.part(is_second=half) for of in sequences] for half in (False, True))
+    learned_from, training, judged = ([of.part(part) for of in sequences] for part in range(3))
     options = {"tessellation": "grid", "cell_size": 2.0} if asked.is_smoke else {}
-    maps = [learned(scene.tracks(), asked, f"{kind}_{scene.name}", **options) for scene in first]
-    n_particles = 100 if asked.is_smoke else 1000
-    judges = [
-        partial(
-            trackeval,
-            partial(
-                dataset, benchmark, {of.name: of.lines(is_second=half) for of in sequences},
-                {of.name: of.half if not half else of.n_frames - of.half for of in sequences},
-            ),
-            lines_of, names=[of.name for of in sequences],
-        )
-        for half in (False, True)
-    ]  # fmt: skip
-    models = {WITH: lambda i: maps[i], WITHOUT: lambda i: maps[i].without_places()}
+    maps = [learned(scene.tracks(), asked, f"{kind}_{scene.name}", **options) for scene in learned_from]
     names = [of.name for of in sequences]
+    judges = [
+        partial(trackeval, partial(dataset, benchmark, sequences, part), lines_of, names=names) for part in range(3)
+    ]
+    models = {WITH: lambda i: maps[i], WITHOUT: lambda i: maps[i].without_places()}
+    methods = ours(models, n_seeds=asked.n_seeds, n_particles=100 if asked.is_smoke else 1000)
+    methods |= {} if asked.is_smoke else packages()
     table = Findings(f"{kind}: second halves of {' '.join(names)}, {asked.n_seeds} seeds")
 
-    @cache
-    def hota_at(factor: float, least: float) -> list[float]:
-        cut = [scene.above(least) for scene in first]
-        fits = [Fitted.of([scene], factor=factor) for scene in cut]
-        runs = compared(Findings(""), cut, {}, fits, n_seeds=1, n_particles=n_particles)
-        (found,) = judges[0]({name: of[0] for name, of in runs.items()}).values()
-        return [found[name]["hota"] for name in names]
+    def boxes(method: Method, scenes: Sequence[Scene], settings: Settings, seed: int) -> list[Boxes]:
+        least = settings.get("confidence", 0.0)
+        fits = [Fitted.of([scene.above(least)]) for scene in learned_from]
+        return [method.run(i, of.above(least), Given(fits[i], settings, seed)) for i, of in enumerate(scenes)]
 
-    factor = widened(partial(hota_at, least=0.5))
-    table.settings.append(factor)
-    confidences = CONFIDENCES[1:3] if asked.is_smoke else CONFIDENCES
-    chosen = max(confidences, key=lambda least: float(np.mean(hota_at(factor.chosen, least))))
-    for least, label in ((0.0, ", all detections"), (chosen, f", confidence of {chosen:g} and more")):
-        fits = [Fitted.of([scene.above(least)], factor=factor.chosen) for scene in first]
-        runs = compared(
-            table, [scene.above(least) for scene in second], models, fits, n_seeds=asked.n_seeds,
-            n_particles=n_particles,
-        )  # fmt: skip
-        add_rows(table, label, runs, names, judges[1])
+    def hota(method: Method, settings: Settings) -> float:
+        (found,) = judges[1]({"": boxes(method, training, settings, 0)}).values()
+        return float(np.mean([found[name]["hota"] for name in names]))
+
+    for label, axes in ((", all detections", ()), (", confidence by the first half", (CONFIDENCE,))):
+        runs = {}
+        for name, method in methods.items():
+            if method.is_ours or axes:
+                of = (*axes, *method.axes)
+                settings = tuned(table, f"{name}{label}", of, partial(hota, method), is_smoke=asked.is_smoke)
+                runs[name] = [boxes(method, judged, settings, seed) for seed in range(method.n_seeds)]
+        add_rows(table, label, runs, names, judges[2])
     if kind == "mot17":
         for name, source, figures in UCMC:
             known = zip(("hota", "assa", "deta", "mota", "idf1", "switches"), figures, strict=True)
