@@ -90,6 +90,11 @@ class Scene(NamedTuple):
         time_ns = np.round(self.truth.frame * self.frame_s * 1e9).astype(np.int64)
         return Tracks.from_positions(track_id=self.truth.name, time_ns=time_ns, position=self.truth.place)
 
+    def until(self, frame: int) -> Scene:
+        """The frames before this."""
+        seen, truth = (of.of(of.frame < frame) for of in (self.seen, self.truth))
+        return self._replace(seen=seen, truth=truth, n_frames=min(frame, self.n_frames))
+
     def above(self, score: float) -> Scene:
         """With the better detections alone."""
         return self._replace(seen=self.seen.of(self.seen.score >= score))
@@ -272,8 +277,9 @@ Write = Callable[[Boxes], Iterable[str]]
 
 
 def trackeval(
-    dataset: Callable[[Path, Path], Any], write: Write, results: Mapping[str, Sequence[Boxes]], names: Sequence[str]
-) -> dict[str, dict[str, dict[str, float]]]:
+    dataset: Callable[[Path, Path], Any], write: Write, results: Mapping[str, Sequence[Boxes]], names: Sequence[str],
+    *, is_short: bool = False,
+) -> dict[str, dict[str, dict[str, float]]]:  # fmt: skip
     """HOTA, CLEAR MOT and IDF1 of trackers, for each sequence and for all, `COMBINED_SEQ`.
 
     Args:
@@ -281,6 +287,7 @@ def trackeval(
         write: a sequence's file.
         results: of each tracker the boxes of each sequence.
         names: of the sequences.
+        is_short: HOTA alone.
     """
     from trackeval import Evaluator
     from trackeval.metrics import CLEAR, HOTA, Identity
@@ -294,7 +301,7 @@ def trackeval(
             for name, of in zip(names, boxes, strict=True):
                 (into / f"{name}.txt").write_text("\n".join(write(of)) + "\n")
         made = dataset(Path(folder) / "results", Path(folder))
-        metrics = [HOTA(), CLEAR({"PRINT_CONFIG": False}), Identity({"PRINT_CONFIG": False})]
+        metrics = [HOTA(), *([] if is_short else [of({"PRINT_CONFIG": False}) for of in (CLEAR, Identity)])]
         (found,) = Evaluator(quiet).evaluate([made], metrics)[0].values()
     (kind,) = {key for of in found.values() for sequence in of.values() for key in sequence}
     return {
@@ -304,10 +311,12 @@ def trackeval(
 
 
 def _figures(of: Mapping[str, Mapping[str, Any]]) -> dict[str, float]:
-    hota, clear = of["HOTA"], of["CLEAR"]
-    values = [100.0 * float(np.mean(hota[key])) for key in ("HOTA", "AssA", "DetA")]
-    values += [100.0 * float(clear["MOTA"]), 100.0 * float(of["Identity"]["IDF1"]), float(clear["IDSW"])]
-    return dict(zip(COLUMNS, values, strict=True))
+    found = {key.lower(): 100.0 * float(np.mean(of["HOTA"][key])) for key in ("HOTA", "AssA", "DetA")}
+    if "CLEAR" in of:
+        clear = of["CLEAR"]
+        found |= {"mota": 100.0 * float(clear["MOTA"]), "idf1": 100.0 * float(of["Identity"]["IDF1"])}
+        found |= {"switches": float(clear["IDSW"])}
+    return found
 
 
 def add_rows(

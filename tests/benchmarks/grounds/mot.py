@@ -1,6 +1,6 @@
 """Pedestrians by fixed cameras: MOT17 by its cameras' parameters, PETS09 by a homography fitted to its truth.
 
-The first half of a sequence makes the map; by its last 200 frames each method chooses its settings, and the least
+The first half of a sequence makes the map; by its last 150 frames each method chooses its settings, and the least
 confidence of a detection; the second half is judged.
 A box stands where the middle of its lower side meets the ground; its covariance there is that of the pixels, carried
 by the mapping's derivative.
@@ -12,7 +12,7 @@ spread of pixels); Dendorfer et al., MOTChallenge, 2021; Zhang et al., ByteTrack
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,7 +25,7 @@ from grounds.boxes import Boxes, Fitted, Given, Method, Scene, Settings, add_row
 from grounds.findings import WITH, WITHOUT, Asked, Findings, learned, published
 
 CONFIDENCE = Axis("confidence", 0.5, 1.2, most=0.95)
-TRAINING_FRAMES = 200
+TRAINING_FRAMES = 150
 FAR_M = 100.0
 """Beyond is the horizon, or the wrong side of it."""
 UCMC = (
@@ -193,23 +193,25 @@ def of_mot(kind: str, asked: Asked) -> list[Findings]:
     methods |= {} if asked.is_smoke else packages()
     table = Findings(f"{kind}: second halves of {' '.join(names)}, {asked.n_seeds} seeds")
 
+    @cache
+    def fits(least: float) -> list[Fitted]:
+        return [Fitted.of([scene.above(least)]) for scene in learned_from]
+
     def boxes(method: Method, scenes: Sequence[Scene], settings: Settings, seed: int) -> list[Boxes]:
-        least = settings.get("confidence", 0.0)
-        fits = [Fitted.of([scene.above(least)]) for scene in learned_from]
-        return [method.run(i, of.above(least), Given(fits[i], settings, seed)) for i, of in enumerate(scenes)]
+        least = settings["confidence"]
+        given = [Given(fit, settings, seed) for fit in fits(least)]
+        return [method.run(i, of.above(least), given[i]) for i, of in enumerate(scenes)]
 
     def hota(method: Method, settings: Settings) -> float:
-        (found,) = judges[1]({"": boxes(method, training, settings, 0)}).values()
+        (found,) = judges[1]({"": boxes(method, training, settings, 0)}, is_short=True).values()
         return float(np.mean([found[name]["hota"] for name in names]))
 
-    for label, axes in ((", all detections", ()), (", confidence by the first half", (CONFIDENCE,))):
-        runs = {}
-        for name, method in methods.items():
-            if method.is_ours or axes:
-                of = (*axes, *method.axes)
-                settings = tuned(table, f"{name}{label}", of, partial(hota, method), is_smoke=asked.is_smoke)
-                runs[name] = [boxes(method, judged, settings, seed) for seed in range(method.n_seeds)]
-        add_rows(table, label, runs, names, judges[2])
+    runs = {}
+    for name, method in methods.items():
+        axes = (CONFIDENCE, *method.axes)
+        settings = tuned(table, name, axes, partial(hota, method), is_smoke=asked.is_smoke)
+        runs[name] = [boxes(method, judged, settings, seed) for seed in range(method.n_seeds)]
+    add_rows(table, "", runs, names, judges[2])
     if kind == "mot17":
         for name, source, figures in UCMC:
             known = zip(("hota", "assa", "deta", "mota", "idf1", "switches"), figures, strict=True)
