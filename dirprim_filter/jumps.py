@@ -208,7 +208,7 @@ def _jumps(
     changes = [np.hypot(*(own - velocity(at + side)[0]).T) for side in (-1, 1)]
     excess = np.fmin(speed, np.fmin(*changes))
     least_m, usual = (of if each is None else of[at] for of in (least_m, usual))
-    return at[(excess * dt_s > least_m) & ((excess > _most(usual, dt_s)) | (speed > FASTEST))]
+    return np.asarray(at[(excess * dt_s > least_m) & ((excess > _most(usual, dt_s)) | (speed > FASTEST))])
 
 
 Place = tuple[float, float]

@@ -32,7 +32,7 @@ from dirprim_filter.recording.container.log import Log, Scan
 from dirprim_filter.recording.container.records import Message, Schema
 from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.foxglove.elements import origin_of, scene_transform, view_of
-from dirprim_filter.recording.foxglove.scenes import map_scene
+from dirprim_filter.recording.foxglove.scenes import map_scenes
 from dirprim_filter.recording.log_writer import LogWriter
 from tessellation import GridTessellation, Tessellation, VoronoiTessellation
 
@@ -67,7 +67,8 @@ def save_map(
         log.end_chunk()  # damage to the drawing costs no cell
         origin = origin_of(view_of(primitive_map))
         log.write(topic_names.TRANSFORM, scene_transform(0, origin), 0)
-        log.write(topic_names.MAP_SCENE, map_scene(primitive_map, 0, origin), 0)
+        for drawn in map_scenes(primitive_map, 0, origin):
+            log.write(topic_names.MAP_SCENE, drawn, 0)
 
 
 def load_map(path: str | Path) -> PrimitiveMap:

@@ -24,7 +24,7 @@ from dirprim_filter.recording.foxglove.scenes import (
     EstimatesScene,
     detection_cloud,
     forecast_scene,
-    map_scene,
+    map_scenes,
     particle_cloud,
 )
 from dirprim_filter.recording.log_writer import LogWriter
@@ -227,6 +227,7 @@ class EstimateWriter:
             self._origin = origin_of(position if self._map is None else view_of(self._map))
             self._log.write(topic_names.TRANSFORM, scene_transform(time_ns, self._origin), time_ns)
         if self._map is not None:
-            self._log.write(topic_names.MAP_SCENE, map_scene(self._map, time_ns, self._origin), time_ns)
+            for drawn in map_scenes(self._map, time_ns, self._origin):
+                self._log.write(topic_names.MAP_SCENE, drawn, time_ns)
             self._map = None
         return self._origin

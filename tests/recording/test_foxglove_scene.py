@@ -18,13 +18,14 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.drawing import shapes
 from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.recording import topic_names
+from dirprim_filter.recording.foxglove import scenes
 from dirprim_filter.recording.foxglove.elements import SCENE_FRAME
 from dirprim_filter.recording.foxglove.scenes import (
     TRAIL_POINTS,
     VEHICLE_SIZE,
     EstimatesScene,
     forecast_scene,
-    map_scene,
+    map_scenes,
     particle_cloud,
 )
 from dirprim_filter.recording.schemas import dirprim_pb2
@@ -177,11 +178,24 @@ def test_the_cloud_holds_the_particles_to_the_micrometre_and_their_directions_as
 
 def test_petals_are_those_of_the_other_pictures(ring_map):
     origin = np.array([3.0, 4.0])
-    area = as_read(map_scene(ring_map, 0, origin)).entities[1].triangles[0]
+    area = as_read(next(map_scenes(ring_map, 0, origin))).entities[1].triangles[0]
     points = np.array([(p.x, p.y) for p in area.points]) + origin
     polygons = shapes.rose_petals(ring_map).polygon
     np.testing.assert_allclose(points, polygons.reshape(-1, 2), atol=6e-4, rtol=0)  # half of FINEST_M, on each axis
     assert 0 < min(c.a for c in area.colors) <= max(c.a for c in area.colors) < 1
+
+
+def test_a_map_is_drawn_some_cells_at_a_time_and_each_once(ring_map, monkeypatch):
+    (whole,) = map(as_read, map_scenes(ring_map, 0, HERE))
+    monkeypatch.setattr(scenes, "CELLS_AT_ONCE", ring_map.tessellation.n_cells // 2 - 1)
+    parts = [*map(as_read, map_scenes(ring_map, 0, HERE))]
+    assert len(parts) > 2 and [len(part.deletions) for part in parts] == [1] + [0] * (len(parts) - 1)
+    names = [entity.id for part in parts for entity in part.entities]
+    assert len({*names}) == len(names) and {entity.id for entity in whole.entities} <= {*names}
+    for i, kind in ((0, "lines"), (1, "triangles")):
+        drawn = [[getattr(part.entities[i], kind)[0] for part in of] for of in ([whole], parts)]
+        points = [sorted((p.x, p.y) for one in of for p in one.points) for of in drawn]
+        assert points[0] == points[1] and len(points[0]) == sum(1 + max(one.indices) for one in drawn[1])
 
 
 def test_regions_of_forecasts_hold_their_share_of_the_paths():

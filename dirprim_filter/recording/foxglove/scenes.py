@@ -7,7 +7,7 @@ of its vehicle; a map the outlines of its cells, and roses in the colours of spe
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from foxglove import messages as fg
@@ -225,18 +225,35 @@ def forecast_scene(forecasts: Forecasts, origin: FloatArray, *, hidden: frozense
 CELL_COLOR = painted((0.45, 0.5, 0.6), 0.45)
 ROSE_OPACITY = 0.65
 """What moves must stand out."""
+CELLS_AT_ONCE = 4096
+"""Of a map in one update, which takes 50 kB of memory for each while it is made."""
 
 
-def map_scene(primitive_map: PrimitiveMap, time_ns: int, origin: FloatArray) -> fg.SceneUpdate:
-    """The cells' outlines as one entity, and a petal for each mode as another."""
-    polygons = [*primitive_map.tessellation.polygons()]
-    sides = [np.stack([polygon, np.roll(polygon, -1, axis=0)], axis=1) for polygon in polygons]
-    outlines = np.concatenate([np.empty((0, 2)), *(side.reshape(-1, 2) for side in sides)])
-    cells = line(SEGMENTS, points(rounded(outlines - origin)), pixels=1.0, color=CELL_COLOR, height=HEIGHT["cells"])
-    petals = shapes.rose_petals(primitive_map)
-    colors = shapes.petal_colors(petals, fastest=shapes.fastest_speed(petals)).reshape(-1, 4)[:, :3] / 255.0
-    roses = area(
-        rounded(petals.polygon - origin), shapes.fan_triangles(petals.polygon), height=HEIGHT["roses"],
-        colors=[painted(rgb, ROSE_OPACITY) for rgb in colors.tolist()],
-    )  # fmt: skip
-    return fresh_update([entity("cells", time_ns, lines=[cells]), entity("roses", time_ns, triangles=[roses])], time_ns)
+def map_scenes(primitive_map: PrimitiveMap, time_ns: int, origin: FloatArray) -> Iterator[fg.SceneUpdate]:
+    """Of so many cells at a time their outlines as one entity, and a petal for each mode as another.
+
+    The first update deletes what was drawn before; a map of up to `CELLS_AT_ONCE` cells has one.
+    """
+    polygons, petals = primitive_map.tessellation.polygons(), shapes.rose_petals(primitive_map)
+    fastest = shapes.fastest_speed(petals)
+    for i, start in enumerate(range(0, max(len(polygons), 1), CELLS_AT_ONCE)):
+        own, end = (
+            [polygon for polygon in polygons[start : start + CELLS_AT_ONCE] if len(polygon)],
+            start + CELLS_AT_ONCE,
+        )
+        corners, ends = np.concatenate([np.empty((0, 2)), *own]), np.cumsum([0, *map(len, own)])
+        corner, then = np.arange(len(corners)), np.arange(1, len(corners) + 1)
+        then[ends[1:] - 1] = ends[:-1]  # from the last corner back to the first
+        cells = line(
+            SEGMENTS, points(rounded(corners - origin)), pixels=1.0, color=CELL_COLOR, height=HEIGHT["cells"],
+            indices=np.column_stack([corner, then]).ravel().tolist(),
+        )  # fmt: skip
+        drawn = shapes.Petals(*(column[(petals.cell >= start) & (petals.cell < end)] for column in petals))
+        colors = shapes.petal_colors(drawn, fastest=fastest).reshape(-1, 4)[:, :3] / 255.0
+        roses = area(
+            rounded(drawn.polygon - origin), shapes.fan_triangles(drawn.polygon), height=HEIGHT["roses"],
+            colors=[painted(rgb, ROSE_OPACITY) for rgb in colors.tolist()],
+        )  # fmt: skip
+        name = f" {i}" if i else ""
+        entities = [entity(f"cells{name}", time_ns, lines=[cells]), entity(f"roses{name}", time_ns, triangles=[roses])]
+        yield fresh_update(entities, time_ns) if i == 0 else fg.SceneUpdate(entities=entities)
