@@ -225,7 +225,7 @@ def forecast_scene(forecasts: Forecasts, origin: FloatArray, *, hidden: frozense
 CELL_COLOR = painted((0.45, 0.5, 0.6), 0.45)
 ROSE_OPACITY = 0.65
 """What moves must stand out."""
-CELLS_AT_ONCE = 4096
+CELLS_AT_ONCE = 8192
 """Of a map in one update, which takes 50 kB of memory for each while it is made."""
 
 
