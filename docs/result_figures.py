@@ -8,9 +8,8 @@ import statistics
 from collections.abc import Callable, Mapping
 from typing import Any
 
-Figure = float | dict[str, float | None] | list[dict[str, float | None]] | str | None
-"""A number; a difference with its interval, `value`, `low` and `high`; several, which are shown without it; a mean with
-its `deviation`; or a text."""
+Figure = float | dict[str, float | None] | str | None
+"""A number; a difference with its interval, `value`, `low` and `high`; a mean with its `deviation`; or a text."""
 Entries = Callable[[str], Mapping[str, Any]]
 """The output of a command as the table's rows: each row's name, and what its figures are read from."""
 
@@ -51,23 +50,9 @@ def cue_rows(output: str) -> dict[str, Any]:
 
 
 def mechanisms(output: str) -> dict[str, Any]:
-    """The mechanisms of the ablation, each with what it is worth on every scene."""
-    scenes = json.loads(output)["rows"]
-    names = dict.fromkeys(name for rows in scenes.values() for name in rows)
-    return {name: {scene: rows.get(name, {}) for scene, rows in scenes.items()} for name in names if name != "all on"}
-
-
-def worth(scene: str, **figures: tuple[float, int]) -> Callable[[Any], Figure]:
-    """Changes on a scene with their intervals, each figure (its `_` are spaces) times a factor, and its digits."""
-
-    def read(mechanism: Any) -> Figure:
-        of_scene = {name: mechanism.get(scene, {}).get(name.replace("_", " ")) for name in figures}
-        return [
-            {part: times * of_scene[name][part] for part in ("value", "low", "high")} | {"digits": digits}
-            for name, (times, digits) in figures.items() if of_scene[name] is not None
-        ]  # fmt: skip
-
-    return read
+    """The mechanisms of the one scene of the ablation that was run."""
+    (rows,) = json.loads(output)["rows"].values()
+    return dict(rows)
 
 
 def changes(row: Any) -> Figure:
@@ -147,10 +132,6 @@ def shown(figure: Figure, digits: int) -> str:
     """A figure as the page shows it: a difference is bold where its interval does not hold 0."""
     if figure is None or isinstance(figure, str):
         return (figure or "").replace(" / ", "/").replace(" to ", "-")
-    if isinstance(figure, list):
-        return "/".join(
-            _bold(_signed(of["value"] or 0.0, int(of["digits"] or 0)), of["low"], of["high"]) for of in figure
-        )
     if not isinstance(figure, Mapping):
         return f"{figure:,.{digits}f}"
     value, low, high = (figure.get(name) for name in ("value", "low", "high"))

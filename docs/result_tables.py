@@ -25,7 +25,6 @@ from result_figures import (
     printed,
     rows_of,
     trackers,
-    worth,
 )  # fmt: skip
 
 
@@ -138,6 +137,7 @@ LOGS: dict[str, Log] = {
     **_dense("highway", 2.5, "SUMO, vehicles weave and overtake; some 60 at once"),
 }  # fmt: skip
 
+TOWNS = ("roundabout", "intersection", "Lankershim")
 NEUTRAL = "python tests/benchmarks/neutral.py {options} --json"
 TABLES: dict[str, Table] = {
     "neutral": Table(
@@ -301,31 +301,33 @@ TABLES: dict[str, Table] = {
         ),
     ),
     "ablation": Table(
-        command="python tests/benchmarks/ablation.py --part tracking --json",
-        runs=(Run(name="tracking"),),
+        command="python tests/benchmarks/ablation.py --part tracking {options} --json",
+        runs=tuple(
+            Run(name=scene, options=f'--scene "{scene}"')
+            for scene in (*TOWNS, "dense intersection", "dense highway", "Mcity", "autoferry")
+        ),
         entries=mechanisms,
         of="without",
         columns=(
-            *(Column(head=scene, read=worth(scene, in_sight=(100.0, 1), in_gaps=(100.0, 1)))
-              for scene in ("roundabout", "intersection", "Lankershim")),
-            *(Column(head=scene, read=worth(scene, HOTA=(100.0, 2)))
-              for scene in ("dense intersection", "dense highway")),
-            Column(head="Mcity", read=worth("Mcity", in_sight=(100.0, 1))),
-            Column(head="autoferry", read=worth("autoferry", HOTA=(100.0, 2))),
+            Column(head="RMSE in sight, %", read=of_key("in sight", times=100.0), digits=1),
+            Column(head="in gaps, %", read=of_key("in gaps", times=100.0), digits=1),
+            Column(head="HOTA, hundredths", read=of_key("HOTA", times=100.0)),
         ),
+        blocks=(("RMSE in sight / in gaps, %", (0, 1)), ("HOTA, hundredths", (2,))),
         minutes=240,
     ),
     "ablation_learning": Table(
-        command="python tests/benchmarks/ablation.py --part learning --json",
-        runs=(Run(name="learning"),),
+        command="python tests/benchmarks/ablation.py --part learning {options} --json",
+        runs=tuple(Run(name=scene, options=f'--scene "{scene}"') for scene in TOWNS),
         entries=mechanisms,
         of="without",
-        columns=tuple(
-            Column(head=scene, read=worth(
-                scene, density=(1.0, 3), energy_at_1_s=(100.0, 1), energy_at_5_s=(100.0, 1), in_gaps=(100.0, 1)
-            ))
-            for scene in ("roundabout", "intersection", "Lankershim")
+        columns=(
+            Column(head="log density, nat", read=of_key("density")),
+            Column(head="energy at 1 s, %", read=of_key("energy at 1 s", times=100.0), digits=1),
+            Column(head="at 5 s, %", read=of_key("energy at 5 s", times=100.0), digits=1),
+            Column(head="RMSE in gaps, %", read=of_key("in gaps", times=100.0), digits=1),
         ),
+        blocks=(("log density, nat / energy at 1 s / at 5 s / RMSE in gaps, %", (0, 1, 2, 3)),),
         minutes=240,
     ),
     "speed": Table(

@@ -14,8 +14,9 @@ import numpy as np
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
-from dirprim_filter.evaluation.forecast_cases import Cases, mean_log_energy, usual_interval_s
+from dirprim_filter.evaluation.forecast_cases import Cases, mean_log_energy
 from dirprim_filter.evaluation.settings import Axis, Choice, choose
+from dirprim_filter.evaluation.truth import usual_interval_s
 from dirprim_filter.filtering.particle_filter import ParticleFilter
 from dirprim_filter.filtering.roster import GAP_INTERVALS
 from dirprim_filter.forecasting import leader_table, projected, sampled

@@ -15,6 +15,7 @@ from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from dirprim_filter.course import HALF_WINDOWS_S, MAX_GAP_S, STANDING_M
 from dirprim_filter.distributions.angles import difference
 from dirprim_filter.evaluation import _kernels
+from dirprim_filter.evaluation.truth import usual_interval_s
 from dirprim_filter.filtering.roster import GAP_INTERVALS
 from dirprim_filter.track_ids import qualified_names
 from dirprim_filter.tracks import Tracks
@@ -93,13 +94,6 @@ class Cases(NamedTuple):
     def some(self, chosen: BoolArray) -> Cases:
         """Those that are chosen, (n,), of the same log."""
         return Cases(**{name: of if name == "log" else of[chosen] for name, of in self._asdict().items()})
-
-
-def usual_interval_s(tracks: Tracks) -> float:
-    """Median seconds between rows of a vehicle; 0 where each has one."""
-    order = np.lexsort((tracks.time_ns, tracks.vehicle))
-    follows = np.diff(tracks.vehicle[order]) == 0
-    return 1e-9 * float(np.median(np.diff(tracks.time_ns[order])[follows])) if follows.any() else 0.0
 
 
 def seen_so_far(tracks: Tracks) -> tuple[Tracks, BoolArray]:

@@ -64,7 +64,7 @@ def judged_truth(truth: Tracks) -> JudgedTruth:
         truth: where vehicles were; each group is a scene of its own.
     """
     group, time_ns = _instants(truth)
-    longest_gap_s = max(LEAST_GAP_S, INTERVALS * _interval_s(truth))
+    longest_gap_s = max(LEAST_GAP_S, INTERVALS * usual_interval_s(truth))
     found = known_at(truth, group, time_ns, longest_gap_s=longest_gap_s)
     when = time_ns[found.instant]
     order = np.lexsort((found.before, found.before != found.after, when))
@@ -100,7 +100,7 @@ def judged_rows(rows: TrackedRows, truth: Tracks) -> JudgedRows:
         truth: as of `judged_truth`.
     """
     group, time_ns = _instants(truth)
-    interval_s = _interval_s(rows)
+    interval_s = usual_interval_s(rows)
     rows = _unrounded(rows, np.unique(time_ns), min(ROUNDING_NS, ROUNDING_SHARE * interval_s * 1e9))
     _, before, after = found = known_at(rows, group, time_ns, longest_gap_s=OWN_INTERVALS * interval_s)
     order = np.lexsort((found.instant, before))
@@ -179,8 +179,8 @@ def known_at(truth: Tracks | TrackedRows, group: IntArray, time_ns: IntArray, *,
     return Known(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
-def _interval_s(rows: Tracks | TrackedRows) -> float:
-    """The median between two rows of a vehicle; 0 where none has two."""
+def usual_interval_s(rows: Tracks | TrackedRows) -> float:
+    """Median seconds between two rows of a vehicle; 0 where none has two."""
     vehicle = rows.vehicle
     order = np.lexsort((rows.time_ns, vehicle))
     step_ns = np.diff(rows.time_ns[order])[np.diff(vehicle[order]) == 0]

@@ -1,10 +1,9 @@
 """What is each mechanism worth? `python tests/benchmarks/ablation.py [--scene NAME]... [--mechanism NAME]... [--json]`.
 
 Decides what stays. Each mechanism of filter, association and learning is off alone, on every scene that it can matter
-on, over five seeds. Beside "all on" stand the shares by which errors rise without it, paired row by row, with 95 %
+on, over five seeds. What is printed are the shares by which errors rise without it, paired row by row, with 95 %
 intervals over vehicles (groups, drives, scenarios where there are several; runs where tracks have no ids): a mechanism
-whose interval holds 0 everywhere gains nothing that can be shown. Two processes. What a clean commit
-has done is kept in `.cache/ablation/COMMIT`, so that a run may be resumed, or made in pieces.
+whose interval holds 0 everywhere gains nothing that can be shown. Two processes.
 
 Scenes: the town's roundabout and intersection and Lankershim (with ids, each vehicle out of sight once for 3 s); dense
 traffic without ids (a fifth missed, ten false a frame); Mcity's and autoferry's real sensors.
@@ -15,10 +14,8 @@ from __future__ import annotations
 
 import argparse
 import json
-import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from itertools import product
@@ -30,7 +27,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent))
 
 import ablation_scenes
-from ablation_scenes import SCENES, Figure, Outcome
+from ablation_scenes import SCENES, Outcome
 
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.evaluation.intervals import (
@@ -41,7 +38,6 @@ from dirprim_filter.evaluation.intervals import (
     reduction_of_rmse,
 )
 
-ROOT = Path(__file__).parents[2]
 ON = "all on"
 PATIENT = 10**9
 
@@ -136,57 +132,6 @@ def run(scene: str, part: str, seed: int, chosen: tuple[str, ...]) -> dict[str, 
     return found
 
 
-def kept_run(task: tuple[str, str, int, tuple[str, ...], Path | None]) -> tuple[str, dict[str, Outcome], float]:
-    """The same, from where it was kept, or kept there, and the processor's seconds that it took."""
-    scene, part, seed, chosen, folder = task
-    named = "" if chosen == tuple(MECHANISMS) else "_".join(("", *chosen))
-    path = None if folder is None else folder / f"{scene}_{part}_{seed}{named}.npz".replace(" ", "_")
-    if path is not None and path.exists():
-        return scene, *loaded(path)
-    began = time.process_time()
-    found = run(scene, part, seed, chosen)
-    seconds = time.process_time() - began
-    if path is not None:
-        save(path, found, seconds)
-    sys.stderr.write(f"{scene}, {part}, seed {seed}: {seconds:.0f} s of processor\n")
-    return scene, found, seconds
-
-
-def save(path: Path, found: dict[str, Outcome], seconds: float) -> None:
-    """Keep what was found, of each mechanism and figure its columns; whole or not at all."""
-    columns = {
-        f"{name}|{figure}|{column}": values
-        for name, outcome in found.items()
-        for figure, of in outcome.items()
-        for column, values in of._asdict().items()
-    }
-    partial = path.with_suffix(".partial.npz")
-    np.savez_compressed(partial, seconds=seconds, **columns)
-    partial.rename(path)
-
-
-def loaded(path: Path) -> tuple[dict[str, Outcome], float]:
-    """What was kept."""
-    found: dict[str, Outcome] = {}
-    with np.load(path, allow_pickle=False) as kept:
-        for key in kept.files[1:]:
-            name, figure, column = key.split("|")
-            if column == "cluster":
-                found.setdefault(name, {})[figure] = Figure(kept[key], kept[f"{name}|{figure}|value"])
-        return found, float(kept["seconds"])
-
-
-def folder_of_commit() -> Path | None:
-    """Where this commit keeps what it has done; none where code differs from it."""
-    git, root = ["git", "-C", str(ROOT)], ROOT / ".cache" / "ablation"
-    status = [*git, "status", "--porcelain", "--untracked-files=no", "--", ".", ":!docs"]
-    if subprocess.run(status, capture_output=True, text=True, check=True).stdout.strip():
-        return None
-    name = subprocess.run([*git, "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=True).stdout
-    (root / name.strip()).mkdir(parents=True, exist_ok=True)
-    return root / name.strip()
-
-
 def without(name: str, seeds: list[dict[str, Outcome]], figure: str) -> Interval | None:
     """By how much worse a figure is without a mechanism: positive where the mechanism gains."""
     columns = []
@@ -203,26 +148,6 @@ def without(name: str, seeds: list[dict[str, Outcome]], figure: str) -> Interval
     return Interval(-change.value, -change.high, -change.low, change.n_clusters)
 
 
-def rows(seeds: list[dict[str, Outcome]]) -> Iterator[tuple[str, dict[str, Any]]]:
-    """A row for all on, with its figures, and one for each mechanism."""
-    yield ON, {figure: level(seeds, ON, figure) for figure in (*STATISTICS, "NEES in sight", "NEES in gaps")}
-    for name in dict.fromkeys(name for found in seeds for name in found if name != ON):
-        changes = {figure: without(name, seeds, figure) for figure in STATISTICS}
-        row: dict[str, Any] = {
-            figure: None if change is None else change._asdict() for figure, change in changes.items()
-        }
-        yield name, row | {figure: level(seeds, name, figure) for figure in ("NEES in sight", "NEES in gaps")}
-
-
-def level(seeds: list[dict[str, Outcome]], name: str, figure: str) -> float | None:
-    """The figure itself, over all seeds."""
-    values = [found[name][figure].value for found in seeds if name in found and figure in found[name]]
-    if not values or not np.isfinite(np.concatenate(values)).any():
-        return None
-    mean = float(np.nanmean(np.concatenate(values)))
-    return float(np.sqrt(mean)) if figure in ("in sight", "in gaps") else mean
-
-
 def main() -> None:
     """Run, and print the rows of each scene, as JSON."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -233,27 +158,31 @@ def main() -> None:
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
-    kept = folder_of_commit()
     chosen = given.scene or list(SCENES)
     absent = {scene: why for scene in chosen if (why := ablation_scenes.absent(scene))}
     for scene, why in absent.items():
         sys.stderr.write(f"{scene}: left out, no {why}\n")
-    parts = given.part or PARTS
     mechanisms = tuple(given.mechanism or MECHANISMS)
     tasks = [
-        (scene, part, seed, mechanisms, kept)
-        for seed, part, scene in product(range(given.seeds), parts, chosen) if scene not in absent
+        (scene, part, seed, mechanisms)
+        for seed, part, scene in product(range(given.seeds), given.part or PARTS, chosen) if scene not in absent
     ]  # fmt: skip
     done: dict[str, list[dict[str, Outcome]]] = {}
-    total = 0.0
     with ProcessPoolExecutor(given.processes) as pool:
-        for scene, found, seconds in pool.map(kept_run, tasks):
-            total += seconds
-            if found:
-                done.setdefault(scene, []).append(found)
-    table = {scene: dict(rows(seeds)) for scene, seeds in done.items()}
-    result = {"seeds": given.seeds, "processor_s": total, "rows": table}
-    print(json.dumps(result, indent=None if given.json else 1))
+        for (scene, *_), found in zip(tasks, pool.map(run, *zip(*tasks, strict=True)), strict=True):
+            done.setdefault(scene, []).extend([found] if found else [])
+    rows = {scene: table(seeds) for scene, seeds in done.items() if seeds}
+    print(json.dumps({"seeds": given.seeds, "rows": rows}, indent=None if given.json else 1))
+
+
+def table(seeds: list[dict[str, Outcome]]) -> dict[str, dict[str, Any]]:
+    """How much worse each figure is without each mechanism."""
+    names = dict.fromkeys(name for found in seeds for name in found if name != ON)
+    changes = {name: {figure: without(name, seeds, figure) for figure in STATISTICS} for name in names}
+    return {
+        name: {figure: None if of is None else of._asdict() for figure, of in found.items()}
+        for name, found in changes.items()
+    }  # fmt: skip
 
 
 if __name__ == "__main__":

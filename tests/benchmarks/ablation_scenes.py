@@ -16,7 +16,7 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.evaluation.forecast_cases import SCORES, Cases, score_cases
 from dirprim_filter.evaluation.forecasting import rollouts_of
 from dirprim_filter.evaluation.scenes import Scene, followed
-from dirprim_filter.evaluation.scores import RowErrors, TrackedScene, scored
+from dirprim_filter.evaluation.scores import TrackedScene, scored
 from dirprim_filter.evaluation.splits import held_out
 from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
 from dirprim_filter.filtering import Tracker
@@ -126,28 +126,18 @@ def stripped(bayes: Any, off: Any) -> Any:
 
 
 def errors_of(scenes: list[TrackedScene], *, with_ids: bool, experiment: TrackingExperiment) -> Outcome:
-    """Errors by row with ids; HOTA of each group without."""
+    """Squared errors by row; without ids HOTA of each group too."""
     length = experiment.similarity_m
     _, errors = scored(scenes, with_ids=with_ids, similarity_m=length)
-    found = rows_of(errors)
+    found = {
+        name: Figure(errors.cluster[rows], errors.squared[rows])
+        for name, rows in (("in sight", ~errors.is_hidden), ("in gaps", errors.is_hidden))
+    }
     if not with_ids:
         hotas = np.array([scored([scene], with_ids=False, similarity_m=length)[0].hota for scene in scenes])
         groups = np.array([str(scene.truth.group[0]) for scene in scenes])
         found["HOTA"] = Figure(groups if groups.size > 1 else np.zeros(1), hotas)
     return found
-
-
-def rows_of(errors: RowErrors) -> Outcome:
-    """Squared errors, and their size in units of the covariance."""
-    seen, hidden = ~errors.is_hidden, errors.is_hidden
-
-    def of(values: FloatArray, which: AnyArray) -> Figure:
-        return Figure(errors.cluster[which], values[which])
-
-    return {
-        "in sight": of(errors.squared, seen), "in gaps": of(errors.squared, hidden),
-        "NEES in sight": of(errors.normalised, seen), "NEES in gaps": of(errors.normalised, hidden),
-    }  # fmt: skip
 
 
 @cache
@@ -233,8 +223,7 @@ class Drives:
             )  # fmt: skip
             seen = Detections.of(mcity.detected(drive))
             parts.append(_of_keys(mcity.tracked(seen, tracker), mcity.true(drive), seen.time_ns, mcity.GATE_M, drive))
-        return {"in sight": _joined([part["in sight"] for part in parts]),
-                "NEES in sight": _joined([part["NEES in sight"] for part in parts])}  # fmt: skip
+        return {"in sight": _joined(parts)}
 
 
 @dataclass
@@ -261,22 +250,19 @@ class Harbour:
             hotas.append(ferry.hota_of(found, number, scenario.instants))
             parts.append(_of_keys(found, ferry.true(number), scenario.instants, ferry.SIMILARITY_M, number))
         names = np.array(list(map(str, ferry.SCENARIOS)))
-        return {"HOTA": Figure(names, np.array(hotas))} | {
-            name: _joined([part[name] for part in parts]) for name in ("in sight", "NEES in sight")
-        }
+        return {"HOTA": Figure(names, np.array(hotas)), "in sight": _joined(parts)}
 
 
-def _of_keys(found: Any, truth: Tracks, time_ns: AnyArray, gate_m: float, cluster: int) -> Outcome:
+def _of_keys(found: Any, truth: Tracks, time_ns: AnyArray, gate_m: float, cluster: int) -> Figure:
     """Errors of every true position at some instants, NaN where no estimate is near."""
     from paired_errors import RowErrors as Near
     from paired_errors import true_rows
 
     keys, near = true_rows(truth, time_ns)[1], Near.of(found, truth, gate_m=gate_m)
-    squared, normalised = np.full((2, keys.size), np.nan)
+    squared = np.full(keys.size, np.nan)
     _, at, of = np.intersect1d(keys, near.key, return_indices=True)
-    squared[at], normalised[at] = near.squared[of], near.normalised[of]
-    names = np.full(keys.size, str(cluster))
-    return {"in sight": Figure(names, squared), "NEES in sight": Figure(names, normalised)}
+    squared[at] = near.squared[of]
+    return Figure(np.full(keys.size, str(cluster)), squared)
 
 
 def _joined(parts: list[Figure]) -> Figure:

@@ -2,74 +2,42 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.evaluation.calibration.pairing import Scene
-from dirprim_filter.evaluation.tracking_report import normalised_squared
 from dirprim_filter.tracks import Tracks
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RowErrors:
+class RowErrors(NamedTuple):
     """Of estimates that are near a true position; (n,) rows.
 
     Attributes:
         key: which vehicle at which time.
-        off: (n, 2) metres, east and north.
-        course: (n, 2) unit vector along the true vehicle's way.
-        covariance: (n, 2, 2) square metres.
+        squared: square metres.
         column: which estimate it is.
     """
 
     key: IntArray
-    off: FloatArray
-    course: FloatArray
-    covariance: FloatArray
+    squared: FloatArray
     column: IntArray
 
     @classmethod
-    def of(cls, estimates: Estimates | Detections, truth: Tracks, *, gate_m: float, lag_s: float = 0.0) -> RowErrors:
-        """Estimates of one group beside the truth, interpolated to `lag_s` before their times; nearest together."""
+    def of(cls, estimates: Estimates | Detections, truth: Tracks, *, gate_m: float) -> RowErrors:
+        """Estimates of one group beside the truth, interpolated to their times; nearest together."""
         as_seen = Detections(
             track_id=np.full(len(estimates), NO_ID), time_ns=estimates.time_ns, position=estimates.position,
             group=np.full(len(estimates), truth.group[0]),
         )  # fmt: skip
         scene = Scene(as_seen, truth)
-        rows = scene.truth_at(lag_s)
+        rows = scene.truth_at(0.0)
         row, column = scene.matched(rows, gate_m=gate_m)
-        time_ns = estimates.time_ns[column]
-        vehicle = rows.vehicle[row]
-        return cls(
-            key=_keys(time_ns, vehicle), off=estimates.position[column] - rows.position[row],
-            course=rows.course[row], covariance=estimates.covariance[column], column=column,
-        )  # fmt: skip
-
-    def __getitem__(self, rows: BoolArray | IntArray) -> RowErrors:
-        return RowErrors(
-            key=self.key[rows], off=self.off[rows], course=self.course[rows], covariance=self.covariance[rows],
-            column=self.column[rows],
-        )  # fmt: skip
-
-    def at(self, key: IntArray) -> RowErrors:
-        """The rows of these keys, in the order of keys."""
-        order = np.argsort(self.key)
-        kept = order[np.isin(self.key[order], key)]
-        return self[kept]
-
-    @property
-    def squared(self) -> FloatArray:
-        """(n,) square metres."""
-        return np.asarray((self.off**2).sum(axis=1))
-
-    @property
-    def normalised(self) -> FloatArray:
-        """(n,) squared, in units of the covariance."""
-        return normalised_squared(self.off, self.covariance)
+        off = estimates.position[column] - rows.position[row]
+        return cls(_keys(estimates.time_ns[column], rows.vehicle[row]), (off**2).sum(axis=1), column)
 
 
 def true_rows(truth: Tracks, time_ns: IntArray) -> tuple[Tracks, IntArray]:

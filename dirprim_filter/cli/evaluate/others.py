@@ -206,6 +206,8 @@ def _detections(scenes: Sequence[Scene], noise_m: float) -> dict[str, list[Any]]
     columns |= {"x_m": seen.position[:, 0].tolist(), "y_m": seen.position[:, 1].tolist()}
     for name, (i, j) in {"xx": (0, 0), "xy": (0, 1), "yy": (1, 1)}.items():
         columns[f"covariance_{name}_m2"] = covariance[:, i, j].tolist()
+    if np.isfinite(seen.confidence).any():
+        columns["confidence"] = ["" if np.isnan(of) else of for of in seen.confidence.tolist()]
     return columns
 
 
