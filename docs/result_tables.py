@@ -340,10 +340,6 @@ TABLES: dict[str, Table] = {
                 ),
             ),
             Run(
-                name="samples of Eq. 4", options="product",
-                entries=printed(samples=r"closed form ([\d.]+) ms\nrejection ([\d.]+) ms"),
-            ),
-            Run(
                 name="step of 100,000 particles", options="step",
                 entries=printed(
                     **{

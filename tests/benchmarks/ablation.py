@@ -1,4 +1,4 @@
-"""What is each mechanism worth? `python tests/benchmarks/ablation.py [--scene NAME]... [--mechanism NAME]... [--json]`.
+"""What is each mechanism worth? `python tests/benchmarks/ablation.py [--scene NAME]... [--part NAME]... [--json]`.
 
 Decides what stays. Each mechanism of filter, association and learning is off alone, on every scene that it can matter
 on, over five seeds. What is printed are the shares by which errors rise without it, paired row by row, with 95 %
@@ -30,13 +30,7 @@ import ablation_scenes
 from ablation_scenes import SCENES, Outcome
 
 from dirprim_filter.config import LearningConfig
-from dirprim_filter.evaluation.intervals import (
-    Interval,
-    difference_of_means,
-    paired,
-    reduction_of_mean,
-    reduction_of_rmse,
-)
+from dirprim_filter.evaluation.intervals import difference_of_means, paired, reduction_of_mean, reduction_of_rmse
 
 ON = "all on"
 PATIENT = 10**9
@@ -59,11 +53,6 @@ class Mechanism:
     tracking: Mapping[str, Any] = field(default_factory=dict)
     learning: Mapping[str, Any] = field(default_factory=dict)
     strip: Callable[[Any], None] | None = None
-
-    @property
-    def changes_map(self) -> bool:
-        """Whether the map is learned again."""
-        return bool(self.learning)
 
 
 def without_births(bayes: Any) -> None:
@@ -95,11 +84,11 @@ MECHANISMS: dict[str, Mechanism] = {
     "births by the map": Mechanism(scenes=UNNAMED, strip=without_births),
     "ends by the map": Mechanism(scenes=UNNAMED, strip=without_ends),
     "departures": Mechanism(scenes=UNNAMED, tracking={"departure_rate": 0.0}),
-    "curved primitives": Mechanism(scenes=LEARNED, learning={"primitive": "flat"}),
-    "joint cells (even ones instead)": Mechanism(scenes=LEARNED, learning={"tessellation": "voronoi"}),
-    "several modes of a cell": Mechanism(scenes=LEARNED, learning={"config": ONE_MODE}),
-    "modes by BIC (by DBSCAN instead)": Mechanism(scenes=LEARNED, learning={"modes": "dbscan"}),
-    "tails of modes": Mechanism(scenes=LEARNED, learning={"config": WITHOUT_TAILS}),
+    "curved primitives": Mechanism(learning={"primitive": "flat"}),
+    "joint cells (even ones instead)": Mechanism(learning={"tessellation": "voronoi"}),
+    "several modes of a cell": Mechanism(learning={"config": ONE_MODE}),
+    "modes by BIC (by DBSCAN instead)": Mechanism(learning={"modes": "dbscan"}),
+    "tails of modes": Mechanism(learning={"config": WITHOUT_TAILS}),
 }  # fmt: skip
 STATISTICS = {
     "in sight": reduction_of_rmse, "in gaps": reduction_of_rmse, "energy at 1 s": reduction_of_mean,
@@ -112,27 +101,27 @@ PARTS = ("tracking", "learning")
 """Of the mechanisms: those of a map that is learned once, and those for which it is learned again."""
 
 
-def run(scene: str, part: str, seed: int, chosen: tuple[str, ...]) -> dict[str, Outcome]:
-    """A scene with all on, and without each chosen mechanism of a part that can matter there."""
+def run(scene: str, part: str, seed: int) -> dict[str, Outcome]:
+    """A scene with all on, and without each mechanism of a part that can matter there."""
     if part == "learning" and scene not in LEARNED:
         return {}
     situation = SCENES[scene](seed)
     if part == "tracking":
-        found = {ON: situation.tracked(situation.learned(), Mechanism())}
+        found = {ON: situation.tracked(situation.learned, Mechanism())}
         for name, off in MECHANISMS.items():
-            if name in chosen and not off.changes_map and (not off.scenes or scene in off.scenes):
-                found[name] = situation.tracked(situation.learned(), off)
+            if not off.learning and (not off.scenes or scene in off.scenes):
+                found[name] = situation.tracked(situation.learned, off)
         return found
-    found = {ON: situation.tracked(situation.learned(), Mechanism()) | situation.forecast(situation.learned())}
-    found["leaders"] = situation.forecast(situation.learned(), alone=True)
+    found = {ON: situation.tracked(situation.learned, Mechanism()) | situation.forecast(situation.learned)}
+    found["leaders"] = situation.forecast(situation.learned, alone=True)
     for name, off in MECHANISMS.items():
-        if name in chosen and off.changes_map:
+        if off.learning:
             learned = situation.relearned(**off.learning)
             found[name] = situation.tracked(learned, Mechanism()) | situation.forecast(learned)
     return found
 
 
-def without(name: str, seeds: list[dict[str, Outcome]], figure: str) -> Interval | None:
+def without(name: str, seeds: list[dict[str, Outcome]], figure: str) -> dict[str, Any] | None:
     """By how much worse a figure is without a mechanism: positive where the mechanism gains."""
     columns = []
     for number, found in enumerate(seeds):
@@ -145,7 +134,7 @@ def without(name: str, seeds: list[dict[str, Outcome]], figure: str) -> Interval
     change = paired(*(np.concatenate(column) for column in zip(*columns, strict=True)), STATISTICS[figure])
     if not change.n_clusters:
         return None
-    return Interval(-change.value, -change.high, -change.low, change.n_clusters)
+    return {"value": -change.value, "low": -change.high, "high": -change.low, "n_clusters": change.n_clusters}
 
 
 def main() -> None:
@@ -153,7 +142,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scene", action="append", choices=list(SCENES), help="may be repeated; default: all")
     parser.add_argument("--part", action="append", choices=PARTS, help="may be repeated; default: both")
-    parser.add_argument("--mechanism", action="append", choices=list(MECHANISMS), help="may be repeated; default: all")
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--json", action="store_true")
@@ -162,9 +150,8 @@ def main() -> None:
     absent = {scene: why for scene in chosen if (why := ablation_scenes.absent(scene))}
     for scene, why in absent.items():
         sys.stderr.write(f"{scene}: left out, no {why}\n")
-    mechanisms = tuple(given.mechanism or MECHANISMS)
     tasks = [
-        (scene, part, seed, mechanisms)
+        (scene, part, seed)
         for seed, part, scene in product(range(given.seeds), given.part or PARTS, chosen) if scene not in absent
     ]  # fmt: skip
     done: dict[str, list[dict[str, Outcome]]] = {}
@@ -178,11 +165,7 @@ def main() -> None:
 def table(seeds: list[dict[str, Outcome]]) -> dict[str, dict[str, Any]]:
     """How much worse each figure is without each mechanism."""
     names = dict.fromkeys(name for found in seeds for name in found if name != ON)
-    changes = {name: {figure: without(name, seeds, figure) for figure in STATISTICS} for name in names}
-    return {
-        name: {figure: None if of is None else of._asdict() for figure, of in found.items()}
-        for name, found in changes.items()
-    }  # fmt: skip
+    return {name: {figure: without(name, seeds, figure) for figure in STATISTICS} for name in names}
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -73,17 +73,15 @@ class Simulated:
     experiment: TrackingExperiment
     seed: int
     given: PrimitiveMap | None = None
-    _learned: PrimitiveMap | None = field(default=None, init=False)
 
     def relearned(self, **options: Any) -> PrimitiveMap:
         """By other options."""
         return learn_primitives(self.train, **options, rng=np.random.default_rng([self.seed, 1]))
 
+    @cached_property
     def learned(self) -> PrimitiveMap:
         """By the defaults."""
-        if self._learned is None:
-            self._learned = self.given or self.relearned()
-        return self._learned
+        return self.given or self.relearned()
 
     @cached_property
     def scenes(self) -> list[Scene]:
@@ -200,12 +198,10 @@ def dense(name: str, demand: float) -> Callable[[int], Simulated]:
 
 @dataclass
 class Drives:
-    """Mcity's detections of four drives, each by a sensor and a map of the others."""
+    """Mcity's detections of four drives, each by a sensor and a map of the others: there is no one map."""
 
     seed: int
-
-    def learned(self) -> None:
-        """Each drive has a map of its own."""
+    learned: None = None
 
     def tracked(self, _: None, off: Any) -> Outcome:
         """Errors of the true positions that have an estimate."""
@@ -231,9 +227,7 @@ class Harbour:
     """Autoferry's radar and lidar together, each scenario with a map of the others, without ids."""
 
     seed: int
-
-    def learned(self) -> None:
-        """Each scenario has a map of its own."""
+    learned: None = None
 
     def tracked(self, _: None, off: Any) -> Outcome:
         """HOTA of each scenario, and errors of the true positions that have an estimate."""

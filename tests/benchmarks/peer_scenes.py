@@ -15,7 +15,6 @@ import autoferry_scenarios as ferry
 import mcity_drives as mcity
 import numpy as np
 from paired_errors import true_rows
-from scipy.interpolate import CubicHermiteSpline
 
 from dirprim_filter import Tracks, read_tracks
 from dirprim_filter.arrays import BoolArray
@@ -26,6 +25,7 @@ from dirprim_filter.evaluation.metrics.comparison import SIMILARITY_M, Compariso
 from dirprim_filter.evaluation.scenes import Scene, honest_tracking
 from dirprim_filter.evaluation.splits import held_out
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
+from dirprim_filter.evaluation.truth import interpolated, known_at
 from dirprim_filter.recording.reader import stream_detections
 from dirprim_filter.sensor import Sensor, without_bias
 from dirprim_filter.simulation.sensor import detect
@@ -127,27 +127,11 @@ def _detected(truth: Tracks, seed: int) -> Detections:
 
 
 def at_ten_hertz(tracks: Tracks, *, from_s: float, to_s: float) -> Tracks:
-    """Rows of a slower log between two times, ten a second: cubic in between, by the positions and velocities."""
-    parts = []
+    """Rows of a slower log between two times, ten a second."""
     instants = np.arange(round(from_s * 1e9), round(to_s * 1e9), RATE_NS)
-    for name in np.unique(tracks.track_id):
-        of = tracks[tracks.track_id == name]
-        inside = instants[(instants >= of.time_ns[0]) & (instants <= of.time_ns[-1])]
-        if len(of) < 2 or not inside.size:
-            continue
-        velocity = of.speed[:, None] * np.column_stack([np.cos(of.direction), np.sin(of.direction)])
-        way = CubicHermiteSpline(of.time_ns * 1e-9, of.position, velocity)
-        moved = way.derivative()(inside * 1e-9)
-        stands = np.hypot(*moved.T) < 0.1
-        last = np.searchsorted(of.time_ns, inside, side="right") - 1
-        parts.append(
-            Tracks(
-                track_id=np.full(inside.size, name), time_ns=inside, position=way(inside * 1e-9),
-                direction=np.where(stands, of.direction[last], np.arctan2(moved[:, 1], moved[:, 0])),
-                speed=np.hypot(*moved.T),
-            )
-        )  # fmt: skip
-    return Tracks.concatenate(parts)
+    found = known_at(tracks, np.zeros_like(instants), instants, longest_gap_s=1.0)
+    instant, before, after = (column[np.argsort(found.instant, kind="stable")] for column in found)
+    return interpolated(tracks, before, after, instants[instant])
 
 
 def known(traffic: Tracks, *, area: float) -> TrackingConfig:

@@ -1,8 +1,7 @@
-"""What own kernels save: `python tests/benchmarks/speed.py {fit,product,step,read}`, a rival's in turn, in one run.
+"""What own kernels save: `python tests/benchmarks/speed.py {fit,step,read}`, a rival's in turn, in one run.
 
 fit: the fit of one cell (modes counted by BIC, speeds too) beside EM of directions alone, with three modes given, in
     numpy arrays. The cell is the mixture of the paper's Fig. 2.
-product: samples of Eq. 4 in closed form, beside the paper's rejection sampler with the least envelope that holds.
 step: predict, weigh and resample 100,000 particles on a map; and `dirprim track` at its defaults, by the clock and with
     its start, of a minute of 100 vehicles at 10 Hz: how many times faster than they drove.
 read: 200,000 messages of 60 bytes on 50 topics, beside the stock library, thousands a second.
@@ -30,8 +29,6 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from dirprim_filter import learn_primitives, write_tracks
 from dirprim_filter.config import FilterConfig, LearningConfig
 from dirprim_filter.detections import Detections
-from dirprim_filter.distributions import VonMisesMixture
-from dirprim_filter.distributions.product import multiply_mixtures
 from dirprim_filter.filtering import ParticleFilter
 from dirprim_filter.primitives.fitting import bounds_of, fit_all
 from dirprim_filter.recording import save_map
@@ -89,35 +86,6 @@ def em_in_numpy(direction, n_modes=3, tolerance=1e-6, most=100):
             break
         before = now
     return weight, mean, kappa
-
-
-def mixture(*modes: tuple[float, float, float]) -> VonMisesMixture:
-    """Of weight, mean direction in degrees and concentration."""
-    weight, mean, concentration = np.array(modes).T
-    return VonMisesMixture(weight=weight, mean_direction=np.deg2rad(mean), concentration=concentration)
-
-
-def product(n: int = 100_000) -> None:
-    prior = mixture((0.5, -45.0, 20.0), (0.3, 0.0, 20.0), (0.2, 45.0, 20.0))
-    signal, broad = mixture((1.0, -90.0, 2.5)), mixture((1.0, -60.0, 1.0))
-    rng = np.random.default_rng(0)
-
-    def log_ratio(theta: np.ndarray) -> np.ndarray:
-        return prior.log_density(theta) + signal.log_density(theta) - broad.log_density(theta)
-
-    envelope = float(log_ratio(np.linspace(-np.pi, np.pi, 100_001)).max()) + 1e-6
-
-    def rejected() -> np.ndarray:
-        kept: list[np.ndarray] = []
-        while sum(map(len, kept)) < n:
-            theta, _ = broad.sample(n_samples=2 * n, rng=rng)
-            kept.append(theta[np.log(rng.random(2 * n)) < log_ratio(theta) - envelope])
-        return np.concatenate(kept)[:n]
-
-    own, theirs = least_ms(
-        lambda: multiply_mixtures(prior, signal).mixture.sample(n_samples=n, rng=rng)[0], rejected, runs=3
-    )
-    print(f"closed form {own:.2f} ms\nrejection {theirs:.2f} ms")
 
 
 def step(n: int = 100_000, n_vehicles: int = 100, seconds: float = 60.0) -> None:
@@ -178,4 +146,4 @@ def read(n: int = 200_000, n_topics: int = 50, size: int = 60) -> None:
 
 
 if __name__ == "__main__":
-    {"fit": fit, "product": product, "step": step, "read": read}[sys.argv[1]]()
+    {"fit": fit, "step": step, "read": read}[sys.argv[1]]()
