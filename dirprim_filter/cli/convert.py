@@ -3,25 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated
 
 import typer
 
 from dirprim_filter.cli import exit_codes
 from dirprim_filter.cli.options import Force, Output
 from dirprim_filter.cli.texts import counted, say
-
-if TYPE_CHECKING:
-    from dirprim_filter.recording.tables import Table
+from dirprim_filter.recording.name_patterns import TableFormat, form_of
 
 
 def convert(
     source: Annotated[Path, typer.Argument(help="The table.", exists=True, dir_okay=False)],
     output: Output,
     form: Annotated[
-        Literal["csv", "parquet", "feather", "sumo-fcd", "sdd", "trajnet"],
-        typer.Option("--format", help="csv, parquet and feather are recognised."),
-    ] = "csv",
+        TableFormat | None, typer.Option("--format", help="Default: as the name of the table ends.")
+    ] = None,
     metres_per_pixel: Annotated[float | None, typer.Option(help="sdd: scale of the video.")] = None,
     frames_per_second: Annotated[
         float | None, typer.Option(help="sdd, trajnet: rate of the frames. Default: 30 of sdd.")
@@ -37,8 +34,9 @@ def convert(
 ) -> int:
     """Write a table of tracks or detections as an MCAP log.
 
-    csv, parquet and feather have columns by name: time_s, track_id, x_m, y_m, and others (docs/guides/table.md); they
-    need no converting: learn, track, evaluate and score take them as they are. Rows without track_id are detections.
+    csv, parquet and feather have columns by name: time_s, track_id, x_m, y_m, and others (docs/guides/table.md). Rows
+    without track_id are detections. Tables need no converting: all commands take them as they are, where need be with
+    --set format=... (docs/formats.md).
 
     Example: dirprim convert tracks.csv -o tracks.mcap
 
@@ -48,16 +46,14 @@ def convert(
     from dirprim_filter.cli.results import provenance
     from dirprim_filter.origin import Origin
     from dirprim_filter.recording import write_tracks
-    from dirprim_filter.recording.name_patterns import named_values
-    from dirprim_filter.recording.tables.named_columns import COLUMNS
+    from dirprim_filter.recording.tables import read_as
 
-    options = {
-        "metres_per_pixel": metres_per_pixel, "frames_per_second": frames_per_second,
-        "columns": named_values(columns, COLUMNS, of="columns") if columns else None,
-        "origin": Origin.parse(origin) if origin else None,
-    }  # fmt: skip
+    scales = {"metres_per_pixel": metres_per_pixel, "frames_per_second": frames_per_second}
+    stated = [f"{name}={value}" for name, value in scales.items() if value is not None] + [columns] * bool(columns)
     with working(f"reading {source.name}"):
-        table = _read(source, form, {name: value for name, value in options.items() if value is not None})
+        table = read_as(
+            source, ",".join([form or form_of(source), *stated]), Origin.parse(origin) if origin else None
+        )  # fmt: skip
     if table.too_early:
         raise table.too_early
     table.log(source)
@@ -73,21 +69,3 @@ def convert(
     for sensor, seen in table.detections.items():
         say(f"{output}: {counted(len(seen), 'detection')}{' of ' * bool(sensor)}{sensor}")
     return exit_codes.of_losses(table.losses)
-
-
-def _read(source: Path, form: str, given: dict[str, Any]) -> Table:
-    """The table, by the reader of its format; options that it has not are refused, as are those that it needs."""
-    from dirprim_filter.recording.tables import FORMATS, options_of
-
-    takes = options_of(form)
-    for name in given.keys() - takes.keys():
-        others = ", ".join(other for other in FORMATS if name in options_of(other))
-        raise typer.BadParameter(f"has no meaning for --format {form}; it is for {others}", param_hint=_option(name))
-    for name, is_needed in takes.items():
-        if is_needed and name not in given:
-            raise ValueError(f"{source}: expected {_option(name)}, which a table of {form} does not contain")
-    return FORMATS[form](source, **given)
-
-
-def _option(name: str) -> str:
-    return f"--{name.replace('_', '-')}"

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from dirprim_filter.recording.errors import RecordingError
     from dirprim_filter.recording.losses import Losses
     from dirprim_filter.recording.reader import DetectionStream, ReadOptions, TrackResult
-    from dirprim_filter.recording.tables.named_columns import TableDetections
+    from dirprim_filter.recording.tables.as_log import TableDetections
 
 logger = logging.getLogger(__name__)
 Result = TypeVar("Result")
@@ -46,7 +46,7 @@ OPTIONS = {"topics": Topics, "time_source": Time, "start": Start, "end": End, "s
 DEFAULTS = {"topics": None, "time_source": "header", "start": None, "end": None, "strict": False}
 ASKED = {"start": "--start ", "end": "--end ", "labels": "labels=", "group": "group="}
 """What chooses a part of a log, as it is typed."""
-OF_TABLES = ("topics", "start", "end", "strict", "origin", "labels", "group")
+OF_TABLES = ("topics", "start", "end", "strict", "origin", "labels", "group", "format")
 """What acts on a table too: it has neither frames, fields nor another time."""
 OF_TRUTH = ("time_source", "frame", "origin", "strict", "group")
 """What acts on the truth beside a log, whose topics, fields and times are others."""
@@ -115,6 +115,8 @@ class Reading:
 
         if all(map(is_table, logs)):
             self.require_acting(*OF_TABLES)
+        elif not any(map(is_table, logs)):
+            self.require_acting(*self.given.keys() - {"format"})
 
     def tracks(self, logs: list[Path]) -> TrackResult:
         """The tracks of logs, and what was lost; reports implausible units. On a terminal, a bar for each log.

@@ -13,7 +13,7 @@ Own = TypeVar("Own")
 Settings = dict[str, str]
 """Texts by name."""
 
-READING = ("frame", "fields", "origin", "labels", "group")
+READING = ("frame", "fields", "origin", "labels", "group", "format")
 """Settings of every command that reads a log: fields of `Reading`."""
 
 

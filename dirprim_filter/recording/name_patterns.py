@@ -3,17 +3,26 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from os import PathLike
-from typing import TypeGuard
+from typing import Literal, TypeGuard
 
-TABLES = (".csv", ".csv.gz", ".tsv", ".parquet", ".feather", ".arrow")
-"""Ends of the names of tables, which stand wherever a log does."""
+TableFormat = Literal["csv", "parquet", "feather", "sumo-fcd", "sdd", "trajnet"]
+FORMATS: Mapping[TableFormat, tuple[str, ...]] = {
+    "csv": (".csv", ".csv.gz", ".tsv", ".txt"), "parquet": (".parquet",), "feather": (".feather", ".arrow"),
+    "sumo-fcd": (".xml",), "sdd": (), "trajnet": (),
+}  # fmt: skip
+"""Of tables, which stand wherever a log does, and how their names end; of some only the user can say it."""
+
+
+def form_of(path: object) -> TableFormat:
+    """The format that the end of a table's name says; csv of others, whose readers look at the file too."""
+    return next((form for form, ends in FORMATS.items() if str(path).lower().endswith(ends)), "csv")
 
 
 def is_table(source: object) -> TypeGuard[str | PathLike[str]]:
     """Whether a source is a table, by the end of its name."""
-    return isinstance(source, str | PathLike) and str(source).lower().endswith(TABLES)
+    return isinstance(source, str | PathLike) and any(map(str(source).lower().endswith, FORMATS.values()))
 
 
 def matching(text: str, *, of: str) -> Callable[[str], bool]:

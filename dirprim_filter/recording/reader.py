@@ -35,7 +35,7 @@ from dirprim_filter.recording.transforms.transform_tree import SharedTransforms
 from dirprim_filter.tracks import Tracks
 
 if TYPE_CHECKING:
-    from dirprim_filter.recording.tables.named_columns import TableDetections
+    from dirprim_filter.recording.tables.as_log import TableDetections
 
 __all__ = [
     "Damage", "DetectionStream", "FieldMapping", "LogSummary", "Losses", "Origin", "ReadOptions", "TimeSource",
@@ -101,7 +101,7 @@ def read_track_logs(
     shared = SharedTransforms(one for one in (*sources, *beside) if not is_table(one))
     for one in sources:
         if is_table(one):
-            from dirprim_filter.recording.tables.named_columns import read_table  # noqa: PLC0415 - logs do without Arrow
+            from dirprim_filter.recording.tables.as_log import read_table  # noqa: PLC0415 - logs do without Arrow
 
             table = read_table(Path(one), options)
             table.log(Path(one))
@@ -198,7 +198,7 @@ def stream_detections(
     """
     options = replace(options, **changes)
     if is_table(source):
-        from dirprim_filter.recording.tables.named_columns import TableDetections  # noqa: PLC0415 - logs do without Arrow
+        from dirprim_filter.recording.tables.as_log import TableDetections  # noqa: PLC0415 - logs do without Arrow
 
         return TableDetections(Path(source), options, motion=motion)
     log = source if isinstance(source, Log) else Log(source, live=live)

@@ -23,6 +23,7 @@ class StoreConfig:
         fields: where the fields of objects are, as `FieldMapping.parse` takes it.
         origin: latitude,longitude of the plane of satellite positions.
         labels: of the objects that are wanted.
+        format: of tables.
     """
 
     topics: str | None = None
@@ -31,12 +32,14 @@ class StoreConfig:
     fields: str | None = None
     origin: str | None = None
     labels: str | None = None
+    format: str | None = None
 
     @property
     def reading(self) -> ReadOptions:
         """How logs are read."""
         return ReadOptions(
             topics=self.topics, time_source=self.time_source, frame=self.frame, labels=self.labels,
+            format=self.format,
             mapping=FieldMapping.parse(self.fields) if self.fields else None,
             origin=Origin.parse(self.origin) if self.origin else None,
         )  # fmt: skip

@@ -5,7 +5,9 @@ import json
 import math
 from pathlib import Path
 
-from cli.commands import DONE, INPUT_LOST, dirprim
+import pytest
+
+from cli.commands import DONE, FAILED, INPUT_LOST, USAGE, dirprim
 from dirprim_filter import read_estimates, read_tracks
 from dirprim_filter.detections import NO_ID
 from dirprim_filter.recording.reader import stream_detections
@@ -67,6 +69,43 @@ def test_a_table_goes_where_a_log_does(here, capsys):
     capsys.readouterr()
     assert dirprim("score csv.out --truth truth.csv --json") == DONE
     assert json.loads(capsys.readouterr().out)["scores"][0]["report"]["rmse"] < 1.0
+
+
+FCD = "<fcd-export>{}</fcd-export>"
+STEP = '<timestep time="{}"><vehicle id="a" x="{}" y="0" angle="90" speed="5"/></timestep>'
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "form"),
+    [
+        ("zara.txt", "\n".join(f"{10 * k} 1 {2 * k} 0.0" for k in range(40)), "trajnet,frames_per_second=25"),
+        ("annotations.txt", "\n".join(f'1 {40 * k} 0 {40 * k} 0 {12 * k} 0 0 0 "Cart"' for k in range(40)),
+         "sdd,metres_per_pixel=0.05"),
+        ("east.tsv", "t\tId\tE\ty_m\n" + "\n".join(f"{0.4 * k:.1f}\t1\t{2 * k}\t0" for k in range(40)),
+         "csv,time_s=t,track_id=Id,x_m=E"),
+        ("fcd.xml", FCD.format("".join(STEP.format(round(0.4 * k, 1), 2 * k) for k in range(40))), ""),
+    ],
+)  # fmt: skip
+def test_a_data_set_goes_where_a_log_does(here, capsys, name, text, form):
+    """It is named by its file's end or by one setting, the same for all commands and for Python."""
+    Path(name).write_text(text)
+    stated = f"--set format={form}" if form else ""
+    tracks = read_tracks(name, format=form or None)
+    assert tracks.position[:, 0].tolist() == [2.0 * k for k in range(40)]
+    assert tracks.time_ns.tolist() == [400_000_000 * k for k in range(40)]
+    assert dirprim(f"info {name} --json {stated}") == DONE
+    assert json.loads(capsys.readouterr().out)["messages"] == 40
+    assert dirprim(f"learn {name} -o new.mcap --tessellation grid --cell-size 8 {stated}") == DONE
+    assert dirprim(f"track {name} --map new.mcap -o out.mcap --particles 20 {stated}") == DONE
+    assert len(read_estimates("out.mcap")) >= 39
+    assert dirprim(f"store add fleet {name} {stated}") == DONE
+    assert dirprim(f"view {name} --save out.rrd {stated}") == DONE
+    if form:
+        assert dirprim(f"learn log.mcap -o x --set format={form}") == USAGE
+        assert dirprim(f"info {name}") == FAILED
+        capsys.readouterr()
+        assert dirprim(f"info {name} --set format={form.replace('=', '=x')}") == FAILED
+        assert capsys.readouterr().err.count("\n") == 1
 
 
 def test_info_says_of_a_table_what_it_says_of_its_log(here, capsys):

@@ -82,8 +82,8 @@ CASES = [
     ("convert signal.csv -o x", FAILED, "line 2: expected left, right, none as turn_signal, got 'lft'"),
     *((f"{command} -o x", FAILED, "early.csv, line 3: expected times from 0 on, as MCAP holds no earlier ones, "
        "got -5000000000 ns; add 6 s to all") for command in ("convert early.csv", "track early.csv --map map.mcap")),
-    ("convert walks.txt -o x --format trajnet", FAILED, "expected --frames-per-second, which a table of trajnet"),
-    ("convert two.csv -o x --format sumo-fcd --columns x_m=x", USAGE, "it is for csv"),
+    ("convert walks.txt -o x --format trajnet", FAILED, "expected frames_per_second, which a table of trajnet"),
+    ("convert two.csv -o x --format sumo-fcd --columns x_m=x", FAILED, "format sumo-fcd: expected nothing more, got"),
     ("score twice.csv --truth log.mcap", FAILED, "has two rows at 0 ns"),
     ("score log.mcap log.mcap --truth log.mcap", USAGE, "expected each file once"),
     ("export log.mcap -o x.xls", FAILED, "expected a name that ends in .csv, .parquet, got .xls"),

@@ -37,7 +37,7 @@ def test_whatever_reads_a_log_has_the_options_of_reading_and_they_reach_the_libr
     assert dirprim(f"{command} --help") == DONE
     reported = capsys.readouterr().out
     assert all(f"--{option} " in reported for option in ("topics", "time-source", "start", "end", "strict", "set"))
-    assert "frame, fields, origin, labels, group" in " ".join(reported.split())
+    assert "frame, fields, origin, labels, group, format" in " ".join(reported.split())
     private_json(here / "log.mcap")
     for option in ("--set fields=nonsense", "--set origin=north", "--start soon"):
         assert dirprim(f"{COMMANDS[command]} {option}") == FAILED

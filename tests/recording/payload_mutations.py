@@ -26,7 +26,7 @@ from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.losses import UNDECODABLE
 from dirprim_filter.recording.scan import scan
 from dirprim_filter.recording.schemas.decoders import Decoders
-from dirprim_filter.recording.tables import FORMATS
+from dirprim_filter.recording.tables import READERS
 from dirprim_filter.recording.transforms.transform_tree import TransformTree
 
 TAGS = (
@@ -234,7 +234,7 @@ def check_table(form, path, rng):
         write(pa.table(made), path)
         path.write_bytes(broken(path.read_bytes(), rng) if rng.random() < 0.8 else path.read_bytes())
     try:
-        table = FORMATS[form](path, **options)
+        table = READERS[form](path, **options)
     except RecordingError as error:
         return "\n" not in str(error) or pytest.fail(str(error))
     if form == "csv":

@@ -16,7 +16,7 @@ FILES = {
     "av2.bin": (b"ARROW1\0\0", "a Feather table; `dirprim convert` without --format makes"),
     "t.bin": (b"PAR1\x15\x04", "a Parquet table; `dirprim convert` without --format makes"),
     "t.gz": (b"\x1f\x8b\x08\x08", "gzip; it does not decompress; `dirprim convert` reads a .csv.gz"),
-    "t.txt": (b"time_s,track_id\n", "`dirprim convert` makes logs of tables"),
+    "t.dat": (b"time_s,track_id\n", "`dirprim convert` makes logs of tables"),
     "empty.mcap": (b"", "an empty file"),
 }
 

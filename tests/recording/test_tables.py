@@ -252,7 +252,7 @@ def test_columns_of_other_names_are_mapped_and_what_is_not_used_is_named(tmp_pat
     assert (found.tracks.position.tolist(), found.unused) == ([[1.0, 2.0], [2.0, 2.0]], ["x_m", "Lane"])
     with pytest.raises(TableError, match="expected column East, got Id, Easting"):
         read_named(path, columns=columns | {"x_m": "East"})
-    with pytest.raises(TableError, match=r"--columns time_s=NAME"):
+    with pytest.raises(TableError, match=r"--set format=csv,time_s=NAME"):
         read_named(path, columns={"track_id": "Id", "x_m": "Easting", "y_m": "Northing"})
     for wrong in ("x=Easting", "x_m", "x_m=", "x_m=a,x_m=b", ""):
         with pytest.raises(ValueError, match=r"columns: expected NAME=VALUE, each of time_s, .*, got "):

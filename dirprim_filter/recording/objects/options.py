@@ -45,6 +45,8 @@ class ReadOptions:
             their schema gives them, which is empty where it gives none.
         group: the one that is wanted of those that a log holds, by its number there: recordings made apart, whose
             times may overlap. Left out: all; an id that stands in several of them is a vehicle in each.
+        format: of tables, and what they do not contain: `trajnet,frames_per_second=25`, `sdd,metres_per_pixel=0.04`; or
+            how they call their columns: `csv,x_m=Easting,track_id=Id`. Left out: as the ends of their names say.
     """
 
     topics: str | None = None
@@ -58,6 +60,7 @@ class ReadOptions:
     meets: str = ""
     labels: str | None = None
     group: int | None = None
+    format: str | None = None
 
     def of_log(self, first_ns: int | None) -> Self:
         """The same for a log with that first time: times are then its own."""

@@ -13,11 +13,12 @@ from dirprim_filter.arrays import IntArray
 from dirprim_filter.recording.container.budget import MOST_TIMES, SMALL_BYTES
 from dirprim_filter.recording.container.message_columns import MessageColumns, gathered
 from dirprim_filter.recording.container.records import ENCODINGS, Channel, Schema, refused_encoding
-from dirprim_filter.recording.decoding.cdr_plan import CdrPlan, full_name
+from dirprim_filter.recording.decoding.cdr_plan import CdrPlan
 from dirprim_filter.recording.decoding.column_plan import ColumnPlan, TooManyRowsError
 from dirprim_filter.recording.decoding.field_columns import FieldColumns, SchemaError
 from dirprim_filter.recording.decoding.json_plan import JsonPlan
 from dirprim_filter.recording.decoding.protobuf_plan import protobuf_plan
+from dirprim_filter.recording.decoding.ros_definitions import full_name
 from dirprim_filter.recording.rows import Rows
 from dirprim_filter.recording.schemas import ASSIGNMENTS_SCHEMA
 from dirprim_filter.recording.schemas.families import FAMILIES, KINDS
