@@ -28,7 +28,7 @@ N_BLOCKS = 24
 INTERVALS = (2, 5, 20)
 CONTEXT = 12
 """Measurements before a gap, and half as many after it."""
-MOST_WINDOWS, TRAINING_WINDOWS = 120, 200
+MOST_WINDOWS, TRAINING_WINDOWS = 60, 200
 FITTED_WINDOWS = 32
 """That our noise is chosen by, with gaps of five intervals."""
 STEPS = 20
