@@ -1,9 +1,9 @@
 """Runs the tables of `results.md` and writes the page: `python docs/make_results.py [TABLE...] [--all]`.
 
 TABLE/RUN is one run of a table, `--all` is every run that has no figures of this very commit yet, so that it may be
-resumed; without either only the page is written. What a run reached stands in `results/TABLE.json`
-with its command, commit, date and versions; the text around the tables in `results/page.md`. A run whose data are
-absent is skipped; one that fails, or takes longer than its table allows, keeps its former figures.
+resumed; without either only the page is written, and README's two tables. What a run reached stands in
+`results/TABLE.json` with its command, commit, date and versions; the text around the tables in `results/page.md`. A run
+whose data are absent is skipped; one that fails, or takes longer than its table allows, keeps its former figures.
 """
 
 from __future__ import annotations
@@ -26,15 +26,18 @@ from threading import Lock
 from typing import Any
 
 from result_figures import shown
-from result_tables import LOGS, SUMMARY, TABLES, Run, Table
+from result_tables import GROUNDS, LOGS, PACKAGES_BESIDE, SUMMARY, TABLES, Run, Table
 
 DOCS = Path(__file__).parent
 ROOT = DOCS.parent
 PAGE, STORE, TEXT = DOCS / "results.md", DOCS / "results", DOCS / "results" / "page.md"
+README = ROOT / "README.md"
 DATA = ROOT.parent / "shared" / "data"
 PACKAGES = ("dirprim-filter", "numpy", "scipy", "numba")
 LIST = re.compile(r"\[(?:[^\[\]{}]|\[[^\[\]]*\])*\]|\{[^\[\]{}]*\}")
 """With lists in it, or an object of numbers: a line of the stored figures."""
+MADE = re.compile(r"(<!-- made: (\w+) -->\n).*?(<!-- end -->)", flags=re.DOTALL)
+"""A table of README, which is written between two comments."""
 PLACE = re.compile(r"^\{\{(\w+)\}\}$", flags=re.MULTILINE)
 Record = dict[str, Any]
 """What a run reached, as it is stored."""
@@ -144,6 +147,45 @@ def page() -> str:
     return PLACE.sub(
         lambda found: "\n".join(own[found[1]]() if found[1] in own else _table(found[1])), TEXT.read_text()
     )
+
+
+def readme() -> str:
+    """README, with its tables as they are measured now."""
+    own = {"grounds": _grounds, "packages": _packages}
+    return MADE.sub(lambda found: "\n".join([found[1].strip(), "", *own[found[2]](), "", found[3]]), README.read_text())
+
+
+def _figure(table: str, run: str, row: str, head: str) -> Any:
+    """One that is stored; None where it is not measured."""
+    figures = stored(table).get(run, {}).get("figures", {}).get(row)
+    return None if figures is None else figures[[of.head for of in TABLES[table].columns].index(head)]
+
+
+def _grounds() -> Iterator[str]:
+    """Ours beside a rival on one ground after the other; those that are not measured are left out."""
+    yield from _head("where", "what", "ours", "beside it", "ours is better by")
+    for row in GROUNDS:
+        mine, theirs = (_figure(row.table, row.run, of, row.column) for of in (row.ours, row.rival))
+        gain = _figure(row.table, row.run, row.rival, row.gain)
+        if mine is not None and theirs is not None:
+            better = f"{shown(gain, row.digits if row.unit != ' m' else 0)}{' %' * (row.unit == ' m')}" if gain else ""
+            if better and "**" not in better:
+                better += " (not distinguishable)"
+            yield _line(
+                row.where, row.what, f"{shown(mine, row.digits)}{row.unit}",
+                f"{row.called} {shown(theirs, row.digits)}{row.unit}", better,
+            )  # fmt: skip
+
+
+def _packages() -> Iterator[str]:
+    """HOTA in percent of ours and of other packages; a place stays empty where one was not run."""
+    places, rows = PACKAGES_BESIDE
+    yield from _head("HOTA, %", *(place[0] for place in places), "better at")
+    for called, names, better_at in rows:
+        found = [_figure(table, run, name, "HOTA") for (_, table, run), name in zip(places, names, strict=True)]
+        scales = [100.0 if table == "peers" else 1.0 for _, table, _ in places]
+        cells = [shown(of and scale * of, 1) for of, scale in zip(found, scales, strict=True)]
+        yield _line(called, *cells, better_at)
 
 
 def _summary() -> Iterator[str]:
@@ -289,6 +331,7 @@ def main() -> int:
     asked = list(TABLES) if given.all else given.tables
     well = run_tables(asked, given.data, only_new=given.all, at_once=given.at_once)
     PAGE.write_text(page())
+    README.write_text(readme())
     return 0 if well else 1
 
 

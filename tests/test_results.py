@@ -28,7 +28,8 @@ def record(maker, name, **changes):
 
 
 def test_the_page_is_what_the_stored_figures_say_with_a_place_for_every_table(maker):
-    assert maker.page() == maker.PAGE.read_text(), "run `python docs/make_results.py`"
+    for made, path in ((maker.page(), maker.PAGE), (maker.readme(), maker.README)):
+        assert made == path.read_text(), "run `python docs/make_results.py`"
     assert sorted(maker.PLACE.findall(maker.TEXT.read_text())) == sorted(["summary", "logs", *maker.TABLES])
     one = {"name": "a", "low": 1.0, "chosen": 2.0, "high": 4.0}
     assert maker.settings_of({"methods": [{"settings": [[one]]}, {"x": [{"constant velocity": [one]}]}]}) == [one, one]

@@ -261,7 +261,10 @@ def tuned(
         return {axis.name: axis.start for axis in axes}
     names = [axis.name for axis in axes]
     choices = choose(axes, lambda values: hota(dict(zip(names, values, strict=True))), least_gain=GAIN)
-    table.settings += [of._replace(name=f"{name}: {of.name}") for of in choices]
+    table.settings += [
+        of._replace(name=f"{name}: {of.name}") for axis, of in zip(axes, choices, strict=True)
+        if axis.least <= of.chosen / axis.factor and of.chosen * axis.factor <= axis.most  # else there is no beyond
+    ]  # fmt: skip
     return {of.name: of.chosen for of in choices}
 
 
