@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
 from dirprim_filter.cli import exit_codes
-from dirprim_filter.cli.options import Force, Log, Output
-from dirprim_filter.cli.reading import Reading, reads_logs
+from dirprim_filter.cli.options import Force, Log, Output, Truth
+from dirprim_filter.cli.reading import OF_TRUTH, Reading, reads_logs
 from dirprim_filter.cli.sensing import number_lines
 from dirprim_filter.cli.texts import counted
 
@@ -20,7 +19,7 @@ if TYPE_CHECKING:
 @reads_logs()
 def calibrate(
     log: Log,
-    truth: Annotated[Path, typer.Option("--truth", help="A log of where vehicles were.")],
+    truth: Truth,
     output: Output,
     force: Force = False,
     *,
@@ -42,7 +41,7 @@ def calibrate(
     stream = reading.detections(log)
     seen = Detections.concatenate(stream)
     reading.require_frames(len(seen), log, stream.losses)
-    of_truth = reading.only("time_source", "frame", "origin", "strict").on_plane_of(log, seen.origin)
+    of_truth = reading.only(*(of for of in OF_TRUTH if of != "group")).on_plane_of(log, seen.origin)
     known = of_truth.tracks([truth])
     with working(f"measuring {log.name}"):
         measured = measure(seen, known.tracks)

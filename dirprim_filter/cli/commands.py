@@ -20,13 +20,11 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from dirprim_filter.cli.compiling import compiling_notice, mend_cache
-from dirprim_filter.cli.options import FIGURE, WRITTEN
+from dirprim_filter.cli.options import WRITTEN
 from dirprim_filter.cli.reading import OPTIONS
 from dirprim_filter.partial_file import PartialFile
 
 Result = TypeVar("Result")
-FORMATS = (".png", ".pdf", ".svg")
-"""Of pictures."""
 
 
 def register(app: typer.Typer, command: Callable[..., Any]) -> None:
@@ -74,10 +72,12 @@ def checked(command: Callable[..., Result]) -> Callable[..., Result]:
         arguments = inspect.signature(command).bind(*positional, **given).arguments
         written = {name: of for name, of in arguments.items() if WRITTEN in marks[name] and isinstance(of, Path)}
         read = [path for name, of in arguments.items() if WRITTEN not in marks[name] for path in _paths(of)]
+        if any(str(path) == "-" for path in written.values()):
+            raise typer.BadParameter("expected the name of a file, got -; outputs are renamed when they are whole")
         check_outputs(list(written.values()), read, force=arguments.get("force", False))
-        for path in (path for name, path in written.items() if FIGURE in marks[name]):
-            if path.suffix.lower() not in FORMATS:
-                known, got = ", ".join(FORMATS), path.suffix or "no suffix"
+        for path, ends in ((path, mark) for name, path in written.items() for mark in marks[name]):
+            if isinstance(ends, tuple) and path.suffix.lower() not in ends:
+                known, got = ", ".join(ends), path.suffix or "no suffix"
                 raise ValueError(f"{path}: expected a name that ends in {known}, got {got}")
         mend_cache()
         from dirprim_filter.recording.container.source import copied_once  # not for `--help`

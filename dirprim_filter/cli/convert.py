@@ -49,10 +49,10 @@ def convert(
     from dirprim_filter.recording.tables import read_as
 
     scales = {"metres_per_pixel": metres_per_pixel, "frames_per_second": frames_per_second}
-    stated = [f"{name}={value}" for name, value in scales.items() if value is not None] + [columns] * bool(columns)
+    stated = [f"{name}={value}" for name, value in scales.items() if value is not None] + ([columns] if columns else [])
     with working(f"reading {source.name}"):
         table = read_as(
-            source, ",".join([form or form_of(source), *stated]), Origin.parse(origin) if origin else None
+            source, ",".join([form or form_of(source), *stated]), None if origin is None else Origin.parse(origin)
         )  # fmt: skip
     if table.too_early:
         raise table.too_early

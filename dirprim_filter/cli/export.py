@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from dirprim_filter.cli import exit_codes
-from dirprim_filter.cli.options import Force, Output
+from dirprim_filter.cli.options import Estimates, Force, Table
 from dirprim_filter.cli.texts import counted
 
 if TYPE_CHECKING:
@@ -16,8 +15,8 @@ if TYPE_CHECKING:
 
 
 def export(
-    estimates: Annotated[Path, typer.Argument(help="A log of `dirprim track`.", exists=True, dir_okay=False)],
-    output: Output,
+    estimates: Estimates,
+    output: Table,
     smoothed: Annotated[
         bool, typer.Option("--smoothed", help="Export the smoothed estimates of `track --smooth` or `--lag`.")
     ] = False,
@@ -26,7 +25,7 @@ def export(
     ] = False,
     force: Force = False,
 ) -> int:
-    """Write estimates as .csv or .parquet; or what their tracker's detections were assigned to.
+    """Write estimates as a table; or what their tracker's detections were assigned to.
 
     The columns are those of `dirprim convert`, then what else is known. With --assigned `track_id` is the detection's
     own, as its log has it, and `assigned` the track, empty for none.
@@ -36,13 +35,12 @@ def export(
     import numpy as np
 
     from dirprim_filter.cli.progress import working
-    from dirprim_filter.recording.estimate_tables import check_table_format, write_estimates
+    from dirprim_filter.recording.estimate_tables import write_estimates
     from dirprim_filter.recording.losses import Losses
     from dirprim_filter.recording.reader import read_assigned, read_estimates
 
     if assigned and smoothed:
         raise typer.BadParameter("detections are assigned by the filter, and not smoothed", param_hint="--assigned")
-    check_table_format(output)
     rows: Estimates | Assignments
     lost = Losses()
     with working(f"writing {output.name}"):

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dirprim_filter.cli.options import FIGURE, WRITTEN, Force, Map, Seed, named_file
+from dirprim_filter.cli.options import Force, Map, MaybePicture, Seed
 from dirprim_filter.cli.texts import columns
 
 if TYPE_CHECKING:
@@ -25,13 +24,8 @@ def forecast(
     speed: Annotated[float, typer.Option(help="m/s.")],
     horizon: Annotated[float, typer.Option(min=1e-3, max=3600.0, help="Seconds to look ahead.")] = 5.0,
     dt: Annotated[float, typer.Option(min=1e-3, help="Seconds between positions.")] = 0.5,
-    samples: Annotated[int, typer.Option(min=1, help="Number of rollouts.")] = 100,
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="A figure: .png, .pdf or .svg.", callback=named_file),
-        WRITTEN,
-        FIGURE,
-    ] = None,
+    samples: Annotated[int, typer.Option(min=1, max=1_000_000, help="Number of rollouts.")] = 100,
+    output: MaybePicture = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print all rollouts as JSON.")] = False,
     seed: Seed = 0,
     force: Force = False,
@@ -48,9 +42,12 @@ def forecast(
     from dirprim_filter.recording import load_map
     from dirprim_filter.recording.transforms.geodesy import FARTHEST_M
 
-    if not (max(map(abs, at)) <= FARTHEST_M and speed <= FASTEST):
-        expected = f"a place within {FARTHEST_M:g} m and a speed of at most {FASTEST:g} m/s"
-        raise ValueError(f"--at, --speed: expected {expected}, got {at[0]:g} {at[1]:g} and {speed:g}")
+    if not (np.abs(at).max() <= FARTHEST_M and 0 <= speed <= FASTEST and np.isfinite(direction_deg)):
+        expected = f"a place within {FARTHEST_M:g} m, a speed of 0 to {FASTEST:g} m/s and a course"
+        got = f"{at[0]:g} {at[1]:g}, {speed:g} and {direction_deg:g}"
+        raise ValueError(f"--at, --speed, --direction-deg: expected {expected}, got {got}")
+    if dt > horizon:
+        raise ValueError(f"--dt: expected at most --horizon, {horizon:g} s, got {dt:g}")
     learned = load_map(map_file)
     _say_if_outside(learned, at)
     paths = sample_paths(

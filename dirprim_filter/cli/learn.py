@@ -44,17 +44,16 @@ def learn(
 
     Example: dirprim learn recordings/roundabout_learn.mcap -o map.mcap
     """
-    options: dict[str, Any] = {
-        "tessellation": tessellation, "cell_size": cell_size, "n_cells": cells, "modes": modes, "primitive": primitive,
-    }  # fmt: skip
     if any(map(_is_store, logs)):
         if len(logs) > 1 or sensor is not None or reading.given:
             raise ValueError(
                 f"{logs[0]}: a store is learned from alone, and fixes how its logs are read; leave out the rest"
             )
-        from dirprim_filter.cli.store_maps import learn_store
+        from dirprim_filter.cli import store_maps
 
-        return learn_store(logs[0], output, seed=seed, force=force, options=options)
+        return store_maps.learn(
+            logs[0], output, tessellation, cell_size, cells, modes, primitive, seed=seed, force=force
+        )
     import numpy as np
 
     from dirprim_filter.cli.progress import learning_progress
@@ -63,6 +62,9 @@ def learn(
     from dirprim_filter.sensor import without_bias
 
     sensing = None if sensor is None else load_sensor(sensor)
+    options: dict[str, Any] = {
+        "tessellation": tessellation, "cell_size": cell_size, "n_cells": cells, "modes": modes, "primitive": primitive,
+    }  # fmt: skip
     log = reading.tracks(logs)
     tracks = log.tracks if sensing is None else without_bias(log.tracks, sensing)
     with learning_progress() as bars:

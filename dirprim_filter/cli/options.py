@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import re
+from collections.abc import Iterable
 from contextlib import suppress
 from datetime import UTC, datetime
 from decimal import Decimal, InvalidOperation
@@ -11,9 +14,13 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-WRITTEN, FIGURE = "written", "figure"
-"""Mark the options for output files, and of them those for pictures: `commands.checked` checks both before the work."""
+from dirprim_filter.recording.name_patterns import FORMATS, WRITTEN_TABLES
 
+WRITTEN = "written"
+"""Marks the options for output files, which are checked before the work; a tuple beside it: the ends of their names."""
+
+PICTURES = (".png", ".pdf", ".svg")
+"""Ends of the names of pictures."""
 
 AUTO = "auto"
 """In place of a sensor's file: learn it from the log."""
@@ -23,26 +30,15 @@ Cells = Literal["joint", "voronoi", "grid"]
 """How the plane is divided."""
 
 
-def named_file(path: Path | None) -> Path | None:
-    """An output that can get its name when it is whole, which standard output cannot; None stays None.
-
-    Raises:
-        BadParameter: it is "-".
-    """
-    if str(path) == "-":
-        raise typer.BadParameter("expected the name of a file, got -; outputs are renamed when they are whole")
-    return path
-
-
 MOST_DIGITS = 10
 """Of seconds: more are no time in nanoseconds of 64 bits."""
 
 
-def time_ns(text: str | None) -> int | None:
+def time_ns(text: str | None, option: str) -> int | None:
     """A time on the command line: seconds from a log's start, nanoseconds with ns behind, or RFC 3339; None stays None.
 
     Raises:
-        ValueError: neither.
+        ValueError: none of these; names the option.
     """
     if text is None:
         return None
@@ -57,43 +53,57 @@ def time_ns(text: str | None) -> int | None:
         moment = datetime.fromisoformat(text)
     except ValueError:
         raise ValueError(
-            f"{text!r}: expected seconds from the start such as 12.5, nanoseconds such as 5ns, or a time such as "
-            "2026-01-31T12:00:00Z"
+            f"{option}: expected seconds from the start such as 12.5, nanoseconds such as 5ns, or a time such as "
+            f"2026-01-31T12:00:00Z, got {text!r}"
         ) from None
     moment = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
     since = moment - datetime(1970, 1, 1, tzinfo=UTC)
     return (since.days * 86_400 + since.seconds) * 1_000_000_000 + since.microseconds * 1000
 
 
-def _log(text: str) -> Path:
-    """A file or folder that exists, "-", a URL, or a quoted pattern."""
+def existing_log(text: str) -> Path:
+    """A file or folder that exists, "-", a URL, or a quoted pattern.
+
+    Raises:
+        BadParameter: it is none.
+    """
     path = Path(text)
-    if text != "-" and "://" not in text and not has_magic(text) and not path.exists():
+    if text != "-" and "://" not in text and not has_magic(text) and not (text and path.exists()):
         raise typer.BadParameter(f"File '{text}' does not exist.")
     return path
 
 
-def _is_pattern(path: Path) -> bool:
-    """Whether it stands for several files; a URL does not, whose query begins with `?`."""
+def _found(paths: list[Path]) -> list[Path]:
+    """The files of quoted patterns, in order of their names, and others as they are; each once."""
     from dirprim_filter.recording.container.remote_file import as_url
 
-    return has_magic(str(path)) and not path.exists() and as_url(str(path)) is None
-
-
-def _found(paths: list[Path]) -> list[Path]:
-    """The files of quoted patterns, in order of their names, and others as they are."""
     found: list[Path] = []
     for path in paths:
-        own = [path] if not _is_pattern(path) else sorted(map(Path, glob(str(path), recursive=True)))  # noqa: PTH207 (Path has no absolute patterns)
+        is_pattern = has_magic(str(path)) and not path.exists() and as_url(str(path)) is None  # a query begins with ?
+        own = sorted(map(Path, glob(str(path), recursive=True))) if is_pattern else [path]  # noqa: PTH207 (Path has no absolute patterns)
         if not own:
             raise typer.BadParameter(f"'{path}': expected files, found none; check the pattern")
         found += own
+    if len({os.path.realpath(path) for path in found}) < len(found):
+        raise typer.BadParameter("expected each file once, got one twice")
     return found
 
 
 def _several(text: str, **more: Any) -> Any:
     """Files, URLs and quoted patterns, with a text for the help."""
-    return typer.Argument(help=text, parser=_log, callback=_found, **more)
+    return typer.Argument(help=text, parser=existing_log, callback=_found, **more)
+
+
+def choice(names: Iterable[str], option: str, text: str) -> Any:
+    """An option whose values are the names of a table: they stand in its help and in its error."""
+    known = tuple(names)
+
+    def parse(name: str) -> str:
+        if name not in known:
+            raise typer.BadParameter(f"{name!r}: expected one of {', '.join(known)}")
+        return name
+
+    return typer.Option(option, help=text, parser=parse, metavar="|".join(known))
 
 
 def seconds(text: str) -> float:
@@ -112,15 +122,36 @@ def seconds(text: str) -> float:
     return duration
 
 
-def _existing_or_auto(text: str | None) -> str | None:
-    """A file that exists, or `AUTO`; None stays None."""
-    if text not in (None, AUTO) and not Path(text).exists():
+def month(text: str) -> str:
+    """A month such as 2026-08.
+
+    Raises:
+        BadParameter: it is none.
+    """
+    if not re.fullmatch(r"\d{4}-(0[1-9]|1[0-2])", text):
+        raise typer.BadParameter(f"{text!r}: expected a month such as 2026-08")
+    return text
+
+
+def _sensor(text: str) -> str:
+    """A file that exists, or `AUTO`."""
+    if text != AUTO and not Path(text).is_file():
         raise typer.BadParameter(f"expected auto or a file, but '{text}' does not exist")
     return text
 
 
+def _answered(url: str | None) -> str | None:
+    """The address of a viewer that answers: asked before the work."""
+    if url is not None:
+        from dirprim_filter.viewer.process import require_listener
+
+        require_listener(url)
+    return url
+
+
 Log = Annotated[
-    Path, typer.Argument(help="An MCAP log, rosbag2 folder or table; - for standard input, or a URL.", parser=_log)
+    Path,
+    typer.Argument(help="An MCAP log, rosbag2 folder or table; - for standard input, or a URL.", parser=existing_log),
 ]
 Logs = Annotated[
     list[Path], _several("MCAP logs, rosbag2 folders or tables; - for standard input, URLs, or quoted patterns.")
@@ -132,11 +163,20 @@ LogsOrStore = Annotated[
     ),
 ]
 Files = Annotated[list[Path], _several("An .rrd, a map, a log, the tracks of `dirprim track`; or several.")]
-Outputs = Annotated[
-    list[Path], _several("Logs of `dirprim track`, or .csv or .parquet in the formats of `dirprim export`.")
-]
+Outputs = Annotated[list[Path], _several(f"Logs of `dirprim track`, or tables: {', '.join(FORMATS)}.")]
+Estimates = Annotated[Path, typer.Argument(help="A log of `dirprim track`.", exists=True, dir_okay=False)]
+MapFile = Annotated[Path, typer.Argument(help="A map that `dirprim learn` wrote.", exists=True, dir_okay=False)]
 Map = Annotated[Path, typer.Option("--map", help="A map that `dirprim learn` wrote.", exists=True, dir_okay=False)]
-Output = Annotated[Path, typer.Option("--output", "-o", help="The file to write.", callback=named_file), WRITTEN]
+_truth = typer.Option("--truth", help="A log of the true tracks, to compare with.", parser=existing_log)
+Truth = Annotated[Path, _truth]
+MaybeTruth = Annotated[Path | None, _truth]
+Output = Annotated[Path, typer.Option("--output", "-o", help="The file to write."), WRITTEN]
+_picture = typer.Option("--output", "-o", help=f"The picture: {', '.join(PICTURES)}.")
+Picture = Annotated[Path, _picture, WRITTEN, PICTURES]
+MaybePicture = Annotated[Path | None, _picture, WRITTEN, PICTURES]
+Table = Annotated[
+    Path, typer.Option("--output", "-o", help=f"The table: {', '.join(WRITTEN_TABLES)}."), WRITTEN, WRITTEN_TABLES
+]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite what exists.")]
 Json = Annotated[bool, typer.Option("--json", help="Print all figures, and what they follow from, as JSON.")]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="The same seed gives the same result.")]
@@ -164,7 +204,9 @@ End = Annotated[str | None, typer.Option("--end", help="End, exclusive, likewise
 Strict = Annotated[bool, typer.Option("--strict", help="Treat damage in a log as an error.")]
 Config = Annotated[
     Path | None,
-    typer.Option("--config", help="TOML, or the --json or -o of an earlier run, to reproduce it.", exists=True),
+    typer.Option(
+        "--config", help="TOML, or the --json or -o of an earlier run, to reproduce it.", exists=True, dir_okay=False
+    ),
 ]
 Particles = Annotated[int | None, typer.Option(min=1, help="Particles for each vehicle. Default: 1000.")]
 Noise = Annotated[
@@ -181,14 +223,16 @@ Rate = Annotated[
 ]  # fmt: skip
 SensorFile = Annotated[
     Path | None,
-    typer.Option("--sensor", help="How the sensor errs: a sensor.toml, as of `dirprim calibrate`.", exists=True),
+    typer.Option(
+        "--sensor", help="How the sensor errs: a sensor.toml, as of `dirprim calibrate`.", exists=True, dir_okay=False
+    ),
 ]
 SensorOrAuto = Annotated[
     str | None,
     typer.Option(
         "--sensor",
         help="How the sensor errs: a sensor.toml, as of `dirprim calibrate`; auto, the default: learned from the log.",
-        callback=_existing_or_auto,
+        parser=_sensor,
     ),
 ]
 NoIds = Annotated[
@@ -207,5 +251,7 @@ Save = Annotated[Path | None, typer.Option("--save", help="Write an .rrd for the
 Spawn = Annotated[bool, typer.Option("--spawn", help="Start a new rerun viewer and stream to it.")]
 Connect = Annotated[
     str | None,
-    typer.Option("--connect", help="Stream to a running viewer, such as rerun+http://127.0.0.1:9876/proxy."),
+    typer.Option(
+        "--connect", help="Stream to a running viewer, such as rerun+http://127.0.0.1:9876/proxy.", callback=_answered
+    ),
 ]

@@ -8,22 +8,23 @@ from typing import Annotated
 import typer
 
 from dirprim_filter.cli import exit_codes
-from dirprim_filter.cli.options import FIGURE, WRITTEN, Force, named_file
+from dirprim_filter.cli.options import Force, MapFile, Picture, existing_log
 from dirprim_filter.cli.reading import Reading, reads_logs
+
+SMALLEST_M, LONGEST_TIMES = 1.0, 100.0
+"""Of what is shown: the least of a side, and the most of one over the other."""
 
 
 @reads_logs()
 def plot(
-    map_file: Annotated[Path, typer.Argument(help="A map that `dirprim learn` wrote.", exists=True, dir_okay=False)],
-    output: Annotated[
-        Path,
-        typer.Option("--output", "-o", help="The picture: .png, .pdf or .svg.", callback=named_file),
-        WRITTEN,
-        FIGURE,
-    ],
-    log: Annotated[Path | None, typer.Option("--log", help="Draw the tracks of this log as well.", exists=True)] = None,
+    map_file: MapFile,
+    output: Picture,
+    log: Annotated[
+        Path | None, typer.Option("--log", help="Draw the tracks of this log as well.", parser=existing_log)
+    ] = None,
     estimates: Annotated[
-        Path | None, typer.Option("--estimates", help="Draw the estimates that `dirprim track` wrote.", exists=True)
+        Path | None,
+        typer.Option("--estimates", help="Draw the estimates that `dirprim track` wrote.", exists=True, dir_okay=False),
     ] = None,
     extent: Annotated[
         tuple[float, float, float, float] | None,
@@ -33,7 +34,7 @@ def plot(
     *,
     reading: Reading,
 ) -> int:
-    """Draw a map as .png, .pdf or .svg: petals coloured by mean speed.
+    """Draw a map: petals coloured by mean speed.
 
     Options of reading choose a part of the log.
 
@@ -46,11 +47,15 @@ def plot(
     from dirprim_filter.recording import load_map, read_estimates
     from dirprim_filter.recording.losses import Losses
     from dirprim_filter.recording.reader import origin_of_estimates
+    from dirprim_filter.recording.transforms.geodesy import FARTHEST_M
     from dirprim_filter.viewer.figures import map_figure, save_figure
 
     box = None if extent is None else np.reshape(extent, (2, 2))
-    if box is not None and not (np.isfinite(box).all() and (box[0] < box[1]).all()):
-        raise typer.BadParameter(f"expected west south east north, metres, got {extent}", param_hint="--extent")
+    if box is not None:
+        short, long = np.sort(box[1] - box[0])
+        if not (SMALLEST_M <= short <= long <= LONGEST_TIMES * short and np.abs(box).max() <= FARTHEST_M):
+            expected = f"west south east north, metres, sides of {SMALLEST_M:g} m or more and alike"
+            raise typer.BadParameter(f"expected {expected}, got {extent}", param_hint="--extent")
     if log is None:
         reading.require_acting()
     learned, lost = load_map(map_file), Losses()

@@ -19,6 +19,7 @@ import typer
 from dirprim_filter.cli.options import End, Start, Strict, Topics, time_ns
 from dirprim_filter.cli.settings import READING, assignments, deal
 from dirprim_filter.cli.texts import say
+from dirprim_filter.recording.name_patterns import is_table
 
 if TYPE_CHECKING:
     from dirprim_filter.origin import Origin
@@ -41,9 +42,11 @@ Time = Annotated[
 ]
 
 
-OPTIONS = {"topics": Topics, "time_source": Time, "start": Start, "end": End, "strict": Strict}
-"""Of reading."""
-DEFAULTS = {"topics": None, "time_source": "header", "start": None, "end": None, "strict": False}
+OPTIONS: dict[str, tuple[Any, Any]] = {
+    "topics": (Topics, None), "time_source": (Time, "header"), "start": (Start, None), "end": (End, None),
+    "strict": (Strict, False),
+}  # fmt: skip
+"""Of reading, and their defaults."""
 ASKED = {"start": "--start ", "end": "--end ", "labels": "labels=", "group": "group="}
 """What chooses a part of a log, as it is typed."""
 OF_TABLES = ("topics", "start", "end", "strict", "origin", "labels", "group", "format")
@@ -59,16 +62,17 @@ class Reading:
     What a log `meets` is a map, or another log, of whose plane it is to be.
 
     Raises:
-        BadParameter: the group is no number.
+        BadParameter: a text is empty, or the group is no number.
     """
 
     given: dict[str, Any] = field(default_factory=dict)
     meets: str = ""
 
     def __post_init__(self) -> None:
-        group = self.given.get("group")
-        if group is not None and not str(group).isdecimal():
-            raise typer.BadParameter(f"group: expected its number in `dirprim info`, got {group!r}", param_hint="--set")
+        for name, given in self.given.items():
+            if given == "" or (name == "group" and not str(given).isdecimal()):
+                expected = "its number in `dirprim info`" if name == "group" else "a value"
+                raise typer.BadParameter(f"{name}: expected {expected}, got {given!r}", param_hint=_typed(name))
 
     @property
     def group(self) -> int | None:
@@ -106,13 +110,10 @@ class Reading:
         """
         for name in self.given:
             if name not in acting:
-                hint = f"--{name.replace('_', '-')}" if name in OPTIONS else f"--set {name}=..."
-                raise typer.BadParameter("acts on nothing in these files; leave it out", param_hint=hint)
+                raise typer.BadParameter("acts on nothing in these files; leave it out", param_hint=_typed(name))
 
     def require_acting_on(self, logs: list[Path]) -> None:
         """Check that what is given acts on one of the logs."""
-        from dirprim_filter.recording.name_patterns import is_table
-
         if all(map(is_table, logs)):
             self.require_acting(*OF_TABLES)
         elif not any(map(is_table, logs)):
@@ -169,16 +170,24 @@ class Reading:
         """The same for the library.
 
         Raises:
-            ValueError: a text that is no time, no origin or no path of a field.
+            ValueError: a text that is no time, no origin or no path of a field; or the end is not after the start.
         """
         from dirprim_filter.recording.reader import FieldMapping, Origin, ReadOptions
 
-        given = dict(self.given)
-        start, end, fields, origin = (given.pop(name, None) for name in ("start", "end", "fields", "origin"))
-        return ReadOptions(
-            mapping=FieldMapping.parse(fields) if fields else None, origin=Origin.parse(origin) if origin else None,
-            start_ns=time_ns(start), end_ns=time_ns(end), meets=self.meets, **given | {"group": self.group},
-        )  # fmt: skip
+        given = self.given | {"meets": self.meets, "group": self.group}
+        start_ns, end_ns = (time_ns(given.pop(name, None), f"--{name}") for name in ("start", "end"))
+        if start_ns is not None and end_ns is not None and type(start_ns) is type(end_ns) and end_ns <= start_ns:
+            raise ValueError(f"--end: expected a time after --start {self.given['start']}, got {self.given['end']}")
+        if fields := given.pop("fields", None):
+            given["mapping"] = FieldMapping.parse(fields)
+        if origin := given.get("origin"):
+            given["origin"] = Origin.parse(origin)
+        return ReadOptions(start_ns=start_ns, end_ns=end_ns, **given)
+
+
+def _typed(name: str) -> str:
+    """An option or a setting of reading, as it is typed."""
+    return f"--{name.replace('_', '-')}" if name in OPTIONS else f"--set {name}=..."
 
 
 def reads_logs(*own: str) -> Callable[[Callable[..., Result]], Callable[..., Result]]:
@@ -199,16 +208,16 @@ def reads_logs(*own: str) -> Callable[[Callable[..., Result]], Callable[..., Res
             if name not in ("reading", "settings")
         ]
         taken += [
-            inspect.Parameter(name, named, default=DEFAULTS.get(name), annotation=of)
-            for name, of in (OPTIONS | {"given": given_as}).items()
+            inspect.Parameter(name, named, default=default, annotation=of)
+            for name, (of, default) in (OPTIONS | {"given": (given_as, None)}).items()
         ]
 
         @wraps(command)
         def read(**given: Any) -> Result:
             settings = assignments(given.pop("given", None) or [])
-            options = {name: given.pop(name, DEFAULTS[name]) for name in OPTIONS}
+            options = {name: given.pop(name, default) for name, (_, default) in OPTIONS.items()}
             reading = Reading(
-                {name: of for name, of in options.items() if of != DEFAULTS[name]}
+                {name: of for name, of in options.items() if of != OPTIONS[name][1]}
                 | {name: settings.pop(name) for name in READING if name in settings}
             )
             if own:

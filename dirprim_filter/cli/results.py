@@ -7,7 +7,7 @@ import json
 import math
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -133,17 +133,21 @@ def read_experiment(path: Path | None) -> dict[str, Any]:
         config = json.loads(path.read_text())[CONFIG_KEY] if is_json else json.loads(metadata_of(path)[CONFIG_KEY])
         return {name: value for name, value in config.items() if value is not None}
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError, RecordingError) as error:
+        got = "none" if isinstance(error, KeyError) else error
         raise ValueError(
-            f"{path}: expected an experiment in TOML, or the JSON or MCAP of an earlier run, got {error}"
+            f"{path}: expected an experiment in TOML, or the JSON or MCAP of an earlier run, got {got}"
         ) from error
 
 
-def read_filter(path: Path | None, settings: Settings, **given: Any) -> tuple[FilterConfig, TrackingConfig]:
+def read_filter(
+    path: Path | None, settings: Settings, *others: type, **given: Any
+) -> tuple[FilterConfig, TrackingConfig]:  # fmt: skip
     """The configuration of a tracker: what is given, else by the file, else the defaults.
 
     Args:
         path: TOML with the tables `filter` and `tracking`, or what an earlier run wrote.
         settings: fields of either, by name.
+        others: dataclasses whose fields may be among the settings too.
         given: the same by options; None is not given.
 
     Raises:
@@ -156,9 +160,9 @@ def read_filter(path: Path | None, settings: Settings, **given: Any) -> tuple[Fi
     kinds: dict[str, type[Any]] = {"filter": FilterConfig, "tracking": TrackingConfig}
     if path is not None and path.suffix == ".toml" and (unknown := [*config.keys() - kinds]):
         raise ValueError(f"{path}: {unknown[0]}: expected the tables filter and tracking")
-    names = [[field.name for field in fields(kind)] for kind in kinds.values()]
     made = []
-    for (name, kind), own, known in zip(kinds.items(), deal(settings, *names), names, strict=True):
+    for (name, kind), own in zip(kinds.items(), deal(settings, *kinds.values(), *others), strict=False):
+        known = kind.__dataclass_fields__
         stated = {of: value for of, value in given.items() if of in known and value is not None}
         table = config.get(name, {})
         made.append(from_table(kind, table | stated | own if isinstance(table, dict) else table, where=name))

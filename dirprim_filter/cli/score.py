@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dirprim_filter.cli.options import Json, Outputs
+from dirprim_filter.cli.options import Json, Outputs, Truth
 from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.results import report
 from dirprim_filter.cli.settings import Settings, deal, taken
 from dirprim_filter.cli.texts import counted, figure_lines, number, say
+from dirprim_filter.recording.name_patterns import is_table
 
 if TYPE_CHECKING:
     from dirprim_filter.evaluation.scores import ScoreTable
@@ -31,7 +32,7 @@ class Own:
 @reads_logs("similarity_m")
 def score(
     estimates: Outputs,
-    truth: Annotated[Path, typer.Option("--truth", help="A log with the true tracks.", exists=True, dir_okay=False)],
+    truth: Truth,
     smoothed: Annotated[
         bool, typer.Option("--smoothed", help="Also score the smoothed estimates of --smooth or --lag.")
     ] = False,
@@ -57,22 +58,22 @@ def score(
     """
     from dirprim_filter.cli.progress import step_progress
     from dirprim_filter.evaluation.scores import score_rows
-    from dirprim_filter.recording.estimate_tables import FORMATS, read_tracked_rows
+    from dirprim_filter.recording.estimate_tables import read_tracked_rows
 
     named = {name: path for path in estimates for name in [path.name if _is_alone(path, estimates) else str(path)]}
-    if len(named) < len(estimates):
-        raise typer.BadParameter("expected each file once", param_hint="ESTIMATES")
+    if smoothed and all(map(is_table, estimates)):
+        raise typer.BadParameter("tables have no smoothed estimates beside others", param_hint="--smoothed")
     log = reading.tracks([truth])
     one_of_many, meets = reading.group is not None, "" if "origin" in reading.given else str(truth)
     own = taken(Own, settings)
-    deal(settings)
+    deal(settings, Own)
     with step_progress("scoring", "files") as progress:
         rows = {
             name + SMOOTHED * is_smoothed: read_tracked_rows(
                 path, truth=log.tracks, one_of_many=one_of_many, smoothed=is_smoothed, losses=log.losses, meets=meets
             )
             for name, path in named.items()
-            for is_smoothed in (False, True)[: 1 + (smoothed and path.suffix.lower() not in FORMATS)]
+            for is_smoothed in (False, True)[: 1 + (smoothed and not is_table(path))]
         }
         table = score_rows(rows, log.tracks, with_ids=with_ids, similarity_m=own.similarity_m, progress=progress)
     for found in table.scores:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any, TypeVar
 
@@ -21,46 +21,50 @@ def assignments(given: Sequence[str]) -> Settings:
     """The texts of `--set`, by name.
 
     Raises:
-        BadParameter: a text is no NAME=VALUE.
+        BadParameter: a text is no NAME=VALUE, or a name comes twice.
     """
-    parts = [text.partition("=") for text in given]
-    for (name, _, value), text in zip(parts, given, strict=True):
+    settings: Settings = {}
+    for text in given:
+        name, _, value = (part.strip() for part in text.partition("="))
         if not (name and value):
             raise typer.BadParameter(f"expected NAME=VALUE, got {text!r}", param_hint="--set")
-    return {name.strip().replace("-", "_"): value for name, _, value in parts}
+        if (name := name.replace("-", "_")) in settings:
+            raise typer.BadParameter(f"{name}: expected it once, got it twice", param_hint="--set")
+        settings[name] = value
+    return settings
 
 
-def deal(settings: Mapping[str, str], *tables: Iterable[str]) -> list[dict[str, Any]]:
-    """For each table of names the settings that it has, with their values; the first table that has a name gets it.
+def deal(settings: Settings, *kinds: type) -> list[dict[str, Any]]:
+    """For each dataclass the settings that are its fields, with their values; the first that has a name gets it.
 
     A value is read as one of TOML where it is one (a number, true, a list), else it is text.
 
     Raises:
-        BadParameter: no table has the name.
+        BadParameter: none has the name.
     """
-    names = [tuple(table) for table in tables]
-    dealt: list[dict[str, Any]] = [{} for _ in names]
+    types = [{field.name: field.type for field in fields(kind)} for kind in kinds]
+    dealt: list[dict[str, Any]] = [{} for _ in kinds]
     for name, text in settings.items():
-        into = next((found for found, table in zip(dealt, names, strict=True) if name in table), None)
-        if into is None:
-            known = ", ".join([*READING, *(name for table in names for name in table)])
+        number = next((number for number, known in enumerate(types) if name in known), None)
+        if number is None:
+            known = ", ".join([*READING, *(name for of in types for name in of)])
             raise typer.BadParameter(f"{name}: expected one of {known}", param_hint="--set")
-        into[name] = _value(text)
+        dealt[number][name] = text if types[number][name] == "str" else _value(text)
     return dealt
 
 
 def taken(kind: type[Own], settings: Settings) -> Own:
-    """A command's own settings, a dataclass of flags, numbers and texts, taken out of all.
+    """A command's own settings out of all, as a dataclass of flags, numbers and texts.
 
     Raises:
         BadParameter: a value is of another type.
     """
     from dirprim_filter.config import from_table
 
-    own = {field.name: settings.pop(field.name) for field in fields(kind) if field.name in settings}  # type: ignore[arg-type]
-    texts = {field.name for field in fields(kind) if field.type == "str"}  # type: ignore[arg-type]
+    names = {field.name for field in fields(kind)}  # type: ignore[arg-type]
+    (own,) = deal({name: text for name, text in settings.items() if name in names}, kind)
     try:
-        return from_table(kind, {name: text if name in texts else _value(text) for name, text in own.items()})
+        return from_table(kind, own)
     except ValueError as error:
         raise typer.BadParameter(str(error), param_hint="--set") from error
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dirprim_filter.cli import exit_codes
-from dirprim_filter.cli.options import Force, Log, Map, Output, Particles, Rate, Seed
+from dirprim_filter.cli.options import Force, Log, Map, MaybeTruth, Output, Particles, Rate, Seed
 from dirprim_filter.cli.reading import OF_TRUTH, Reading, reads_logs
 from dirprim_filter.cli.results import read_filter
 from dirprim_filter.cli.settings import Settings
@@ -29,9 +29,7 @@ def smooth(
     noise: Annotated[
         float | None, typer.Option(min=1e-6, help="Standard deviation of the tracker's errors, metres. Default: 0.5.")
     ] = None,
-    truth: Annotated[
-        Path | None, typer.Option("--truth", help="True tracks: score before and after.", exists=True, dir_okay=False)
-    ] = None,
+    truth: MaybeTruth = None,
     rate: Rate = None,
     particles: Particles = None,
     seed: Seed = 0,

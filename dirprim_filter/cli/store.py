@@ -11,7 +11,7 @@ import typer
 
 from dirprim_filter.cli import exit_codes, store_maps
 from dirprim_filter.cli.commands import register
-from dirprim_filter.cli.options import Scheduler, StoreFolder, StoreWorkers
+from dirprim_filter.cli.options import Scheduler, StoreFolder, StoreWorkers, month
 from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.texts import counted, say
 
@@ -50,8 +50,7 @@ def add(
     from dirprim_filter.store.store import Store
     from dirprim_filter.store.workers import Workers
 
-    if whole := [name for name in reading.given if name not in StoreConfig.__dataclass_fields__]:
-        raise typer.BadParameter("a store has all of a log", param_hint=f"--{whole[0]}")
+    reading.require_acting(*StoreConfig.__dataclass_fields__)
     found = find_logs(logs)
     config = Store.open(folder).config if Store.is_at(folder) else StoreConfig()
     config = replace(config, **reading.given)
@@ -151,7 +150,8 @@ def keep(
     folder: StoreFolder,
     vehicles: Annotated[int | None, typer.Option(min=1, help="Of a turn in a month. Default: 100.")] = None,
     of_month: Annotated[
-        str | None, typer.Option("--of-month", help="Such as 2026-08. Default: all but that of the last log.")
+        str | None,
+        typer.Option("--of-month", help="Such as 2026-08. Default: all but that of the last log.", parser=month),
     ] = None,
 ) -> None:
     """Keep fewer vehicles of months that are over.

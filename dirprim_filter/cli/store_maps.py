@@ -16,19 +16,21 @@ from dirprim_filter.cli.options import (
     Force,
     HowModes,
     HowShaped,
+    MapFile,
     Output,
     Scheduler,
     Seed,
     StoreFolder,
     StoreWorkers,
     Tessellation,
-    named_file,
     seconds,
     time_ns,
 )
 from dirprim_filter.cli.results import metadata_of, save_learned
 from dirprim_filter.cli.texts import counted, say
 from dirprim_filter.partial_file import PartialFile
+
+UTC = "UTC"
 
 
 def learn(
@@ -49,7 +51,7 @@ def learn(
     hours: Annotated[
         str | None, typer.Option(help="Learn only from vehicles of these hours of the day, such as 7-10 or 22-5.")
     ] = None,
-    zone: Annotated[str, typer.Option(help="With --hours: whose clocks count, such as Europe/Berlin.")] = "UTC",
+    zone: Annotated[str, typer.Option(help="With --hours: whose clocks count, such as Europe/Berlin.")] = UTC,
     workers: StoreWorkers = None,
     scheduler: Scheduler = None,
     seed: Seed = 0,
@@ -57,26 +59,16 @@ def learn(
 ) -> int:
     """Learn from a store how vehicles move.
 
+    What of its logs was lost was said when they were added; what the store has lost since is said.
+
     Example: dirprim store learn fleet -o map.mcap --half-life 30d
     """
-    if now is not None and half_life is None:
-        raise ValueError("--now: expected --half-life with it")
-    return learn_store(
-        folder, output, min_vehicles=min_vehicles, half_life_s=half_life, now=now, hours=hours, zone=zone,
-        workers=workers, scheduler=scheduler, seed=seed, force=force,
-        options={
-            "tessellation": tessellation, "cell_size": cell_size, "n_cells": cells, "modes": modes,
-            "primitive": primitive,
-        },
-    )  # fmt: skip
-
-
-def learn_store(
-    folder: Path, output: Path, *, options: dict[str, Any], seed: int, force: bool, min_vehicles: int = 1,
-    half_life_s: float | None = None, now: str | None = None, hours: str | None = None, zone: str = "UTC",
-    workers: int | None = None, scheduler: str | None = None,
-) -> int:  # fmt: skip
-    """Learn from a store; what of its logs was lost was said when they were added, what it has lost since is said."""
+    for is_alone, option, needed in (
+        (now is not None and half_life is None, "--now", "--half-life"),
+        (zone != UTC and hours is None, "--zone", "--hours"),
+    ):
+        if is_alone:
+            raise ValueError(f"{option}: expected {needed} with it")
     import numpy as np
 
     from dirprim_filter.cli.progress import learning_progress
@@ -87,16 +79,19 @@ def learn_store(
     from dirprim_filter.store.workers import Workers
 
     PartialFile(output, force=force)  # of `update` it is not the user's to name, and not checked yet
+    options: dict[str, Any] = {
+        "tessellation": tessellation, "cell_size": cell_size, "n_cells": cells, "modes": modes, "primitive": primitive,
+    }  # fmt: skip
     with learning_progress() as bars:
         found = learn_from_store(
             Store.open(folder), workers=Workers.of(0, workers, scheduler), done=bars.tiles, progress=bars.progress,
             stage=bars.stage, seed=int(np.random.default_rng(seed).integers(2**63)), config=LearningConfig(),
-            min_vehicles=min_vehicles, half_life_s=half_life_s, now_ns=time_ns(now),
+            min_vehicles=min_vehicles, half_life_s=half_life, now_ns=time_ns(now, "--now"),
             hours=None if hours is None else Hours.parse(hours, zone), **options,
         )  # fmt: skip
     say(*(f"error: {line}" for line in found.damaged), err=True)
     said = {
-        "seed": seed, **options, "min_vehicles": min_vehicles, "half_life_s": half_life_s, "now": now, "hours": hours,
+        "seed": seed, **options, "min_vehicles": min_vehicles, "half_life_s": half_life, "now": now, "hours": hours,
         "zone": None if hours is None else zone, "sha256 store": found.digest,
     }  # fmt: skip
     counts = (
@@ -108,14 +103,11 @@ def learn_store(
 
 
 def update(
-    map_file: Annotated[
-        Path,
-        typer.Argument(metavar="MAP", help="A map that `dirprim learn STORE` wrote.", exists=True, dir_okay=False),
-    ],
+    map_file: MapFile,
     folder: StoreFolder,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", help="The file to write. Default: in the place of MAP.", callback=named_file),
+        typer.Option("--output", "-o", help="The file to write. Default: in the place of the map."),
         WRITTEN,
     ] = None,
     workers: StoreWorkers = None,
@@ -132,12 +124,12 @@ def update(
     if "sha256 store" not in said:
         raise ValueError(f"{map_file}: expected a map of a store; learn it with `dirprim learn STORE`")
 
-    def stated(**kinds: Callable[[str], Any]) -> dict[str, Any]:
-        return {name: kind(said[name]) if name in said else None for name, kind in kinds.items()}
+    def stated(kind: Callable[[str], Any], name: str) -> Any:
+        return kind(said[name]) if name in said else None
 
-    return learn_store(
-        folder, output or map_file, workers=workers, scheduler=scheduler, zone=said.get("zone", "UTC"),
-        **stated(min_vehicles=int, half_life_s=float, now=str, hours=str),
-        options=stated(tessellation=str, cell_size=float, n_cells=int, modes=str, primitive=str),
-        seed=int(said["seed"]), force=force or output is None,
+    return learn(
+        folder, output or map_file, stated(str, "tessellation"), stated(float, "cell_size"), stated(int, "n_cells"),
+        stated(str, "modes"), stated(str, "primitive"), stated(int, "min_vehicles"), stated(float, "half_life_s"),
+        now=stated(str, "now"), hours=stated(str, "hours"), zone=said.get("zone", UTC), workers=workers,
+        scheduler=scheduler, seed=int(said["seed"]), force=force or output is None,
     )  # fmt: skip

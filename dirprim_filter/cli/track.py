@@ -7,7 +7,7 @@ from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -27,12 +27,15 @@ from dirprim_filter.cli.options import (
     Seed,
     SensorOrAuto,
     Spawn,
+    choice,
+    existing_log,
 )
 from dirprim_filter.cli.reading import OF_TRUTH, Reading, reads_logs
 from dirprim_filter.cli.results import CONFIG_KEY, read_filter
 from dirprim_filter.cli.sensing import sensor_of
 from dirprim_filter.cli.settings import Settings, taken
 from dirprim_filter.cli.texts import counted, say
+from dirprim_filter.recording.topic_names import ROS_MESSAGES
 
 if TYPE_CHECKING:
     from dirprim_filter.cli.coverage import Coverage
@@ -91,8 +94,7 @@ def track(
     sensor: SensorOrAuto = None,
     particles: Particles = None,
     also_as: Annotated[
-        Literal["foxglove", "vision_msgs", "autoware"],
-        typer.Option("--as", help="Also write ROS 2 messages of them; foxglove: none."),
+        str, choice(("foxglove", *ROS_MESSAGES), "--as", "Also write ROS 2 messages of them; foxglove: none.")
     ] = "foxglove",
     config: Config = None,
     seed: Seed = 0,
@@ -131,9 +133,10 @@ def track(
     ):
         if is_wrong:
             raise typer.BadParameter(why, param_hint=option)
+    truth = existing_log(own.truth) if own.truth else None
     primitive_map = load_map(map_file)
     by_map = primitive_map.without_places() if own.without_map else primitive_map
-    filtering, association = read_filter(config, settings, n_particles=particles, noise_m=noise)
+    filtering, association = read_filter(config, settings, Own, n_particles=particles, noise_m=noise)
     reading, is_live = reading.on_plane_of(map_file, primitive_map.origin), is_pipe(log) and lag is not None
     stream = reading.detections(log, motion=own.motion, live=is_live)
     coverage, lost = Coverage(primitive_map, map_file, log, is_needed=not own.without_map), Losses()
@@ -169,7 +172,7 @@ def track(
         if watched:
             viewer = files.enter_context(open_viewer(
                 map_file.stem, lost, save=save, spawn=spawn, connect=connect, force=force,
-                n_particles=own.particles_out, focus=own.focus or None, truth=Path(own.truth) if own.truth else None,
+                n_particles=own.particles_out, focus=own.focus or None, truth=truth,
                 reading=reading.only(*(of for of in OF_TRUTH if of != "group" or own.truth == str(log))),
             ))  # fmt: skip
             viewer.log_map(primitive_map)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dirprim_filter.cli import exit_codes
-from dirprim_filter.cli.options import Connect, Files, Force, Save, Spawn
+from dirprim_filter.cli.options import Connect, Files, Force, MaybeTruth, Save, Spawn
 from dirprim_filter.cli.reading import OF_TRUTH, Reading, reads_logs
 from dirprim_filter.cli.texts import counted, say
 
@@ -39,9 +39,7 @@ def view(
     rate: Annotated[
         float | None, typer.Option(help="Play a log: 2 is twice as fast as recorded, inf does not wait.")
     ] = None,
-    truth: Annotated[
-        Path | None, typer.Option("--truth", help="Show the true tracks of this log, and the errors.", exists=True)
-    ] = None,
+    truth: MaybeTruth = None,
     focus: Annotated[str | None, typer.Option(help="Id of the vehicle to follow. Default: the least expected.")] = None,
     force: Force = False,
     *,
@@ -69,6 +67,8 @@ def view(
     kinds, losses = _sorted(files), Losses()
     if not kinds[LOG] and (rate is None or "topics" not in reading.given):
         reading.require_acting(*OF_ESTIMATES * bool(kinds[RUN]), *OF_TRUTH * bool(truth))
+    if focus is not None and not kinds[RUN] and rate is None:
+        raise typer.BadParameter("there are no estimates in these files; leave it out", param_hint="--focus")
     maps, reading = _on_one_plane(kinds, reading)
     playback, frames = (None, iter(())) if rate is None else _played(files, rate, reading)
     shown = truth or (kinds[LOG][0] if kinds[LOG] and playback is None else None)
@@ -84,6 +84,7 @@ def view(
             for frame in frames:
                 viewer.write(frame)
                 n_frames += 1
+            reading.require_frames(n_frames, files[0], playback.losses)
             losses += playback.losses
             say(f"{files[0]}: {counted(n_frames, 'frame')} of {', '.join(sorted(playback.topics))}")
     return exit_code(viewer, exit_codes.of_losses(losses))
@@ -200,7 +201,10 @@ def _together(
                 if has_estimates(run, topic):
                     options = reading.only(*OF_ESTIMATES).options()
                     playback = Playback(run, options, seen=detections, smoothed=topic == topic_names.SMOOTHED)
+                    n_frames = 0
                     for frame in playback:
                         show(frame)
+                        n_frames += 1
+                    reading.require_frames(n_frames, path, playback.losses)
                     lost += playback.losses
     return lost

@@ -24,6 +24,7 @@ from dirprim_filter.partial_file import PartialFile
 from dirprim_filter.recording.decoding.field_columns import NO_TIME
 from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.losses import Losses
+from dirprim_filter.recording.name_patterns import WRITTEN_TABLES, is_table
 from dirprim_filter.recording.reader import read_estimates
 from dirprim_filter.recording.schemas.family import matrices
 from dirprim_filter.recording.tables.cells import FORMULA, FORMULA_GUARD, Cells, is_number
@@ -32,8 +33,6 @@ from dirprim_filter.recording.tables.named_columns import COVARIANCE, check_head
 from dirprim_filter.recording.transforms.geodesy import check_kind, needing_pyproj
 from dirprim_filter.track_ids import as_texts
 from dirprim_filter.tracks import Tracks
-
-FORMATS = (".csv", ".parquet")
 
 
 def write_estimates(estimates: Estimates | Assignments, path: str | Path, *, force: bool = False) -> None:
@@ -74,11 +73,12 @@ def check_table_format(path: str | Path) -> str:
     """The suffix of a table's name: to be asked before the work, not after it.
 
     Raises:
-        ValueError: it is none of `FORMATS`.
+        ValueError: it is none of `WRITTEN_TABLES`.
     """
     suffix = Path(path).suffix.lower()
-    if suffix not in FORMATS:
-        raise ValueError(f"{path}: expected a name that ends in {', '.join(FORMATS)}, got {suffix or 'no suffix'}")
+    if suffix not in WRITTEN_TABLES:
+        known = ", ".join(WRITTEN_TABLES)
+        raise ValueError(f"{path}: expected a name that ends in {known}, got {suffix or 'no suffix'}")
     return suffix
 
 
@@ -103,12 +103,12 @@ def read_tracked_rows(
 ) -> TrackedRows:  # fmt: skip
     """What a tracker estimated, in the groups and on the plane of a truth.
 
-    A row is of the group that its column `group` or its id, as `group/id`, says, or of the only one. A `.csv`,
-    `.parquet` or `.feather` needs the columns `time_s` (or `time_ns`), `track_id`, `x_m` and `y_m`, or latitude and
-    longitude; the covariance, `course_rad`, `speed_mps` and `unseen_s` are read where they are there.
+    A row is of the group that its column `group` or its id, as `group/id`, says, or of the only one. A table needs the
+    columns `time_s` (or `time_ns`), `track_id`, `x_m` and `y_m`, or latitude and longitude; the covariance,
+    `course_rad`, `speed_mps` and `unseen_s` are read where they are there.
 
     Args:
-        path: a .csv, .parquet or .feather, else an MCAP log that `dirprim track` wrote.
+        path: a table, see `is_table`, else an MCAP log that `dirprim track` wrote.
         truth: what it is to be compared with.
         one_of_many: the truth is one of its log's groups: ids that name another group are not of it.
         smoothed: of an MCAP log what a smoother wrote beside the filter.
@@ -120,8 +120,7 @@ def read_tracked_rows(
         ValueError: a track has two rows at one time.
         OSError: the file cannot be read.
     """
-    form = Path(Path(path).name.removesuffix(".gz")).suffix.lower()
-    if form in (".csv", ".parquet", ".feather"):
+    if is_table(path):
         columns, is_geodetic = _named(cells_of(path), truth.origin)
     else:
         estimates = read_estimates(path, smoothed=smoothed, losses=losses)

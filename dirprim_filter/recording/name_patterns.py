@@ -13,6 +13,8 @@ FORMATS: Mapping[TableFormat, tuple[str, ...]] = {
     "sumo-fcd": (".xml",), "sdd": (), "trajnet": (),
 }  # fmt: skip
 """Of tables, which stand wherever a log does, and how their names end; of some only the user can say it."""
+WRITTEN_TABLES = (".csv", ".parquet")
+"""Ends of the names of tables that are written."""
 
 
 def form_of(path: object) -> TableFormat:

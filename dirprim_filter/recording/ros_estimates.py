@@ -20,6 +20,7 @@ from dirprim_filter.drawing.vehicles import SURE_FROM
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.recording.container.records import Schema
 from dirprim_filter.recording.schemas.dirprim import MAP_FRAME, NANOSECONDS
+from dirprim_filter.recording.topic_names import ROS_MESSAGES
 from dirprim_filter.track_ids import as_texts
 
 AUTOWARE, VISION = "autoware_perception_msgs/msg", "vision_msgs/msg"
@@ -44,7 +45,6 @@ DEFINITIONS = {
     ),
     f"{AUTOWARE}/TrackedObjects": "std_msgs/Header header\nTrackedObject[] objects",
 }
-SCHEMAS = {"vision_msgs": f"{VISION}/Detection3DArray", "autoware": f"{AUTOWARE}/TrackedObjects"}
 UNSET = (0.0, 0.0, 0.0)
 LATEST_S = (1 << 31) - 1
 """January 2038: ROS 2's times hold no later second."""
@@ -54,7 +54,7 @@ class RosEstimates:
     """Encodes the estimates of one instant after the other.
 
     Args:
-        form: of `SCHEMAS`.
+        form: of `topic_names.ROS_MESSAGES`.
 
     Attributes:
         schema: of the messages.
@@ -63,7 +63,7 @@ class RosEstimates:
     def __init__(self, form: str) -> None:
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: PLC0415  (0.2 s)
 
-        self._store, self._name = get_typestore(Stores.ROS2_JAZZY), SCHEMAS[form]
+        self._store, self._name = get_typestore(Stores.ROS2_JAZZY), ROS_MESSAGES[form]
         for name, text in DEFINITIONS.items():
             self._store.register(get_types_from_msg(text, name))
         definition, _ = self._store.generate_msgdef(self._name, ros_version=2)

@@ -13,3 +13,8 @@ FORECAST = "/dirprim/forecast"
 TRANSFORM = "/tf"
 MAP = "/dirprim/map"
 MAP_SCENE = "/dirprim/map/scene"
+
+ROS_MESSAGES = {
+    "vision_msgs": "vision_msgs/msg/Detection3DArray", "autoware": "autoware_perception_msgs/msg/TrackedObjects",
+}  # fmt: skip
+"""ROS 2 messages in which estimates can be written too, by the last part of their topics' names."""

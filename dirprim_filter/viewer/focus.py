@@ -57,10 +57,14 @@ class Focus:
 
     Args:
         chosen: id of the vehicle to look at instead.
+
+    Attributes:
+        missing: this id, while no frame has had it.
     """
 
     def __init__(self, chosen: str | None) -> None:
         self._chosen, self._name = chosen, ""
+        self.missing = chosen
         self._since_ns = 0
 
     def see(self, frame: TrackedFrame, *, box: FloatArray) -> Look | None:
@@ -68,7 +72,7 @@ class Focus:
         self._name = name = self._chosen or self._worst(frame, box)
         if name not in frame.names:
             return None
-        row = frame.names.index(name)
+        self.missing, row = None, frame.names.index(name)
         mine = frame.particles.thinned(1, rows=np.arange(len(frame.names)) == row)
         bins = np.floor(mine.direction % TWO_PI / TWO_PI * (360 // BIN_DEG)).astype(np.int64)
         return Look(

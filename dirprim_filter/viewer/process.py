@@ -67,11 +67,15 @@ def require_listener(url: str) -> None:
     Raises:
         ConnectionError: none does, or that is no address.
     """
-    place = urlsplit(url)
-    if place.hostname is None:
+    try:
+        place = urlsplit(url)
+        host, port = place.hostname, place.port or VIEWER_PORT
+    except ValueError:  # a port that is none
+        host = None
+    if host is None:
         raise ConnectionError(f"{url}: expected an address such as {VIEWER_URL}")
     try:
-        socket.create_connection((place.hostname, place.port or VIEWER_PORT), timeout=5.0).close()
+        socket.create_connection((host, port), timeout=5.0).close()
     except OSError as error:
         raise ConnectionError(f"{url}: no viewer answers ({error}); start one with `rerun`") from error
 

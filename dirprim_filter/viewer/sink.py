@@ -6,6 +6,7 @@ What is true for the whole log is static; all else stands on the log's own time 
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Iterable, Mapping, Sized
 from dataclasses import replace
@@ -30,6 +31,8 @@ from dirprim_filter.viewer.curves import curve_styles, frame_metrics
 from dirprim_filter.viewer.focus import Focus, Look, polar_columns, polar_styles
 from dirprim_filter.viewer.stream import Stream, time_column
 from dirprim_filter.viewer.texts import Events, legend
+
+logger = logging.getLogger(__name__)
 
 BATCH_FRAMES = 64
 """Frames that a file gets at a time;"""
@@ -89,6 +92,8 @@ class RerunSink:
         self._send_smoothed()
         if not self._laid_out:
             self._lay_out(tracked=False)
+        elif missing := self._focus.missing:
+            logger.warning("focus: no vehicle is called %s", missing)
         self.stream.flush()
 
     def close(self, *, whole: bool = True) -> None:

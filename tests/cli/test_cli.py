@@ -134,7 +134,7 @@ def test_a_bug_keeps_its_traceback(monkeypatch, here):
 
 
 def test_a_closed_pipe_is_no_error(here):
-    command = f"{sys.executable} -m dirprim_filter.cli info log.mcap log.mcap log.mcap | head -n 1"
+    command = f"{sys.executable} -m dirprim_filter.cli info log.mcap map.mcap | head -n 1"
     result = subprocess.run(["bash", "-o", "pipefail", "-c", command], capture_output=True, text=True, check=False)
     assert result.stderr == ""
     assert result.stdout.startswith("log.mcap")

@@ -46,7 +46,7 @@ CASES = [
     (f"{TRACK} --config filter.toml", FAILED, "filter: noise: expected one of"),
     (f"{TRACK} --config number.toml", FAILED, "filter: expected a table of names and values, got 1"),
     (f"info log.mcap --topics {'(' * 20_000}", FAILED, "topics: expected a name or a regular expression"),
-    (f"{TRACK} --start 1e999999999", FAILED, "'1e999999999': expected seconds from the start"),
+    (f"{TRACK} --start 1e999999999", FAILED, "--start: expected seconds from the start"),
     (f"{TRACK} --config flat.toml", FAILED, "flat.toml: noise_m: expected the tables"),
     ("track degrees.csv --map map.mcap -o x", FAILED, "degrees.csv, line 2: expected radians"),
     ("learn no_ids.csv -o x", FAILED, "detections without ids; `dirprim track --no-ids`"),
@@ -63,8 +63,10 @@ CASES = [
     (f"{TRACK} --set max_gap_s=1e300", FAILED, "max_gap_s: expected at most 1e+09"),
     *((f"{TRACK} {option} 1e300", USAGE, f"Invalid value for '{option}'") for option in ("--lag", "--forecast")),
     ("forecast --map map.mcap --at 1 2 --direction-deg 0 --speed 5 --dt 1e-300", USAGE, "Invalid value for '--dt'"),
-    *((f"forecast --map map.mcap --at {at} 2 --direction-deg 0 --speed {speed}", FAILED, "--speed: expected a")
-      for at, speed in (("1e300", 5), ("1", "1e300"))),
+    ("forecast --map map.mcap --at 1 2 --direction-deg 0 --speed 5 --dt 9", FAILED, "--dt: expected at most --horizon"),
+    *((f"forecast --map map.mcap --at {state}", FAILED, "--at, --speed, --direction-deg: expected a place")
+      for state in (f"{at} 2 --direction-deg {way} --speed {speed}" for at, way, speed in (
+          ("1e300", 0, 5), ("nan", 0, 5), (1, 0, "1e300"), (1, 0, -5), (1, "nan", 5), (1, "inf", 5)))),
     *((f"{TRACK} --rate {rate}", USAGE, "Invalid value for '--rate'")
       for rate in ("0", "-1", "nan", "inf", "1e9", "1e-308")),
     (f"{TRACK} --set particles_out=-1", USAGE, "particles_out: expected at least 0, got -1"),
@@ -74,7 +76,8 @@ CASES = [
     ("evaluate density log.mcap --split group", FAILED, "at least two to split by group, got 1"),
     ("view map.mcap log.mcap --rate inf --save x.rrd", USAGE, "expected one log to play, got 2 files"),
     ("view log.mcap --rate 0 --save x.rrd", FAILED, "rate: expected more than 0 seconds of the log each second"),
-    ("plot map.mcap -o x.png --extent 10 0 -10 5", USAGE, "expected west south east north"),
+    *((f"plot map.mcap -o x.png --extent {box}", USAGE, "expected west south east north")
+      for box in ("10 0 -10 5", "nan 0 1 1", "0 0 1e300 1e300", "0 0 1e-9 1e-9", "0 0 1 1e7")),
     ("convert no_y.csv -o x", FAILED, "missing: y_m"),
     ("convert kmh.csv -o x", FAILED, "speed_kmh"),
     ("convert two.csv -o x", FAILED, "two.csv, line 2: expected a number as x_m, got 'two'"),
@@ -88,11 +91,28 @@ CASES = [
     ("score log.mcap log.mcap --truth log.mcap", USAGE, "expected each file once"),
     ("export log.mcap -o x.xls", FAILED, "expected a name that ends in .csv, .parquet, got .xls"),
     ("info empty.mcap", FAILED, "error: empty.mcap"),
+    *((f"store add fleet log.mcap {option}", USAGE, "acts on nothing")
+      for option in ("--end 3", "--set group=0", "--strict")),
+    ("learn log.mcap ./log.mcap -o x", USAGE, "expected each file once"),
+    ("score twice.csv --truth log.mcap --smoothed", USAGE, "tables have no smoothed estimates"),
+    ("score twice.csv --truth log.mcap --set similarity=1", USAGE, "labels, group, similarity_m"),
+    ("convert two.csv -o x --origin ''", FAILED, "origin: expected latitude,longitude"),
+    (f"{TRACK} --as ros1", USAGE, "'ros1': expected one of foxglove, vision_msgs, autoware"),
+    (f"{TRACK} --save y --set truth=absent", USAGE, "'absent' does not exist"),
+    *((f"{TRACK} --connect {url}", FAILED, said) for url, said in (
+        ("nowhere", "expected an address such as"), ("rerun+http://127.0.0.1:99999/proxy", "expected an address"),
+        ("rerun+http://127.0.0.1:1/proxy", "no viewer answers"))),
+    (f"{TRACK} --config log.mcap", FAILED, "MCAP of an earlier run, got none"),
+    ("view log.mcap --save x --focus a", USAGE, "there are no estimates in these files"),
+    ("calibrate log.mcap --truth absent -o x", USAGE, "'absent' does not exist"),
     ("info text.mcap", FAILED, "error: text.mcap"),
     ("store learn log.mcap -o x", FAILED, "expected a store"),
     ("store add fleet -", FAILED, "-: expected a file or a URL"),
     ("store add fleet nothing*.mcap", FAILED, "nothing*.mcap: expected logs, found none"),
     ("store learn fleet -o x --now 3", FAILED, "expected --half-life with it"),
+    ("store learn fleet -o x --zone Europe/Berlin", FAILED, "--zone: expected --hours with it"),
+    *((f"store keep fleet --of-month {month}", USAGE, "expected a month such as 2026-08")
+      for month in ("foo", "2026-13")),
     *((f"store learn fleet -o x --half-life={wrong}", USAGE, "expected a positive duration such as 12h, 30d or 2w")
       for wrong in ("30", "-1d", "d", "nand")),
     ("store info absent", FAILED, "expected a store, found none"),

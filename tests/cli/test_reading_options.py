@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from mcap.writer import Writer
 
-from cli.commands import DONE, FAILED, GRID, INPUT_LOST, dirprim
+from cli.commands import DONE, FAILED, GRID, INPUT_LOST, USAGE, dirprim
 from dirprim_filter.cli.options import time_ns
 from dirprim_filter.recording.objects.options import FromStart
 
@@ -42,6 +42,35 @@ def test_whatever_reads_a_log_has_the_options_of_reading_and_they_reach_the_libr
     for option in ("--set fields=nonsense", "--set origin=north", "--start soon"):
         assert dirprim(f"{COMMANDS[command]} {option}") == FAILED
         assert option.split("=")[-1].split()[-1] in capsys.readouterr().err
+
+
+WRONG = [
+    ("--topics ''", USAGE, "topics: expected a value, got ''"), ("--time-source now", USAGE, "'--time-source'"),
+    ("--set frame=a --set frame=b", USAGE, "frame: expected it once, got it twice"),
+    ("--set frame=", USAGE, "expected NAME=VALUE, got 'frame='"), ("--set nonsense=1", USAGE, "nonsense: expected one"),
+]  # fmt: skip
+WRONG_OF_PARTS = [
+    ("--start nan", FAILED, "--start: expected seconds"), ("--end ''", USAGE, "end: expected a value, got ''"),
+    ("--start 5 --end 5", FAILED, "--end: expected a time after --start 5, got 5"),
+    ("--set format=csv", USAGE, "--set format=...: acts on nothing in these files"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        *COMMANDS.values(), "plot map.mcap -o out.png --log log.mcap", "score map.mcap --truth log.mcap",
+        "calibrate log.mcap --truth log.mcap -o out", "smooth log.mcap --map map.mcap -o out",
+        "view log.mcap --save out", "store add fleet log.mcap",
+    ],
+)  # fmt: skip
+def test_a_wrong_option_of_reading_is_one_line_wherever_it_is_given(command, here, capsys):
+    of_parts = [] if command.startswith("store") else WRONG_OF_PARTS
+    before = set(here.iterdir())
+    for option, code, said in [*WRONG, *of_parts]:
+        assert dirprim(f"{command} {option}") == code, option
+        assert said in " ".join(capsys.readouterr().err.split()), option
+    assert set(here.iterdir()) == before
 
 
 @pytest.mark.parametrize("command", ["learn", "track"])
@@ -108,12 +137,12 @@ def test_an_unknown_schema_is_named_with_the_way_out(here, capsys):
     ],
 )  # fmt: skip
 def test_times_are_nanoseconds_seconds_from_the_start_or_dates(text, expected):
-    assert time_ns(text) == expected
-    assert type(time_ns(text)) is type(expected)
+    assert time_ns(text, "--start") == expected
+    assert type(time_ns(text, "--start")) is type(expected)
 
 
 @pytest.mark.parametrize("text", ["soon", "s", "nans", "infs", "5 h", ""])
 def test_what_is_no_time_is_one_line(text):
-    with pytest.raises(ValueError, match=r"expected seconds from the start such as 12\.5, nanos") as error:
-        time_ns(text)
+    with pytest.raises(ValueError, match=r"^--end: expected seconds from the start such as 12\.5, nanos") as error:
+        time_ns(text, "--end")
     assert "\n" not in str(error.value)

@@ -94,8 +94,9 @@ def test_what_cannot_be_shown_together_is_said(folder, tmp_path, capsys):
 def test_recordings_go_to_the_viewer_as_they_are(folder, monkeypatch):
     shown = []
     monkeypatch.setattr(program, "spawn_viewer", shown.extend)
-    assert dirprim("view", folder / "prior.rrd", folder / "prior.rrd") == DONE
-    assert shown == [folder / "prior.rrd"] * 2
+    (other := folder / "other.rrd").write_bytes((folder / "prior.rrd").read_bytes())
+    assert dirprim("view", folder / "prior.rrd", other) == DONE
+    assert shown == [folder / "prior.rrd", other]
 
 
 def test_estimates_are_drawn_over_their_map_and_only_there(folder, tmp_path, capsys):

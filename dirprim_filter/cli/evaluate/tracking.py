@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from dirprim_filter.cli.evaluate.others import files_of, others_of
-from dirprim_filter.cli.options import FIGURE, WRITTEN, Config, Force, Json, Logs, named_file
+from dirprim_filter.cli.options import PICTURES, WRITTEN, Config, Force, Json, Logs
 from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.results import read_experiment, report
 from dirprim_filter.cli.settings import Settings, deal, taken
@@ -45,7 +45,9 @@ def tracking(
     logs: Logs,
     map_file: Annotated[
         Path | None,
-        typer.Option("--map", help="Track with this map. Default: learn one from a part of the log.", exists=True),
+        typer.Option(
+            "--map", help="Track with this map. Default: learn one from a part of the log.", exists=True, dir_okay=False
+        ),
     ] = None,
     method: Annotated[
         list[str] | None,
@@ -68,10 +70,7 @@ def tracking(
     as_markdown: Annotated[bool, typer.Option("--markdown", help="Print the main figures in Markdown.")] = False,
     as_latex: Annotated[bool, typer.Option("--latex", help="Print the main figures in LaTeX.")] = False,
     plot: Annotated[
-        Path | None,
-        typer.Option(help="Draw errors and reliability: .pdf, .svg or .png.", callback=named_file),
-        WRITTEN,
-        FIGURE,
+        Path | None, typer.Option(help=f"Draw errors and reliability: {', '.join(PICTURES)}."), WRITTEN, PICTURES
     ] = None,
     force: Force = False,
     *,
@@ -127,8 +126,7 @@ def _experiment(config: Path | None, settings: Settings, options: dict[str, Any]
     from dirprim_filter.config import FilterConfig, TrackingConfig, from_table
     from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
 
-    tables = [[f.name for f in fields(kind)] for kind in (TrackingExperiment, FilterConfig, TrackingConfig)]
-    given, of_filter, of_tracking = deal(settings, *tables)
+    given, of_filter, of_tracking, _ = deal(settings, TrackingExperiment, FilterConfig, TrackingConfig, Own)
     configured = read_experiment(config)
     configured |= given | {name: value for name, value in options.items() if value is not None}
     for name, own in (("filter", of_filter), ("tracking", of_tracking)):
