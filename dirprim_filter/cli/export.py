@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dirprim_filter.cli import exit_codes
-from dirprim_filter.cli.options import Estimates, Force, Table
+from dirprim_filter.cli.options import EstimatesFile, Force, Table
 from dirprim_filter.cli.texts import counted
 
 if TYPE_CHECKING:
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def export(
-    estimates: Estimates,
+    estimates: EstimatesFile,
     output: Table,
     smoothed: Annotated[
         bool, typer.Option("--smoothed", help="Export the smoothed estimates of `track --smooth` or `--lag`.")

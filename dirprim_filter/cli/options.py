@@ -164,7 +164,7 @@ LogsOrStore = Annotated[
 ]
 Files = Annotated[list[Path], _several("An .rrd, a map, a log, the tracks of `dirprim track`; or several.")]
 Outputs = Annotated[list[Path], _several(f"Logs of `dirprim track`, or tables: {', '.join(FORMATS)}.")]
-Estimates = Annotated[Path, typer.Argument(help="A log of `dirprim track`.", exists=True, dir_okay=False)]
+EstimatesFile = Annotated[Path, typer.Argument(help="A log of `dirprim track`.", exists=True, dir_okay=False)]
 MapFile = Annotated[Path, typer.Argument(help="A map that `dirprim learn` wrote.", exists=True, dir_okay=False)]
 Map = Annotated[Path, typer.Option("--map", help="A map that `dirprim learn` wrote.", exists=True, dir_okay=False)]
 _truth = typer.Option("--truth", help="A log of the true tracks, to compare with.", parser=existing_log)
