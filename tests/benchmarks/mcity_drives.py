@@ -105,8 +105,12 @@ def configured(sensor: Sensor) -> tuple[FilterConfig, TrackingConfig]:
     return sensor.informs(FilterConfig(), TrackingConfig())
 
 
+def traffic(without: int) -> Tracks:
+    """Detections of all other drives, less the bias."""
+    return in_one_group(without_bias(detected(of), calibrated(without)) for of in drives() if of != without)
+
+
 @cache
 def fair_map(drive: int, seed: int) -> PrimitiveMap:
-    """Of all other drives, less the bias."""
-    others = (without_bias(detected(other), calibrated(drive)) for other in drives() if other != drive)
-    return learn_primitives(in_one_group(others), rng=np.random.default_rng(seed))
+    """Of that traffic."""
+    return learn_primitives(traffic(drive), rng=np.random.default_rng(seed))

@@ -27,7 +27,7 @@ from dirprim_filter.evaluation.splits import held_out
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
 from dirprim_filter.evaluation.truth import interpolated, known_at
 from dirprim_filter.recording.reader import stream_detections
-from dirprim_filter.sensor import Sensor, without_bias
+from dirprim_filter.sensor import Sensor
 from dirprim_filter.simulation.sensor import detect
 
 RATE_NS = 100_000_000
@@ -205,11 +205,9 @@ def drives(_: int) -> list[Fold]:
         drive, after, *_ = (*mcity.with_truth(), *mcity.with_truth())[i:]
         sensor = mcity.calibrated(drive)
         config, tracking = mcity.configured(sensor)
-        others = (mcity.detected(other) for other in mcity.drives() if other != drive)
         return Fold(
             judged=(part(drive),), training=(part(after),),
-            traffic=mcity.in_one_group(without_bias(of, sensor) for of in others), noise_m=config.noise_m,
-            tracking=tracking, sensor=sensor,
+            traffic=mcity.traffic(drive), noise_m=config.noise_m, tracking=tracking, sensor=sensor,
         )  # fmt: skip
 
     return [fold(i) for i in range(len(mcity.with_truth()))]

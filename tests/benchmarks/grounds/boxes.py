@@ -11,6 +11,7 @@ import contextlib
 import io
 import logging
 import tempfile
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -102,11 +103,9 @@ class Scene(NamedTuple):
     def named(self) -> Boxes:
         """The detections that are of a true vehicle, by its name."""
         name = np.zeros(self.seen.frame.size, np.int64)
-        for mine, own in _frames(self.seen.frame, self.truth.frame):
-            overlap = overlaps(self.seen.box[mine], self.truth.box[own])
-            a, b = linear_sum_assignment(-overlap)
-            near = overlap[a, b] >= OVERLAP
-            name[mine[a[near]]] = self.truth.name[own[b[near]]] + 1
+        shared = partial(overlaps, self.seen.box, self.truth.box)
+        for mine, own in _alike(self.seen.frame, self.truth.frame, shared, least=OVERLAP):
+            name[mine] = self.truth.name[own] + 1
         return self.seen._replace(name=name)
 
     def place_of(self, named: Boxes) -> FloatArray:
@@ -116,18 +115,25 @@ class Scene(NamedTuple):
         return self.truth.place[order[np.searchsorted(keys[0][order], keys[1])]]
 
 
-def _frames(one: IntArray, other: IntArray) -> Iterator[tuple[IntArray, IntArray]]:
+def _alike(
+    one: IntArray, other: IntArray, likeness: Callable[[IntArray, IntArray], FloatArray], *, least: float
+) -> Iterator[tuple[IntArray, IntArray]]:
+    """Of each frame the rows that belong together, each to one at most, as alike as this at least."""
     for frame in np.intersect1d(one, other):
-        yield np.flatnonzero(one == frame), np.flatnonzero(other == frame)
+        mine, own = np.flatnonzero(one == frame), np.flatnonzero(other == frame)
+        alike = np.maximum(likeness(mine, own), least)
+        a, b = linear_sum_assignment(-alike)
+        near = alike[a, b] > least
+        yield mine[a[near]], own[b[near]]
 
 
-def overlaps(one: FloatArray, other: FloatArray) -> FloatArray:
-    """(n, 4), (m, 4) -> (n, m) intersection over union."""
-    least, most = (of(one[:, None, part], other[None, :, part]) for of, part in (
-        (np.maximum, slice(0, 2)), (np.minimum, slice(2, 4))))  # fmt: skip
-    shared = np.prod(np.maximum(most - least, 0.0), axis=-1)
-    areas = [np.prod(of[:, 2:] - of[:, :2], axis=1) for of in (one, other)]
-    return np.asarray(shared / (areas[0][:, None] + areas[1] - shared))
+def overlaps(one: FloatArray, other: FloatArray, mine: IntArray, own: IntArray) -> FloatArray:
+    """(n, 4), (m, 4), some rows of each -> intersection over union of these."""
+    (left, top, right, bottom), (left_2, top_2, right_2, bottom_2) = one[mine].T[..., None], other[own].T[:, None]
+    width = np.maximum(np.minimum(right, right_2) - np.maximum(left, left_2), 0.0)
+    shared = width * np.maximum(np.minimum(bottom, bottom_2) - np.maximum(top, top_2), 0.0)
+    areas = (right - left) * (bottom - top) + (right_2 - left_2) * (bottom_2 - top_2)
+    return np.asarray(shared / (areas - shared))
 
 
 class Fitted(NamedTuple):
@@ -220,13 +226,12 @@ def _tracked(model: PrimitiveMap | BayesFilter, config: FilterConfig, scene: Sce
     return of._replace(name=np.unique(known, return_inverse=True)[1] + 1).of(known != NO_ID)
 
 
-def packages() -> dict[str, Method]:
-    """The first tracker of each package of `peers.py` that is installed."""
+def packages(scene: Scene, fit: Fitted) -> dict[str, Method]:
+    """The first tracker of each package of `peers.py` that is installed; any scene tells which there are."""
     found = {}
-    nothing = Scene("", *[Boxes(*(np.zeros((1, *n)) for n in ((), (), (4,), (), (2,), (2, 2))))] * 2, 1, 1.0, 1.0)
     for package in PACKAGES:
         try:
-            name, peer = next(iter(package(_fold(nothing, Fitted(1.0, TrackingConfig()))).items()))
+            name, peer = next(iter(package(_fold(scene, fit)).items()))
         except UnavailableError as error:
             logging.getLogger(__name__).warning("left out: %s", error)
             continue
@@ -243,13 +248,15 @@ def _by_package(package: Any, _: int, scene: Scene, given: Given) -> Boxes:
     of, fold = scene.seen, _fold(scene, given.fit)
     part = Part(seen=_detections(of, scene, given.fit.scale), truth=fold.traffic)
     rows = next(iter(package(fold).values())).track(part, given.settings).rows
-    name = np.zeros(of.frame.size, np.int64)
-    for mine, own in _frames(of.frame, np.round(rows.time_ns * 1e-9 / scene.frame_s).astype(np.int64)):
+    inverse, name = np.linalg.inv(of.covariance), np.zeros(of.frame.size, np.int64)
+
+    def nearness(mine: IntArray, own: IntArray) -> FloatArray:
         off = of.place[mine, None] - rows.position[own]
-        squared = np.einsum("dti,dij,dtj->dt", off, np.linalg.inv(of.covariance[mine]), off)
-        a, b = linear_sum_assignment(np.minimum(squared, GATE))
-        near = squared[a, b] < GATE
-        name[mine[a[near]]] = rows.vehicle[own[b[near]]] + 1
+        return -np.einsum("dti,dij,dtj->dt", off, inverse[mine], off)
+
+    at = np.round(rows.time_ns * 1e-9 / scene.frame_s).astype(np.int64)
+    for mine, own in _alike(of.frame, at, nearness, least=-GATE):
+        name[mine] = rows.vehicle[own] + 1
     return of._replace(name=name).of(name > 0)
 
 
@@ -297,7 +304,10 @@ def trackeval(
 
     quiet = {"PRINT_RESULTS": False, "PRINT_CONFIG": False, "TIME_PROGRESS": False, "OUTPUT_SUMMARY": False,
              "OUTPUT_DETAILED": False, "PLOT_CURVES": False, "LOG_ON_ERROR": None}  # fmt: skip
-    with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()):
+    with (
+        tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()), warnings.catch_warnings(),
+    ):  # fmt: skip
+        warnings.simplefilter("ignore", DeprecationWarning)
         for number, boxes in enumerate(results.values()):
             into = Path(folder) / "results" / str(number) / "data"
             into.mkdir(parents=True)

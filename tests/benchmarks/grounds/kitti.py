@@ -9,8 +9,7 @@ Source: Geiger, Lenz and Urtasun, 2012; Weng et al., AB3DMOT, 2020 (detections);
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
@@ -120,11 +119,13 @@ def of_kitti(asked: Asked) -> list[Findings]:
     scenes = [scene_of(data, name) for name in names]
     options = {"tessellation": "grid", "cell_size": 20.0} if asked.is_smoke else {}
     background = learned(traffic_of(data, others), asked, "kitti", **options).without_places()
-    judge = partial(_judged, data, scenes)
     training = [scene.until(TRAINING_FRAMES) for scene in scenes]
+    judge, judge_training = (
+        partial(trackeval, partial(dataset, data, of), lines_of, names=names) for of in (scenes, training)
+    )
     fits = [Fitted.of([scene for scene in scenes if scene is not own] or scenes) for own in scenes]
     methods = ours({WITHOUT: lambda _: background}, n_seeds=asked.n_seeds, n_particles=100 if asked.is_smoke else 1000)
-    methods |= {} if asked.is_smoke else packages()
+    methods |= {} if asked.is_smoke else packages(scenes[0], fits[0])
     table = Findings(f"kitti: {len(scenes)} sequences ({' '.join(names)}), PointRCNN, {asked.n_seeds} seeds")
 
     @cache
@@ -132,7 +133,7 @@ def of_kitti(asked: Asked) -> list[Findings]:
         """Of each sequence, by the least mean score of a track."""
         boxes = [methods[name].run(i, of, Given(fits[i], dict(settings))) for i, of in enumerate(training)]
         cut = {str(least): [above_mean(of, least) for of in boxes] for least in SCORES}
-        found = _judged(data, training, cut, is_short=True)
+        found = judge_training(cut, is_short=True)
         return {least: [found[str(least)][of.name]["hota"] for of in scenes] for least in SCORES}
 
     def of_others(name: str, scores: Sequence[float], own: int, settings: Settings) -> list[float]:
@@ -169,11 +170,3 @@ def of_kitti(asked: Asked) -> list[Findings]:
         published(table, f"AB3DMOT, {which}", "run again, mean score above 2.5", list(zip(keys, figures, strict=True)))
     published(table, "AB3DMOT, eleven sequences", "published, 3D IoU .25", [("samota", 93.34), ("mota", 86.47)])
     return [table]
-
-
-def _judged(
-    data: Path, scenes: Sequence[Scene], results: Mapping[str, Sequence[Boxes]], **options: Any
-) -> dict[str, dict[str, dict[str, float]]]:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)
-        return trackeval(partial(dataset, data, scenes), lines_of, results, [scene.name for scene in scenes], **options)

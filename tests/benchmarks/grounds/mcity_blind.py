@@ -58,7 +58,8 @@ def of_mcity_blind(asked: Asked) -> list[Findings]:
     """Every drive with truth, by the others."""
     mcity.DATA = asked.data / "mcity_roadside"
     drives = sorted(mcity.with_truth())
-    maps = {drive: _learned(drive, asked) for drive in drives}
+    options = {"tessellation": "grid", "cell_size": 10.0} if asked.is_smoke else {}
+    maps = {drive: learned(mcity.traffic(drive), asked, f"mcity_without_{drive}", **options) for drive in drives}
     tables = []
     for gap_s in GAPS_S[: 1 if asked.is_smoke else None]:
         by_drive = {drive: windows_of(drive, gap_s)[: 2 if asked.is_smoke else None] for drive in drives}
@@ -73,14 +74,6 @@ def of_mcity_blind(asked: Asked) -> list[Findings]:
             n_seeds=asked.n_seeds, density=1.0, noise_m=0.5,
         )  # fmt: skip
     return tables
-
-
-def _learned(drive: int, asked: Asked) -> PrimitiveMap:
-    """The map of the other drives, less the bias."""
-    others = [mcity.detected(other) for other in mcity.drives() if other != drive]
-    fair = mcity.in_one_group(without_bias(of, mcity.calibrated(drive)) for of in others)
-    options = {"tessellation": "grid", "cell_size": 10.0} if asked.is_smoke else {}
-    return learned(fair, asked, f"mcity_without_{drive}", **options)
 
 
 def _answers(

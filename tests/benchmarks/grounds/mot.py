@@ -190,7 +190,7 @@ def of_mot(kind: str, asked: Asked) -> list[Findings]:
     ]
     models = {WITH: lambda i: maps[i], WITHOUT: lambda i: maps[i].without_places()}
     methods = ours(models, n_seeds=asked.n_seeds, n_particles=100 if asked.is_smoke else 1000)
-    methods |= {} if asked.is_smoke else packages()
+    methods |= {} if asked.is_smoke else packages(judged[0], Fitted.of(learned_from[:1]))
     table = Findings(f"{kind}: second halves of {' '.join(names)}, {asked.n_seeds} seeds")
 
     @cache

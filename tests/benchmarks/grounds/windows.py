@@ -239,25 +239,24 @@ def judged(
         fair: the same windows as rivals see them, where a sensor's bias and latency are known. Left out: as they are.
     """
     runs = {name: [answer(seed) for seed in range(n_seeds)] for name, answer in by_map.items()}
-    shared: dict[str, Any] = {"about": about, "start": (density, noise_m), "fair": windows if fair is None else fair}
-    return [_table(windows, training, runs, smooth=smooth, **shared) for smooth in (0, 1)]
+    fair = windows if fair is None else fair
+    tables = []
+    for smooth, how in enumerate(("online", "smoothed")):
+        choices = fitted(training, smooth=bool(smooth), density=density, noise_m=noise_m)
+        found = {name: [marks(windows, run[smooth]) for run in of] for name, of in runs.items()}
+        found[STRAIGHT] = [marks(windows, textbook(fair, *(of.chosen for of in choices), smooth=bool(smooth)))]
+        if smooth:
+            found["line between both ends"] = [marks(windows, straight(fair))]
+        tables.append(_table(f"{about}, {how}", windows, found))
+        tables[-1].settings += choices
+    return tables
 
 
-def _table(
-    windows: Sequence[Window], training: Sequence[Window], runs: Mapping[str, Sequence[tuple[Answer, Answer]]], *,
-    about: str, smooth: int, start: tuple[float, float], fair: Sequence[Window],
-) -> Findings:  # fmt: skip
-    choices = fitted(training, smooth=bool(smooth), density=start[0], noise_m=start[1])
-    rival = textbook(fair, *(of.chosen for of in choices), smooth=bool(smooth))
-    found = {name: [marks(windows, run[smooth]) for run in of] for name, of in runs.items()}
-    found[STRAIGHT] = [marks(windows, rival)]
-    if smooth:
-        found["line between both ends"] = [marks(windows, straight(fair))]
+def _table(about: str, windows: Sequence[Window], found: Mapping[str, Sequence[Marks]]) -> Findings:
+    """Each method's figures, means over its runs; and how much nearer the map is."""
     cluster = np.array([of.cluster for of in windows])
     row = np.repeat(np.arange(len(windows)), [of.hidden_s.size for of in windows])
-    n_clusters = np.unique(cluster).size
-    table = Findings(f"{about}, {'smoothed' if smooth else 'online'}: {len(windows)} windows, {n_clusters} clusters")
-    table.settings = list(choices)
+    table = Findings(f"{about}: {len(windows)} windows, {np.unique(cluster).size} clusters")
     means = {}
     for name, of in found.items():
         error, energy, answered = (
