@@ -1,8 +1,10 @@
 """What the pages of `docs/` say works, word for word, in their order; on cut-down logs of the recordings' names."""
 
 import json
+import os
 import re
 import shlex
+import sys
 from contextlib import redirect_stdout
 from itertools import pairwise
 from pathlib import Path
@@ -19,6 +21,7 @@ PAGES = sorted([*(ROOT / "docs").glob("*.md"), *(ROOT / "docs" / "guides").glob(
 FENCE = re.compile(r"^```(\w+)(?: ([\w.]+))?\n(.*?)^```$", flags=re.MULTILINE | re.DOTALL)
 SHORTER = {
     "n_seeds = 2 ": "n_seeds = 1 ",
+    "--seeds 5": "--seeds 1 --set n_particles=50",
     "n_particles = 1000": "n_particles = 50",
     "learn fleet -o map.mcap": "learn fleet -o map.mcap --tessellation grid --cell-size 20",
     "--tessellation grid --cell-size 8": "--tessellation grid --cell-size 20",
@@ -31,6 +34,7 @@ WITHOUT_BLOCKS = {"method.md", "results.md"}  # and its figures are of logs that
 @pytest.mark.parametrize("page", [page for page in PAGES if page.name not in WITHOUT_BLOCKS], ids=lambda p: p.name)
 def test_every_block_of_a_page_runs(page, beside_recordings, monkeypatch, capsys):
     shown: list[list[Path]] = []
+    monkeypatch.setenv("PATH", str(Path(sys.executable).parent), prepend=os.pathsep)  # where pages say `python`
     monkeypatch.setattr("dirprim_filter.viewer.process.spawn_viewer", shown.append)  # there is no screen
     blocks = FENCE.findall(page.read_text())
     assert blocks
