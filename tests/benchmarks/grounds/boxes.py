@@ -145,21 +145,20 @@ class Fitted(NamedTuple):
     @classmethod
     def of(cls, scenes: Sequence[Scene]) -> Fitted:
         """The scale by how far detections are from the truth."""
-        squared, n_new, areas = [], 0, []
-        hits, n_true, n_false, frames = 0, 0, 0, 0
+        squared, hits = [], 0
         for scene in scenes:
             named = scene.named()
             kept = named.of(named.name > 0)
             squared.append(normalised_squared(kept.place - scene.place_of(kept), kept.covariance))
-            hits, n_true = hits + kept.frame.size, n_true + scene.truth.frame.size
-            n_false += named.frame.size - kept.frame.size
-            n_new += np.unique(scene.truth.name).size
-            frames += scene.n_frames
-            areas.append(scene.area)
-        area = float(np.mean(areas))
+            hits += kept.frame.size
+        n_seen, n_true = (
+            sum(of.frame.size for of in column) for column in zip(*(of[1:3] for of in scenes), strict=True)
+        )
+        n_new = sum(np.unique(scene.truth.name).size for scene in scenes)
+        exposure = sum(scene.n_frames for scene in scenes) * float(np.mean([scene.area for scene in scenes]))
         tracking = TrackingConfig(
-            detection_probability=min(hits / n_true, 0.99), clutter_density=max(n_false, 1) / frames / area,
-            birth_density=n_new / frames / area, vehicle_density=n_true / frames / area,
+            detection_probability=min(hits / n_true, 0.99), clutter_density=max(n_seen - hits, 1) / exposure,
+            birth_density=n_new / exposure, vehicle_density=n_true / exposure,
         )  # fmt: skip
         return cls(float(np.median(np.concatenate(squared)) / MEDIAN_SQUARED), tracking)
 
@@ -189,13 +188,11 @@ class Method(NamedTuple):
         run: boxes of a scene, each under its track's name; by the scene's number too.
         axes: the settings.
         n_seeds: of its random numbers.
-        is_ours: not a package's.
     """
 
     run: Callable[[int, Scene, Given], Boxes]
     axes: tuple[Axis, ...]
     n_seeds: int = 1
-    is_ours: bool = False
 
 
 def ours(
@@ -211,8 +208,8 @@ def ours(
         return _tracked(ConstantVelocityKalman(acceleration_density=given.settings["density"]), config, scene, given)
 
     factor = Axis("factor", 4.0, 4.0)
-    found = {name: Method(partial(by_map, of), (factor,), n_seeds, is_ours=True) for name, of in models.items()}
-    return found | {STRAIGHT: Method(by_kalman, (factor, Axis("density", 1.0, HALF_DECADE)), is_ours=True)}
+    found = {name: Method(partial(by_map, of), (factor,), n_seeds) for name, of in models.items()}
+    return found | {STRAIGHT: Method(by_kalman, (factor, Axis("density", 1.0, HALF_DECADE)))}
 
 
 def _tracked(model: PrimitiveMap | BayesFilter, config: FilterConfig, scene: Scene, given: Given) -> Boxes:

@@ -124,8 +124,8 @@ def of_kitti(asked: Asked) -> list[Findings]:
         partial(trackeval, partial(dataset, data, of), lines_of, names=names) for of in (scenes, training)
     )
     fits = [Fitted.of([scene for scene in scenes if scene is not own] or scenes) for own in scenes]
-    methods = ours({WITHOUT: lambda _: background}, n_seeds=asked.n_seeds, n_particles=100 if asked.is_smoke else 1000)
-    methods |= {} if asked.is_smoke else packages(scenes[0], fits[0])
+    alone = ours({WITHOUT: lambda _: background}, n_seeds=asked.n_seeds, n_particles=100 if asked.is_smoke else 1000)
+    methods = alone | ({} if asked.is_smoke else packages(scenes[0], fits[0]))
     table = Findings(f"kitti: {len(scenes)} sequences ({' '.join(names)}), PointRCNN, {asked.n_seeds} seeds")
 
     @cache
@@ -148,7 +148,7 @@ def of_kitti(asked: Asked) -> list[Findings]:
     ):  # fmt: skip
         runs: dict[str, list[list[Boxes]]] = {}
         for name, method in methods.items():
-            if not (method.is_ours or scores is SCORES):
+            if name not in alone and scores is not SCORES:
                 continue
             chosen = []
             for i in range(len(scenes)):
