@@ -16,7 +16,7 @@ from dirprim_filter.arrays import BoolArray
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import TrackedFrame
-from dirprim_filter.filtering import GroupTracker
+from dirprim_filter.filtering import BayesFilter, GroupTracker
 from dirprim_filter.filtering.smoothing.smoother import Smoother
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.replay import Look, follow
@@ -49,14 +49,15 @@ def is_measured(rows: Detections) -> BoolArray:
 
 
 def refine(
-    rows: Detections, primitive_map: PrimitiveMap, *, config: FilterConfig, tracking: TrackingConfig,
+    rows: Detections, model: PrimitiveMap | Callable[[], PrimitiveMap | BayesFilter], *,
+    config: FilterConfig, tracking: TrackingConfig,
     rate_hz: float | None = None, rng: Callable[[], np.random.Generator],
 ) -> list[TrackedFrame]:  # fmt: skip
     """Smooth what another tracker reported, at each of its instants, from a vehicle's first measured row to its last.
 
     Args:
         rows: what it reported, of named vehicles. Covariances and velocities are not used.
-        primitive_map: how vehicles move there.
+        model: how vehicles move there: a map, or what makes a filter for each group that is tracked.
         config: of the filter; its noise is the spread of the tracker's errors.
         tracking: of the tracker.
         rate_hz: where instants of a group are farther apart, there are estimates so often.
@@ -77,7 +78,7 @@ def refine(
         frames: list[TrackedFrame] = []
         smoother = Smoother(sinks=[frames.append], joins_labelled=joins_labelled)
         tracker = GroupTracker(lambda group: smoother.tracker(
-            group, primitive_map, config=config, tracking=tracking, sensor=sensor, rng=rng()
+            group, model() if callable(model) else model, config=config, tracking=tracking, sensor=sensor, rng=rng()
         ))  # fmt: skip
         frame_at = {int(frame.time_ns[0]): frame for frame in seen.frames()}
         with smoother:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dirprim_filter.cli.texts import counted
+from tessellation import GridTessellation
 
 if TYPE_CHECKING:
     from dirprim_filter.arrays import FloatArray
@@ -31,9 +32,12 @@ NONE = np.empty((0, 2))
 class Coverage:
     """An `EstimateSink` that counts which of a log's rows are outside of a map, and which have no estimate."""
 
-    def __init__(self, primitive_map: PrimitiveMap, map_file: Path, log: Path, *, is_needed: bool = True) -> None:
+    def __init__(
+        self, primitive_map: PrimitiveMap | None, map_file: Path | None, log: Path, *, is_needed: bool = True
+    ) -> None:
         self._map, self._map_file, self._log = primitive_map, map_file, log
-        self._is_needed = is_needed and primitive_map.tessellation.n_cells > 0
+        self._cells = primitive_map.tessellation if primitive_map else GridTessellation.empty()
+        self._is_needed = is_needed and self._cells.n_cells > 0
         self._n_rows = self._n_outside = self._n_estimated = 0
         self._box = np.full((2, 2), np.inf)  # least x and y of the rows, and of the same negated
 
@@ -45,7 +49,7 @@ class Coverage:
     def see(self, position: FloatArray) -> None:
         """Count rows (n, 2)."""
         self._n_rows += len(position)
-        self._n_outside += int((self._map.tessellation.cell_of(position) < 0).sum())
+        self._n_outside += int((self._cells.cell_of(position) < 0).sum())
         self._box = np.minimum(self._box, _box(position))
 
     def begun(self, frames: Iterable[Detections], reading: Reading) -> Iterable[Detections]:
@@ -68,7 +72,7 @@ class Coverage:
         return chain(first, coming)
 
     def _is_outside(self, frame: Detections) -> bool:
-        return bool((self._map.tessellation.cell_of(frame.position) < 0).all())
+        return bool((self._cells.cell_of(frame.position) < 0).all())
 
     def check(self, position: FloatArray = NONE) -> None:
         """Warn where most rows are outside; of these (n, 2) too.
@@ -80,7 +84,7 @@ class Coverage:
         share = self._n_outside / max(self._n_rows, 1)
         where = (
             f"{share:.1%} of the rows outside: those of {self._log} lie in {_text(self._box)}, the map in "
-            f"{_text(_box(self._map.tessellation.centers))}"
+            f"{_text(_box(self._cells.centers))}"
         )
         if share == 1 and self._is_needed:
             raise ValueError(
@@ -93,7 +97,8 @@ class Coverage:
     def text(self) -> str:
         """Both shares."""
         outside, missing = self._n_outside / max(self._n_rows, 1), 1.0 - self._n_estimated / max(self._n_rows, 1)
-        shares = f"; {missing:.1%} of {counted(self._n_rows, 'row')} without an estimate, {outside:.1%} outside the map"
+        shares = f"; {missing:.1%} of {counted(self._n_rows, 'row')} without an estimate"
+        shares += f", {outside:.1%} outside the map" if self._map else ""
         return shares if self._n_rows else ""
 
     @property

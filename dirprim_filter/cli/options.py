@@ -167,6 +167,14 @@ Outputs = Annotated[list[Path], _several(f"Logs of `dirprim track`, or tables: {
 EstimatesFile = Annotated[Path, typer.Argument(help="A log of `dirprim track`.", exists=True, dir_okay=False)]
 MapFile = Annotated[Path, typer.Argument(help="A map that `dirprim learn` wrote.", exists=True, dir_okay=False)]
 Map = Annotated[Path, typer.Option("--map", help="A map that `dirprim learn` wrote.", exists=True, dir_okay=False)]
+MapOrNone = Annotated[
+    Path | None,
+    typer.Option("--map", help="A map that `dirprim learn` wrote. Default: none.", exists=True, dir_okay=False),
+]
+Motion = Annotated[
+    Literal["learned", "constant-velocity"],
+    typer.Option(help="learned: by the map, or without one as the log's vehicles move; or a Kalman filter."),
+]
 _truth = typer.Option("--truth", help="A log of the true tracks, to compare with.", parser=existing_log)
 Truth = Annotated[Path, _truth]
 MaybeTruth = Annotated[Path | None, _truth]

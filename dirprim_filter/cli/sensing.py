@@ -96,7 +96,7 @@ def _learned(
 
     coming = iter(frames)
     with working(f"learning how the sensor of {log.name} errs"):
-        first = _first_minutes(coming, n_most=MOST_ROWS if is_asked else MOST_ROWS_UNASKED)
+        first = first_minutes(coming, n_most=MOST_ROWS if is_asked else MOST_ROWS_UNASKED)
         everything = chain(first, coming)
         detections = Detections.concatenate(first)
         if not is_asked and not np.isnan(detections.covariance[:, 0, 0]).all():
@@ -124,7 +124,8 @@ def _say_default(why: str) -> None:
     typer.echo(f"noise: {FilterConfig().noise_m:g} m, unless the log states it: {why}")
 
 
-def _first_minutes(frames: Iterator[Detections], *, n_most: int) -> list[Detections]:
+def first_minutes(frames: Iterator[Detections], *, n_most: int) -> list[Detections]:
+    """The frames of so many seconds of log, but no more than reach so many rows."""
     first: list[Detections] = []
     n_rows = 0
     for frame in frames:

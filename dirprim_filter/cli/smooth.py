@@ -1,4 +1,4 @@
-"""`dirprim smooth`: the tracks of any tracker, refined by a map."""
+"""`dirprim smooth`: the tracks of any tracker, refined by a map or another model of motion."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dirprim_filter.cli import exit_codes
-from dirprim_filter.cli.options import Force, Log, Map, MaybeTruth, Output, Particles, Rate, Seed
+from dirprim_filter.cli.motion import map_of, motion_of
+from dirprim_filter.cli.options import Force, Log, MapOrNone, MaybeTruth, Motion, Output, Particles, Rate, Seed
 from dirprim_filter.cli.reading import OF_TRUTH, Reading, reads_logs
 from dirprim_filter.cli.results import read_filter
 from dirprim_filter.cli.settings import Settings
@@ -24,8 +25,9 @@ if TYPE_CHECKING:
 @reads_logs("fields of FilterConfig and TrackingConfig")
 def smooth(
     estimates: Log,
-    map_file: Map,
     output: Output,
+    map_file: MapOrNone = None,
+    motion: Motion = "learned",
     noise: Annotated[
         float | None, typer.Option(min=1e-6, help="Standard deviation of the tracker's errors, metres. Default: 0.5.")
     ] = None,
@@ -38,10 +40,10 @@ def smooth(
     reading: Reading,
     settings: Settings,
 ) -> int:
-    """Refine the tracks of another tracker, offline, by a map.
+    """Refine the tracks of another tracker, offline, by a map or without one.
 
     A log or table with ids is enough. Its rows count as measurements whose errors last. Rows in which the tracker
-    coasted are left out and filled in along the map.
+    coasted are left out and filled in along the map; without one as the other vehicles move anywhere.
 
     Example: dirprim smooth their_tracks.csv --map map.mcap -o refined.mcap --truth truth.mcap
     """
@@ -52,22 +54,22 @@ def smooth(
     from dirprim_filter.cli.results import provenance
     from dirprim_filter.detections import NO_ID, Detections
     from dirprim_filter.estimates import Estimates
-    from dirprim_filter.recording import load_map
     from dirprim_filter.recording.errors import RecordingError
     from dirprim_filter.recording.writer import EstimateWriter
     from dirprim_filter.refining import is_measured, refine
 
-    primitive_map = load_map(map_file)
+    primitive_map, reading = map_of(map_file, reading)
     config, tracking = read_filter(None, settings, n_particles=particles, noise_m=noise)
-    reading = reading.on_plane_of(map_file, primitive_map.origin)
     stream = reading.detections(estimates)
     rows = Detections.concatenate(list(stream))
     reading.require_frames(len(rows), estimates, stream.losses)
     if (rows.track_id == NO_ID).any():
         raise RecordingError(f"{estimates}: expected tracks with ids, got detections; `dirprim track` makes tracks")
-    Coverage(primitive_map, map_file, estimates).check(rows.position)
+    Coverage(primitive_map, map_file, estimates, is_needed=motion == "learned").check(rows.position)
+    moves, _ = motion_of(motion, primitive_map, rows[is_measured(rows)].frames(), config=config, seed=seed)
     said = provenance(
-        "smooth", inputs=[estimates, map_file], config=config, seed=seed, rate_hz=rate,
+        "smooth", inputs=[path for path in (estimates, map_file) if path], config=config, seed=seed, rate_hz=rate,
+        motion=motion, acceleration_density=moves.acceleration or None,
         tracking=json.dumps(asdict(tracking), sort_keys=True), **reading.said(),
     )  # fmt: skip
     with (
@@ -76,7 +78,12 @@ def smooth(
     ):
         writer.write_map_scene(primitive_map)
         frames = refine(
-            rows, primitive_map, config=config, tracking=tracking, rate_hz=rate, rng=lambda: np.random.default_rng(seed)
+            rows,
+            lambda: moves.model(config),
+            config=config,
+            tracking=tracking,
+            rate_hz=rate,
+            rng=lambda: np.random.default_rng(seed),
         )
         for frame in frames:
             writer.write(frame)

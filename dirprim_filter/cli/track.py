@@ -12,12 +12,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dirprim_filter.cli import exit_codes
+from dirprim_filter.cli.motion import map_of, motion_of
 from dirprim_filter.cli.options import (
     Config,
     Connect,
     Force,
     Log,
-    Map,
+    MapOrNone,
+    Motion,
     NoIds,
     Noise,
     Output,
@@ -46,14 +48,17 @@ if TYPE_CHECKING:
     from dirprim_filter.sensor import Sensor
     from dirprim_filter.viewer.sink import RerunSink
 
+LARGEST_DENSITY = 1e9
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Own:
     """The settings of tracking that are neither of its filter nor of reading.
 
     Attributes:
-        motion: the log's directions and speeds are measurements too.
+        measured_motion: the log's directions and speeds are measurements too.
         without_map: track without the map's cells: the ablation.
+        acceleration_density: m^2/s^3, of the white acceleration of constant velocity; 0: it is fitted.
         particles_out: so many particles of each vehicle are written, to be looked at.
         truth: a log of true tracks, which the viewer draws and from which it takes the errors.
         focus: id of the vehicle that the viewer follows; empty: the one with the largest innovations.
@@ -62,22 +67,31 @@ class Own:
         ValueError: a number out of its range.
     """
 
-    motion: bool = False
+    measured_motion: bool = False
     without_map: bool = False
+    acceleration_density: float = 0.0
     particles_out: int = 0
     truth: str = ""
     focus: str = ""
 
     def __post_init__(self) -> None:
+        if not 0 <= self.acceleration_density <= LARGEST_DENSITY:
+            raise ValueError(
+                f"acceleration_density: expected 0 to {LARGEST_DENSITY:g}, got {self.acceleration_density}"
+            )
         if self.particles_out < 0:
             raise ValueError(f"particles_out: expected at least 0, got {self.particles_out}")
 
 
-@reads_logs("motion", "without_map", "particles_out", "truth", "focus", "fields of FilterConfig and TrackingConfig")
+@reads_logs(
+    "measured_motion", "without_map", "acceleration_density", "particles_out", "truth", "focus",
+    "fields of FilterConfig and TrackingConfig",
+)  # fmt: skip
 def track(
     log: Log,
-    map_file: Map,
     output: Output,
+    map_file: MapOrNone = None,
+    motion: Motion = "learned",
     save: Save = None,
     spawn: Spawn = False,
     connect: Connect = None,
@@ -103,11 +117,12 @@ def track(
     reading: Reading,
     settings: Settings,
 ) -> int:
-    """Track vehicles of a log with a learned map.
+    """Track vehicles of a log, with a learned map or without one.
 
     Estimates are written as MCAP, and shown by rerun (--save, --spawn, --connect). Unless --noise, --sensor, --config
     or the log states it, the sensor's noise is learned from the log's first minutes, and printed. With --lag a pipe is
-    tracked as it is written. Each group of a log is tracked by itself; its vehicles are called group/id.
+    tracked as it is written. Without --map vehicles move as those of the log's first minutes do anywhere, or if it has
+    no ids straight on, which a line says. Each group of a log is tracked by itself; its vehicles are called group/id.
 
     Example: dirprim track recordings/roundabout_track.mcap --map map.mcap -o tracks.mcap --save tracks.rrd
     """
@@ -120,35 +135,46 @@ def track(
     from dirprim_filter.filtering import GroupTracker, Tracker
     from dirprim_filter.filtering.smoothing.smoother import Smoother
     from dirprim_filter.forecasting import Forecaster
-    from dirprim_filter.recording import load_map
     from dirprim_filter.recording.losses import Losses
     from dirprim_filter.recording.writer import EstimateWriter
     from dirprim_filter.replay import replay
 
-    own, watched = taken(Own, settings), bool(save or spawn or connect)
+    own, watched, is_learned = taken(Own, settings), bool(save or spawn or connect), motion == "learned"
     for is_wrong, why, option in (
         (smooth and lag is not None, "--smooth waits for the whole log: give one of both", "--lag"),
         (sensor is not None and noise is not None, "a sensor's model contains the noise: give one of both", "--noise"),
+        (own.without_map and map_file is None, "without_map is of a map: leave out one of both", "--set"),
+        (own.measured_motion and not is_learned, "constant velocity takes positions alone", "--set"),
+        (
+            own.acceleration_density and is_learned and map_file,
+            "a map says how vehicles accelerate: leave out one",
+            "--set",
+        ),
+        (forecast > 0 and not is_learned, "forecasts are by a map's motion: leave out --motion", "--forecast"),
         ((own.truth or own.focus) and not watched, "truth and focus need --save, --spawn or --connect", "--set"),
     ):
         if is_wrong:
             raise typer.BadParameter(why, param_hint=option)
     truth = existing_log(own.truth) if own.truth else None
-    primitive_map = load_map(map_file)
-    by_map = primitive_map.without_places() if own.without_map else primitive_map
+    (primitive_map, reading), is_live = map_of(map_file, reading), is_pipe(log) and lag is not None
     filtering, association = read_filter(config, settings, Own, n_particles=particles, noise_m=noise)
-    reading, is_live = reading.on_plane_of(map_file, primitive_map.origin), is_pipe(log) and lag is not None
-    stream = reading.detections(log, motion=own.motion, live=is_live)
-    coverage, lost = Coverage(primitive_map, map_file, log, is_needed=not own.without_map), Losses()
+    stream = reading.detections(log, motion=own.measured_motion, live=is_live)
+    coverage, lost = Coverage(primitive_map, map_file, log, is_needed=is_learned and not own.without_map), Losses()
     sensing, frames = sensor_of(
         sensor, coverage.begun(stream, reading), log=log, is_stated=noise is not None or config is not None,
         is_live=is_live, with_ids=not no_ids, seed=seed,
     )  # fmt: skip
     sensing, filtering, association = _configured(sensing, settings, filtering, association)
+    moves, frames = motion_of(
+        motion, primitive_map.without_places() if primitive_map and own.without_map else primitive_map, frames,
+        config=filtering, acceleration=own.acceleration_density, is_forecast=forecast > 0, seed=seed,
+        why_not="a live pipe does not wait for it" if is_live else "--no-ids" if no_ids else "",
+    )  # fmt: skip
     smoother = Smoother(lag_s=lag) if smooth or lag is not None else None
     said = provenance(
-        "track", inputs=[map_file] if is_live else [log, map_file], config=filtering, seed=seed,
-        without_map=own.without_map, no_ids=no_ids, motion=own.motion, smooth=smooth, lag_s=lag, rate_hz=rate,
+        "track", inputs=[path for path in (None if is_live else log, map_file) if path], config=filtering, seed=seed,
+        without_map=own.without_map, no_ids=no_ids, measured_motion=own.measured_motion, motion=motion, smooth=smooth,
+        acceleration_density=moves.acceleration or None, lag_s=lag, rate_hz=rate,
         tracking=json.dumps(asdict(association), sort_keys=True),
         sensor=None if sensing is None else json.dumps(asdict(sensing)), **reading.said(),
         **{CONFIG_KEY: json.dumps({"filter": asdict(filtering), "tracking": asdict(association)})},
@@ -157,7 +183,7 @@ def track(
     def tracker_of(group: int) -> Tracker:
         make = Tracker if smoother is None else partial(smoother.tracker, group)
         return make(
-            by_map, config=filtering, tracking=association, sensor=sensing, with_innovations=watched,
+            moves.model(filtering), config=filtering, tracking=association, sensor=sensing, with_innovations=watched,
             rng=np.random.default_rng(seed),
         )  # fmt: skip
 
@@ -171,20 +197,21 @@ def track(
         outputs: list[EstimateWriter | RerunSink] = [estimates]
         if watched:
             viewer = files.enter_context(open_viewer(
-                map_file.stem, lost, save=save, spawn=spawn, connect=connect, force=force,
+                (map_file or log).stem, lost, save=save, spawn=spawn, connect=connect, force=force,
                 n_particles=own.particles_out, focus=own.focus or None, truth=truth,
                 reading=reading.only(*(of for of in OF_TRUTH if of != "group" or own.truth == str(log))),
             ))  # fmt: skip
-            viewer.log_map(primitive_map)
+            if primitive_map is not None:
+                viewer.log_map(primitive_map)
             viewer.log_run(said)
             outputs.append(viewer)
         sinks: list[EstimateSink] = [*outputs, coverage]
         if smoother is not None:
             smoother.sinks += [shown.write_smoothed for shown in outputs]
             sinks.append(files.enter_context(smoother))
-        if forecast > 0:
+        if forecast > 0 and moves.primitive_map is not None:
             drawn, rng = [shown.write_forecast for shown in outputs], np.random.default_rng([seed, 1])
-            sinks.append(Forecaster(by_map, drawn, horizon_s=forecast, config=filtering, rng=rng))
+            sinks.append(Forecaster(moves.primitive_map, drawn, horizon_s=forecast, config=filtering, rng=rng))
         seen = with_progress(
             (frame.without_ids() for frame in frames) if no_ids else frames, what=f"tracking {log.name}",
             end_ns=stream.end_ns,

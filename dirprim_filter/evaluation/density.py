@@ -28,8 +28,8 @@ from dirprim_filter.evaluation.baselines.gaussian_process import DirectionalGaus
 from dirprim_filter.evaluation.intervals import Interval, clustered, interval, mean
 from dirprim_filter.evaluation.settings import Axis, Choice, choose
 from dirprim_filter.evaluation.splits import Fold, SplitBy, honest_split, split, steps, thinned
+from dirprim_filter.evaluation.without_map import background_motion
 from dirprim_filter.primitives.learning import learn_primitives
-from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.track_ids import vehicle_numbers
 from dirprim_filter.tracks import Tracks
 
@@ -75,7 +75,7 @@ def all_methods(*, max_speed: float) -> list[Method]:
         *(Method(f"primitive, {kind}", _learner(primitive=kind)) for kind in PRIMITIVE_KINDS),
         Method("primitive, the paper's", _learner(primitive="flat", tessellation="grid", modes="dbscan")),
         Method("one cell", _learner(n_cells=1)),
-        Method(WITHOUT_MAP, _without_map),
+        Method(WITHOUT_MAP, lambda train, _values, rng: background_motion(train, rng=rng)),
         *rivals(),
         Method("uninformative", lambda _train, _values, _rng: Uninformative(max_speed=max_speed)),
     ]
@@ -111,10 +111,6 @@ def _fit(fit: Callable[..., Any], *names: str, rng: bool = False) -> Fit:
 
 def _learner(**options: Any) -> Fit:
     return lambda train, _values, rng: learn_primitives(train, rng=rng, **options)
-
-
-def _without_map(train: Tracks, _values: tuple[float, ...], rng: np.random.Generator) -> PrimitiveMap:
-    return learn_primitives(train, tessellation="grid", n_cells=1, primitive="flat", rng=rng).without_places()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,6 +9,7 @@ from os import PathLike
 import numpy as np
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray, require
+from dirprim_filter.columns import is_held
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import NO_ID, NO_TIME, Detections
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
@@ -147,6 +148,8 @@ class Tracker:
             detections = replace(detections, time_ns=detections.time_ns - self._latency_ns)
             time_ns = None if time_ns is None else time_ns - self._latency_ns
         self._origin = self._origin or detections.origin
+        if self.sensor is not None and is_held(detections.covariance):  # the sensor's model counts
+            detections = replace(detections, covariance=np.empty(0))
         own_ns = detections.instant() if len(detections) else time_ns
         if own_ns is None:
             raise ValueError("time_ns: expected the time of a frame without detections")

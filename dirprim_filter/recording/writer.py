@@ -164,8 +164,8 @@ class EstimateWriter:
         """
         self._later(lambda: self._append_smoothed(frame.estimates, frame.detections, frame.time_ns))
 
-    def write_map_scene(self, primitive_map: PrimitiveMap) -> None:
-        """Draw the map's cells and roses: at the time of the next message, as a map has none of its own."""
+    def write_map_scene(self, primitive_map: PrimitiveMap | None) -> None:
+        """Draw the map's cells and roses, if there is one: at the next message's time, as a map has none of its own."""
         self._wait()
         self._map = primitive_map
 
