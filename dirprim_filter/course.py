@@ -160,6 +160,18 @@ class _Ways:
         return np.where(has_past | has_next, course[np.where(is_past, past, next_one)], own)
 
 
+def later_rows(vehicle: IntArray, time_ns: IntArray, span_s: float, longest_s: float) -> tuple[IntArray, BoolArray]:
+    """(n,) the vehicle's first row at least `span_s` later; and (n,) whether there is one, without a longer pause.
+
+    Rows are in order of vehicle and time.
+    """
+    other, step_ns = np.diff(vehicle) != 0, np.minimum(np.diff(time_ns), _ns(longest_s) + 1)
+    axis = np.append(0, np.cumsum(np.where(other, _ns(span_s + longest_s), step_ns)))[: vehicle.size]
+    run = np.append(0, np.cumsum(other | (step_ns > _ns(longest_s))))[: vehicle.size]
+    later = np.minimum(np.searchsorted(axis, axis + _ns(span_s)), vehicle.size - 1)
+    return later, (run[later] == run) & (axis[later] - axis >= _ns(span_s))
+
+
 def _ns(seconds: float) -> int:
     return int(seconds * 1e9)
 

@@ -8,8 +8,9 @@ from __future__ import annotations
 import numpy as np
 
 from dirprim_filter.arrays import FloatArray, IntArray
+from dirprim_filter.course import later_rows
 from dirprim_filter.distributions.angles import wrap
-from dirprim_filter.jumps import ACCELERATION, FASTEST, SAMPLED, Scale
+from dirprim_filter.jumps import ACCELERATION, FASTEST, Scale
 
 MAX_STEP_S, INTERVALS_IN_STEP = 2.0, 3.0
 """Across a longer pause nothing is known of the path between; of rows that come seldom, across so many intervals."""
@@ -67,7 +68,7 @@ def find_faults(
     speed: FloatArray,
     scale: Scale,
 ) -> dict[str, str]:
-    """A line for each column that does not fit to where vehicles go, by a sample of the rows.
+    """A line for each column that does not fit to where vehicles go, of these rows.
 
     Args:
         vehicle: (n,) numbers, ascending.
@@ -84,22 +85,17 @@ def find_faults(
     found: dict[str, str] = {"scale": line} if (line := _quick(scale)) else {}
     if vehicle.size and vehicle[-1] - vehicle[0] >= 2 and (np.ptp(position, axis=0) < SMALL_M).all():
         return {"position": f"all positions lie within {SMALL_M:g} m: are they degrees? Say latitude and longitude"}
-    if np.count_nonzero(np.isfinite(speed)) < LEAST_COMPARED:
-        return found
+    is_stated = np.isfinite(speed)
+    vehicle, time_ns = vehicle[is_stated], time_ns[is_stated]
+    position, direction, speed = position[is_stated], direction[is_stated], speed[is_stated]
     longest_s = max(MAX_STEP_S, INTERVALS_IN_STEP * scale.interval_s)  # stated motion is compared with the way so long
-    dt_s = np.diff(time_ns) * 1e-9
-    soon = (np.diff(vehicle) == 0) & (dt_s <= longest_s) & np.isfinite(speed[1:] + speed[:-1])
-    driven = np.append(0.0, np.cumsum(np.where(soon, dt_s * 0.5 * (speed[1:] + speed[:-1]), 0.0)))
-    breaks = np.append(0, np.cumsum(~soon))
-    since_s = (time_ns - time_ns.min()) * 1e-9
-    key = since_s + (vehicle - vehicle[0]) * (since_s.max() + 4.0 * longest_s)  # ascending, vehicles apart
-    row = np.arange(0, key.size, 1 + key.size // SAMPLED)
-    later = np.minimum(np.searchsorted(key, key[row] + longest_s), key.size - 1)
-    distance, passed_s = driven[later] - driven[row], key[later] - key[row]
-    moves = (breaks[later] == breaks[row]) & (passed_s <= 2.0 * longest_s) & (distance >= MOVING_FROM * longest_s)
+    later, moves = later_rows(vehicle, time_ns, longest_s, longest_s)
+    driven = np.append(0.0, np.cumsum(np.diff(time_ns) * 0.5e-9 * (speed[1:] + speed[:-1])))[: speed.size]
+    distance = driven[later] - driven
+    moves &= distance >= MOVING_FROM * longest_s
     if np.count_nonzero(moves) < LEAST_COMPARED:
         return found
-    way_m = (position[later] - position[row])[moves]
+    way_m = (position[later] - position)[moves]
     ratio = float(distance[moves].sum()) / max(float(np.linalg.norm(way_m, axis=1).sum()), 1e-9)
     if ratio > 1.0 / DEGREES_PER_M:
         line = "speeds lead thousands of times as far as positions: are these degrees? Say latitude and longitude"
@@ -113,7 +109,7 @@ def find_faults(
         else:
             found["unit"] = f"{far} they in another unit in place of m/s?"
     way = np.arctan2(way_m[:, 1], way_m[:, 0])
-    stated = direction[row[moves]]
+    stated = direction[moves]
     apart, if_clockwise, if_north = (
         float(np.nanmedian(np.abs(wrap(stated - seen)))) if np.isfinite(stated).any() else 0.0
         for seen in (way, -way, np.pi / 2 - way)

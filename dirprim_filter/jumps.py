@@ -31,7 +31,7 @@ TIMES_APART = 5.0
 SLOWEST = 1.0
 """m/s, the usual speed where vehicles stand, or nearly."""
 NEAREST = 4
-"""Rows so far apart are neighbours; so many vehicles of one id are told apart at once."""
+"""Rows so far apart are neighbours; so many vehicles of one id are distinguished at once."""
 SAMPLED, SAMPLED_OF_EACH = 20_000, 200
 """Rows that the scale is estimated from, and those that each vehicle's own is."""
 LEAST_ROWS = 3
@@ -89,10 +89,6 @@ class Scale:
         names = ("speed", "noise", "interval_s", "straightness", "acceleration")
         return cls(n_steps=int(np.isfinite(interval_s).sum()), **dict(zip(names, found, strict=True)))
 
-    def beside(self, other: Scale) -> Scale:
-        """That of the two of larger speed and noise."""
-        return replace(self, speed=np.maximum(self.speed, other.speed), noise=np.maximum(self.noise, other.noise))
-
     @property
     def usual(self) -> Any:
         """The speed, m/s, also where vehicles stand."""
@@ -122,7 +118,7 @@ def _quantiles(values: FloatArray, share: float, each: IntArray | None) -> Any:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Jumps:
-    """What is wrong with where vehicles are said to be.
+    """What is wrong with where vehicles are reported to be.
 
     Attributes:
         at: (j,) rows before a jump.
@@ -152,7 +148,8 @@ class Jumps:
         """Judge all rows of some vehicles anew, each vehicle by a scale of its own."""
         begin = np.flatnonzero(np.diff(vehicle, prepend=-1))
         number = np.repeat(np.arange(begin.size), np.diff(begin, append=vehicle.size))
-        own = Scale.of(vehicle, time_ns, position, number).beside(scale)
+        own = Scale.of(vehicle, time_ns, position, number)  # but no finer than the log's
+        own = replace(own, speed=np.maximum(own.speed, scale.speed), noise=np.maximum(own.noise, scale.noise))
         start = np.union1d(begin, 1 + _jumps(vehicle, time_ns, position, own, number))
         last = np.append(start[1:], vehicle.size) - 1
         moves = np.append(0, np.cumsum((np.diff(position, axis=0) != 0).any(axis=1)))

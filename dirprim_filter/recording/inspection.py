@@ -70,8 +70,8 @@ def inspect(source: LogSource, options: ReadOptions = EVERYTHING) -> LogSummary:
     )
 
 
-def _by_topic(counts: dict[str, Counter[Any]], is_told: Callable[[Counter[Any]], bool]) -> dict[str, dict[Any, int]]:
-    return {topic: dict(sorted(of.items())) for topic, of in sorted(counts.items()) if is_told(of)}
+def _by_topic(counts: dict[str, Counter[Any]], is_shown: Callable[[Counter[Any]], bool]) -> dict[str, dict[Any, int]]:
+    return {topic: dict(sorted(of.items())) for topic, of in sorted(counts.items()) if is_shown(of)}
 
 
 class _Inspection:

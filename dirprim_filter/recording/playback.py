@@ -13,11 +13,11 @@ from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.recording import topic_names
 from dirprim_filter.recording.container.log import Log, LogSource, Scan
+from dirprim_filter.recording.decoding.field_columns import NANOSECONDS
 from dirprim_filter.recording.losses import Losses
 from dirprim_filter.recording.objects.options import EVERYTHING, ReadOptions
 from dirprim_filter.recording.reader import estimate_messages, has_estimates, stream_detections
 
-SECOND_NS = 1_000_000_000
 LONGEST_S = 86_400.0
 """No frame is waited for longer than a day."""
 
@@ -113,7 +113,7 @@ def paced(
     def when_due(frame: TrackedFrame) -> TrackedFrame:
         if not begun:
             begun.append((frame.time_ns, clock()))
-        wait = begun[0][1] + (frame.time_ns - begun[0][0]) / SECOND_NS / rate - clock()
+        wait = begun[0][1] + (frame.time_ns - begun[0][0]) / NANOSECONDS / rate - clock()
         if wait > 0:
             sleep(min(wait, LONGEST_S))
         return frame

@@ -18,6 +18,7 @@ from dirprim_filter.recording import topic_names
 from dirprim_filter.recording.container.budget import most_rows
 from dirprim_filter.recording.container.errors import Damage
 from dirprim_filter.recording.container.log import Log, LogSource, Scan, opened
+from dirprim_filter.recording.decoding.field_columns import NANOSECONDS
 from dirprim_filter.recording.errors import DamagedRecordingError, NoTracksError, RecordingError
 from dirprim_filter.recording.inspection import inspect
 from dirprim_filter.recording.losses import Losses
@@ -44,7 +45,6 @@ __all__ = [
 ]  # fmt: skip
 
 PathOrText = str | PathLike[str]
-NS_PER_S = 1_000_000_000
 DECODERS = {ESTIMATES_SCHEMA: decode_estimates, ASSIGNMENTS_SCHEMA: decode_assignments}
 """Of what a tracker writes, by schema."""
 
@@ -124,8 +124,8 @@ def read_track_logs(
             names.append(log.path.stem)
             observations.losses.log(log.path)
         losses += observations.losses
-        frame = observations.frame
-        options = _of_first(one, options, observations.origin, observations.target)
+        frame = observations.target
+        options = _of_first(one, options, observations.origin, frame)
     alone = Losses()
     tracks = rows_of_logs(parts, names).to_tracks(alone).on_plane(options.origin)
     alone.log(", ".join(str(one.path if isinstance(one, Log) else one) for one in sources))
@@ -168,7 +168,7 @@ def _reporting(parts: Iterable[Rows], end_ns: int | None, progress: Callable[[in
         yield part
         first_ns = int(part.time_ns[0]) if first_ns is None else first_ns
         if end_ns is not None and end_ns > first_ns:
-            progress((int(part.time_ns[-1]) - first_ns) // NS_PER_S, math.ceil((end_ns - first_ns) / NS_PER_S))
+            progress((int(part.time_ns[-1]) - first_ns) // NANOSECONDS, math.ceil((end_ns - first_ns) / NANOSECONDS))
 
 
 def stream_detections(

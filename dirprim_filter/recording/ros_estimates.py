@@ -19,7 +19,8 @@ from dirprim_filter.arrays import FloatArray
 from dirprim_filter.drawing.vehicles import SURE_FROM
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.recording.container.records import Schema
-from dirprim_filter.recording.schemas.dirprim import MAP_FRAME, NANOSECONDS
+from dirprim_filter.recording.decoding.field_columns import NANOSECONDS
+from dirprim_filter.recording.schemas.dirprim import MAP_FRAME
 from dirprim_filter.recording.topic_names import ROS_MESSAGES
 from dirprim_filter.track_ids import as_texts
 

@@ -14,7 +14,7 @@ import numpy as np
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.detections import Detections
 from dirprim_filter.drawing.vehicles import has_no_forecast
-from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
+from dirprim_filter.estimates import Particles, TrackedFrame
 from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording import topic_names
@@ -162,7 +162,7 @@ class EstimateWriter:
             ValueError: as `write`.
             OSError: as `write`.
         """
-        self._later(lambda: self._append_smoothed(frame.estimates, frame.detections, frame.time_ns))
+        self._later(lambda: self._append_smoothed(frame))
 
     def write_map_scene(self, primitive_map: PrimitiveMap | None) -> None:
         """Draw the map's cells and roses, if there is one: at the next message's time, as a map has none of its own."""
@@ -191,30 +191,24 @@ class EstimateWriter:
     def _append(self, frame: TrackedFrame, particles: Particles | None) -> None:
         estimates, detections, time_ns = frame.estimates, frame.detections, frame.time_ns
         origin = self._begin(np.concatenate([estimates.position, detections.position]), time_ns)
-        self._append_estimates(
-            topic_names.ESTIMATES, self._scene, estimates, detections=detections, time_ns=time_ns, origin=origin
-        )
+        self._append_estimates(topic_names.ESTIMATES, self._scene, frame, origin)
         if particles is not None:
             self._log.write(topic_names.PARTICLES, particle_cloud(particles, time_ns, origin), time_ns)
         self._log.write(topic_names.ASSIGNED, encode_assignments(frame.assignments, time_ns), time_ns)
         self._log.write(topic_names.REPORTS, detection_cloud(detections.position, time_ns, origin), time_ns)
         self._not_forecast = frozenset(as_texts(estimates.track_id)[has_no_forecast(estimates)].tolist())
 
-    def _append_estimates(
-        self, topic: str, scene: EstimatesScene, estimates: Estimates, *, detections: Detections, time_ns: int,
-        origin: FloatArray,
-    ) -> None:  # fmt: skip
+    def _append_estimates(self, topic: str, scene: EstimatesScene, frame: TrackedFrame, origin: FloatArray) -> None:
+        estimates, time_ns = frame.estimates, frame.time_ns
         self._log.write(topic, encode_estimates(estimates, time_ns), time_ns)
-        self._log.write(f"{topic}/scene", scene.update(estimates, detections, time_ns, origin), time_ns)
+        self._log.write(f"{topic}/scene", scene.update(estimates, frame.detections, time_ns, origin), time_ns)
         if self._ros is not None:
             data = self._ros.encode(estimates, scene.sizes, time_ns)
             self._log.write_encoded(f"{topic}/{self._also_as}", self._ros.schema, data, time_ns)
 
-    def _append_smoothed(self, estimates: Estimates, detections: Detections, time_ns: int) -> None:
-        origin = self._begin(estimates.position, time_ns)
-        self._append_estimates(
-            topic_names.SMOOTHED, self._smoothed_scene, estimates, detections=detections, time_ns=time_ns, origin=origin
-        )
+    def _append_smoothed(self, frame: TrackedFrame) -> None:
+        origin = self._begin(frame.estimates.position, frame.time_ns)
+        self._append_estimates(topic_names.SMOOTHED, self._smoothed_scene, frame, origin)
 
     def _append_forecast(self, forecasts: Forecasts) -> None:
         origin = self._begin(forecasts.start, forecasts.time_ns)

@@ -124,3 +124,7 @@ def nasty(want, rng):
                 n = int(rng.integers(3)) if selector == EACH else selector + 1
                 value[name] = [nasty(one, rng) for _ in range(n)]
     return value
+
+
+def test_names_that_differ_by_nul_characters_at_their_end_are_not_the_same():
+    assert read("name", "a", "a\0", "a\0b") == (["a", "", "a\0b"], [1])

@@ -149,6 +149,7 @@ def test_a_frame_without_a_name_is_reported_where_there_are_transforms(tmp_path,
     path = log(tmp_path / "log.mcap", *moving(), *parked(frame=""))
     read_tracks(path)
     assert caplog.text.count("the frame of objects has no name") == 1
+    assert "though the log places 'base_link' in 'map'" in caplog.text
     caplog.clear()
     read_tracks(path, frame="map")
     read_tracks(log(tmp_path / "none.mcap", *parked(frame="")))

@@ -265,6 +265,8 @@ class FieldColumns:
             return (
                 np.ascontiguousarray(pairs).reshape(cells.size, 2 * width).view(f"S{2 * width}")[:, 0].astype(np.str_)
             )
+        if ((length > 0) & (gathered[np.arange(cells.size), np.minimum(length, width) - 1] == 0)).any():
+            self.notes.add("texts end in NUL characters, which are left off: ids that differ by these alone are one")
         if not (gathered & 0x80).any():  # ASCII: one character is one byte
             return gathered.astype(np.uint32).view(f"U{width}")[:, 0]
         names = []

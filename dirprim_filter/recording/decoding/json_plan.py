@@ -137,6 +137,8 @@ def _converted(one: Field, value: Any) -> Any:
         value = int(value)  # of writers that have one kind of number
     if kind == "name" and isinstance(value, str | int):
         name = str(value)[: MAX_NAME_LENGTH + 1]
+        if name.endswith("\0"):
+            raise _UnlikeError(f"expected a name without NUL characters at its end at {one.path}, got {name[:40]!r}")
         name.encode()  # half a surrogate pair is no text: refused here, not where the name is written
         return name
     if kind == "number" and (

@@ -18,8 +18,9 @@ from foxglove import messages as fg
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.drawing import shapes
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
+from dirprim_filter.recording.decoding.field_columns import NANOSECONDS
 from dirprim_filter.recording.log_writer import LATEST_NS
-from dirprim_filter.recording.schemas.dirprim import MAP_FRAME, NANOSECONDS
+from dirprim_filter.recording.schemas.dirprim import MAP_FRAME
 
 SCENE_FRAME = "scene"
 ON_THE_GROUND = ("cells", "roses", "region_90", "region_50", "paths", "trails")

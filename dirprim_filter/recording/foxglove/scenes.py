@@ -248,7 +248,8 @@ def map_scenes(primitive_map: PrimitiveMap, time_ns: int, origin: FloatArray) ->
             SEGMENTS, points(rounded(corners - origin)), pixels=1.0, color=CELL_COLOR, height=HEIGHT["cells"],
             indices=np.column_stack([corner, then]).ravel().tolist(),
         )  # fmt: skip
-        drawn = shapes.Petals(*(column[(petals.cell >= start) & (petals.cell < end)] for column in petals))
+        is_own = (petals.cell >= start) & (petals.cell < end)
+        drawn = shapes.Petals._make(column[is_own] for column in petals)
         colors = shapes.petal_colors(drawn, fastest=fastest).reshape(-1, 4)[:, :3] / 255.0
         roses = area(
             rounded(drawn.polygon - origin), shapes.fan_triangles(drawn.polygon), height=HEIGHT["roses"],

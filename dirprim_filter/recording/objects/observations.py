@@ -80,13 +80,6 @@ class Observations:
         """The frame that positions in metres were brought into; empty where none is named."""
         return self._frame.target
 
-    @property
-    def frame(self) -> str:
-        """Of the positions: its name, or the place of the plane they were put on; empty where none is named."""
-        if self._frame.origin is not None:
-            return self._frame.origin.frame
-        return self._frame.target
-
     def __iter__(self) -> Iterator[Rows]:
         """Objects in order of log time; messages of other schemas are passed over.
 
@@ -107,7 +100,8 @@ class Observations:
                 held = []
         yield from self._placed(held)
         self._frame.check()
-        for note in filter(None, (*sorted(self._decoders.notes), self._stamps.clocks())):
+        unstamped = [topic for topic, first in self._first_stamp.items() if first == NO_TIME]
+        for note in filter(None, (*sorted(self._decoders.notes), self._stamps.clocks(unstamped))):
             logger.warning("%s: %s", self._scan.path, note)
         if self._frame.tree is not None:
             lost = self._frame.tree.losses

@@ -8,6 +8,7 @@ one that is years ahead would end the tracking of all that follows.
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -25,7 +26,7 @@ AGREEING = 0.25
 NEAR_S = 10.0
 """Offsets that differ by less agree; where those of a topic spread, by less than all but so many at both ends do."""
 FEWEST = 3
-"""Of fewer stamps nobody can say which is wrong; nor where no two agree."""
+"""Of fewer stamps it is unknown which is wrong; nor is it known where no two agree."""
 
 
 class Verdict(NamedTuple):
@@ -49,7 +50,6 @@ class Stamps:
 
     def __init__(self) -> None:
         self._topics: defaultdict[str, _TopicStamps] = defaultdict(_TopicStamps)
-        self._paces: defaultdict[str, Pace] = defaultdict(Pace)
         self.wrong_unit = ""
 
     def judge(self, batch: MessageColumns, message: IntArray, stamp_ns: IntArray, *, is_last: bool) -> Verdict:
@@ -90,16 +90,16 @@ class Stamps:
             self._run(name, *np.empty((2, 0), np.int64), is_last=True)
 
     def _run(self, topic: str, log_ns: IntArray, stamp_ns: IntArray, *, is_last: bool) -> None:
-        if wrong := self._paces[topic].wrong_unit(log_ns, stamp_ns, is_last=is_last):
+        if wrong := self._topics[topic].pace.wrong_unit(log_ns, stamp_ns, is_last=is_last):
             self.wrong_unit = f"stamps of {topic} {wrong}"
 
-    def clocks(self) -> str:
-        """What is odd with the clocks of topics that are read together; empty where they agree."""
-        ahead = sorted((of.usual_s, name) for name, of in self._topics.items())
-        if not ahead or (apart_s := ahead[-1][0] - ahead[0][0]) <= OTHER_CLOCK_S:
+    def clocks(self, unstamped: Iterable[str]) -> str:
+        """What is odd with the clocks of topics that are read together, some by log time; empty where they agree."""
+        ahead = sorted([(of.usual_s, name) for name, of in self._topics.items()] + [(0.0, name) for name in unstamped])
+        if not self._topics or (apart_s := ahead[-1][0] - ahead[0][0]) <= OTHER_CLOCK_S:
             return ""
         return (
-            f"stamps of {ahead[-1][1]} are {apart_s:.0f} s ahead of those of {ahead[0][1]}: are they of another clock, "
+            f"times of {ahead[-1][1]} are {apart_s:.0f} s ahead of those of {ahead[0][1]}: are they of another clock, "
             "one simulated? --time-source log reads both by log time"
         )
 
@@ -109,7 +109,7 @@ class _TopicStamps:
 
     def __init__(self) -> None:
         self._offset_s, self._is_open = np.empty(0), np.empty(0, np.bool_)  # of the last `NEIGHBOURS`
-        self.near_s = NEAR_S
+        self.near_s, self.pace = NEAR_S, Pace()
 
     @property
     def usual_s(self) -> float:

@@ -12,15 +12,16 @@ from pathlib import Path
 import numpy as np
 
 from dirprim_filter.arrays import FloatArray, IntArray
+from dirprim_filter.course import later_rows
 from dirprim_filter.detections import NO_ID
 from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.recording.rows import Rows
 from dirprim_filter.recording.schemas.attitude import STANDING_SPEED
-from dirprim_filter.track_ids import Numbers
+from dirprim_filter.track_ids import Numbers, in_order, vehicle_numbers
 
 logger = logging.getLogger(__name__)
 
-SPAN_NS, LONGEST_NS = 500_000_000, 2_000_000_000
+SPAN_S, LONGEST_S = 0.5, 2.0
 """Courses are compared with the way to the first row so much later, unless a pause is too long."""
 LEAST_WAY_M = 1.0
 LEAST_TURN = np.pi / 6
@@ -69,14 +70,11 @@ def _is_other(rows: Rows) -> bool | None:
     rows = rows[(np.abs(rows.other_axes) > LEAST_TURN) & (rows.track_id != NO_ID)]
     if len(rows) < LEAST_ROWS:
         return None
-    vehicle = np.unique(rows.track_id, return_inverse=True)[1]
-    rows = rows[order := np.lexsort((rows.time_ns, rows.group, vehicle))]
-    breaks = (np.diff(vehicle[order]) != 0) | (np.diff(rows.group) != 0)
-    run = np.append(0, np.cumsum(breaks | (np.diff(rows.time_ns) > LONGEST_NS)))
-    since_ns = np.append(0, np.cumsum(np.where(breaks, LONGEST_NS, np.minimum(np.diff(rows.time_ns), LONGEST_NS))))
-    later = np.minimum(np.searchsorted(since_ns, since_ns + SPAN_NS), len(rows) - 1)
+    vehicle = vehicle_numbers(rows.track_id, rows.group)
+    rows = rows[order := in_order(vehicle, rows.time_ns)]
+    later, goes = later_rows(vehicle[order], rows.time_ns, SPAN_S, LONGEST_S)
     way = rows.position[later] - rows.position
-    goes = (run[later] == run) & (np.hypot(way[:, 0], way[:, 1]) >= LEAST_WAY_M)
+    goes &= np.hypot(way[:, 0], way[:, 1]) >= LEAST_WAY_M
     if np.count_nonzero(goes) < LEAST_ROWS:
         return None
     course = np.arctan2(way[:, 1], way[:, 0])

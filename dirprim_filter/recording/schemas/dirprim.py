@@ -15,15 +15,16 @@ from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Assignments, Estimates
 from dirprim_filter.origin import Origin
+from dirprim_filter.recording.decoding.field_columns import NANOSECONDS
 from dirprim_filter.recording.schemas import dirprim_pb2
 from dirprim_filter.recording.schemas.family import matrices
 from dirprim_filter.track_ids import as_texts
 from dirprim_filter.tracks import Tracks
 
+Sent = TypeVar("Sent", bound=Message)
 Decoded = TypeVar("Decoded", Estimates, Assignments)
 MAP_FRAME = "map"
 """The frame_id of positions that have no origin: local metres, x east, y north."""
-NANOSECONDS = 1_000_000_000
 FIELDS: dict[str, tuple[str, ...]] = {
     "position": ("x", "y"), "covariance": ("covariance_xx", "covariance_xy", "covariance_yy"),
     "size": ("length", "width", "height"), "cue": ("cue_turn", "cue_concentration"),
@@ -50,14 +51,12 @@ def encode_observations(
         time_ns: its time.
         labels: what vehicles are, by their ids.
     """
-    columns = _columns(observed, rows)
+    more: dict[str, Any] = {}
     if isinstance(observed, Tracks) or observed.group.any():
-        columns["group"] = observed.group[rows].tolist()
+        more["group"] = observed.group[rows].tolist()
     if labels:
-        columns["label"] = [labels.get(name, "") for name in observed.track_id[rows].tolist()]
-    message = dirprim_pb2.Observations(frame_id=_frame(observed.origin), **columns)
-    _set_time(message, time_ns)
-    return message
+        more["label"] = [labels.get(name, "") for name in observed.track_id[rows].tolist()]
+    return _filled(dirprim_pb2.Observations(**more), observed, rows, time_ns)
 
 
 def encode_estimates(estimates: Estimates, time_ns: int) -> dirprim_pb2.TrackEstimates:
@@ -68,40 +67,31 @@ def encode_estimates(estimates: Estimates, time_ns: int) -> dirprim_pb2.TrackEst
     """
     if (estimates.time_ns != time_ns).any():
         raise ValueError(f"estimates: expected all at {time_ns} ns, got {np.unique(estimates.time_ns)} ns")
-    columns = _columns(estimates, np.arange(len(estimates)))
-    message = dirprim_pb2.TrackEstimates(frame_id=_frame(estimates.origin), **columns)
-    _set_time(message, time_ns)
-    return message
+    return _filled(dirprim_pb2.TrackEstimates(), estimates, np.arange(len(estimates)), time_ns)
 
 
 def encode_assignments(found: Assignments, time_ns: int) -> dirprim_pb2.Assignments:
     """Which tracks the detections of one instant were assigned to, as a message."""
-    columns = _columns(found, np.arange(len(found))) | {"assigned": found.assigned.tolist()}
-    columns |= {"group": found.group.tolist()} if found.group.any() else {}
-    message = dirprim_pb2.Assignments(frame_id=_frame(found.origin), **columns)
-    _set_time(message, time_ns)
-    return message
+    group = found.group.tolist() if found.group.any() else []
+    message = dirprim_pb2.Assignments(assigned=found.assigned.tolist(), group=group)
+    return _filled(message, found, np.arange(len(found)), time_ns)
 
 
-def _columns(values: Tracks | Detections | Estimates | Assignments, rows: IntArray) -> dict[str, Any]:
-    """The ids, and of each field the columns, unless nothing is known of any row."""
+def _filled(
+    message: Sent, values: Tracks | Detections | Estimates | Assignments, rows: IntArray, time_ns: int
+) -> Sent:  # fmt: skip
+    """The message with frame, time and ids, and of each field the columns, unless nothing is known of any row."""
     columns: dict[str, Any] = {"track_id": as_texts(values.track_id[rows]).tolist()}
     for name, of in FIELDS.items():
         if (field := getattr(values, name, None)) is not None:
             flat = field[rows].reshape(rows.size, int(np.prod(field.shape[1:])))
             flat = flat[:, _UPPER] if name == "covariance" else flat
             columns |= {} if np.isnan(flat).all() else dict(zip(of, flat.T.tolist(), strict=True))
-    return columns
-
-
-def _frame(origin: Origin | None) -> str:
-    return MAP_FRAME if origin is None else origin.frame
-
-
-def _set_time(message: Any, time_ns: int) -> None:
-    """Zero too, so that it is never unset."""
-    message.timestamp.SetInParent()
-    message.timestamp.seconds, message.timestamp.nanos = divmod(int(time_ns), NANOSECONDS)
+    seconds, nanos = divmod(int(time_ns), NANOSECONDS)  # also where both are 0, so that the time is never unset
+    frame = MAP_FRAME if values.origin is None else values.origin.frame
+    kind: Any = type(message)
+    message.MergeFrom(kind(frame_id=frame, timestamp={"seconds": seconds, "nanos": nanos}, **columns))
+    return message
 
 
 def decode_estimates(data: bytes) -> Estimates:

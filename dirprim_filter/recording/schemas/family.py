@@ -18,11 +18,12 @@ from typing import Any, Literal
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
-from dirprim_filter.columns import is_held, known_sizes
-from dirprim_filter.recording.decoding.field_columns import NANOSECONDS, NO_TIME, Field, FieldColumns, Kind, steps_of
+from dirprim_filter.columns import known_sizes
+from dirprim_filter.recording.decoding.field_columns import Field, FieldColumns, Kind, steps_of
 from dirprim_filter.recording.name_patterns import named_values
 from dirprim_filter.recording.rows import LEFT_OUT, Rows
 from dirprim_filter.recording.schemas.attitude import course, heading, rotated
+from dirprim_filter.recording.schemas.object_columns import GLOBE, OLDER, UNITS, ObjectColumns
 
 NAMES = (
     "x", "y", "z", "latitude", "longitude", "id", "time", "time_s", "frame", "vx", "vy", "vz", "speed", "speed_kmh",
@@ -52,14 +53,6 @@ GROUPS: dict[str, dict[str, str]] = {
     "covariance2": {"cxx": "[0]", "cxy": "[1]", "cyy": "[3]"},
 }
 """Names that stand for several below one path."""
-_DEG = np.pi / 180
-UNITS = {
-    "speed_kmh": ("speed", 1 / 3.6, 0.0), "direction_deg": ("direction", _DEG, 0.0),
-    "course_deg": ("direction", -_DEG, np.pi / 2), "heading_deg": ("heading", _DEG, 0.0), "time_s": ("time", 1e9, 0.0),
-}  # fmt: skip
-"""What else may be given: for which name, by which factor, and what is added."""
-OLDER = "|"
-"""Between the paths of a name, newest first: the first that a schema has counts; and behind the names of older ones."""
 _KINDS: dict[str, Kind] = {
     **dict.fromkeys(("id", "frame", "own_frame", "axes", "label", "space", "key", "value", "host", "mover"), "name"),
     **dict.fromkeys(("time", "own_time", "measured"), "time"),
@@ -67,21 +60,14 @@ _KINDS: dict[str, Kind] = {
 }  # fmt: skip
 REQUIRED = frozenset({"x", "y", "longitude", "latitude", "time", "frame", "placed"})
 """Without these a schema of a known name is not read; a `frame` that is missing would be taken for the map's."""
-_KNOWN_BY = {"heading": ("turned", "is_turned"), "motion": ("moves", "has_twist"), "covariance": ("is_measured",)}
-"""Presence of a message, or a number: where it is not set, or 0, the quantity means nothing."""
 SIZE, QUATERNION, VELOCITY = ("length", "width", "height"), ("qx", "qy", "qz", "qw"), ("vx", "vy", "vz")
-GLOBE, COVARIANCE, CUE = ("longitude", "latitude"), ("cxx", "cxy", "cyy"), ("cue_turn", "cue_concentration")
+COVARIANCE, CUE = ("cxx", "cxy", "cyy"), ("cue_turn", "cue_concentration")
 GEODETIC = "WGS 84"
 """The frame of positions (longitude, latitude) in degrees and a height above the ellipsoid in metres."""
 HIGHEST_M = 1e8
 """A fix that is higher is none; one whose height is unknown, NaN, is one."""
-UNLABELLED = -1
-"""The number of an object whose class is unknown; as an index, the last of the names."""
-FARTHEST_S = float(1 << 63) / NANOSECONDS
-"""Seconds from here on do not fit into int64 nanoseconds."""
 Shape = tuple[tuple[int, int, int], tuple[float, float, float]]
 """Of which of three numbers length, width and height are made, -1 for none, and by which factors."""
-NO_PROBABILITY = "confidences beyond 0 to 1 are no probabilities, and count as unknown; map them in a table of your own"
 AS_BOX: Shape = ((0, 1, 2), (1.0, 1.0, 1.0))
 
 
@@ -117,7 +103,7 @@ class Family:
 
         A size that is not positive is unknown, as a field that was not set reads as 0.
         """
-        of = _Objects(columns)
+        of = ObjectColumns(columns)
         is_geodetic, size, (frame, stamp_ns) = GLOBE[0] in of, of.vectors(SIZE), of.header()
         facing = of.known("heading", heading(of.vectors(QUATERNION)) if "qw" in of else of.read("heading"))
         known: dict[str, Any] = {
@@ -145,7 +131,7 @@ class Family:
         rows = Rows(message=of.message, position=place[:, :2].copy(), height=finite(place[:, 2], 0.0), **known)
         return rows[kept]
 
-    def _motion(self, of: _Objects, facing: FloatArray, frame: AnyArray) -> dict[str, FloatArray]:
+    def _motion(self, of: ObjectColumns, facing: FloatArray, frame: AnyArray) -> dict[str, FloatArray]:
         """Stated course and speed go before those of the velocity; the heading is the course of who stands."""
         direction, speed, climb = of.read("direction"), of.read("speed"), np.broadcast_to(0.0, of.message.shape)
         other = np.broadcast_to(np.nan, of.message.shape)
@@ -163,7 +149,7 @@ class Family:
         motion = {"direction": direction, "speed": speed, "climb": climb, "other_axes": other}
         return {name: of.known("motion", values) for name, values in motion.items()}
 
-    def _names(self, of: _Objects, topics: AnyArray) -> AnyArray:
+    def _names(self, of: ObjectColumns, topics: AnyArray) -> AnyArray:
         if self.names == "place":
             place = np.arange(of.message.size) - np.searchsorted(of.message, of.message)
             return np.strings.add(np.strings.add(topics[of.message], "/"), place.astype(np.str_))
@@ -239,133 +225,6 @@ class FieldMapping:
         return family("", paths, required=True, names="topic" if is_alone else "id")
 
 
-class _Objects:
-    """Columns of different tables, as columns of the rows of the place."""
-
-    def __init__(self, columns: FieldColumns) -> None:
-        self._columns = columns
-        self._best: dict[str, tuple[IntArray, IntArray]] = {}
-        for older in sorted((name for name in columns.fields if name.endswith(OLDER)), key=len, reverse=True):
-            if older in columns.columns and columns.lacks(older[:-1]):
-                columns.columns[older[:-1]] = columns.columns[older]
-        self._place = next(columns.fields[name] for name in (GLOBE[0], "x") if name in columns.fields)
-        self.message = columns.message_of(self._place.table)
-
-    def __contains__(self, name: str) -> bool:
-        """Whether the family asks for it."""
-        return name in self._columns.fields
-
-    def read(self, name: str, none: float | str = np.nan) -> Any:
-        """(n,) floats, whole numbers or texts, as `none` is one, which stands where it is unknown."""
-        if name in self:
-            columns = self._columns
-            read = (
-                columns.names
-                if isinstance(none, str)
-                else columns.integers
-                if isinstance(none, int)
-                else columns.numbers
-            )
-            return self._spread(name, read(name), none)
-        for other, (same, factor, zero) in UNITS.items():
-            if same == name and other in self:
-                return zero + factor * self.read(other)
-        return np.broadcast_to(none, self.message.shape)
-
-    def vectors(self, names: Sequence[str]) -> FloatArray:
-        """(n, k) beside each other."""
-        if not any(name in self for name in names):
-            return np.full((self.message.size, len(names)), np.nan)
-        return np.stack([self.read(name) for name in names], axis=-1)
-
-    def header(self) -> tuple[AnyArray, IntArray]:
-        """(n,) the frame, and (n,) the stamp: the object's own where it states them, else those of its message.
-
-        A frame in a header of its own that has no stamp was not filled in, unless the message's is empty.
-        """
-        frame, stamp_ns = self.read("frame", ""), self.times()
-        if "own_frame" not in self:
-            return frame, stamp_ns
-        own, own_ns = self.read("own_frame", ""), self.times("own_time")
-        has_stamp = (own_ns != NO_TIME) & (own_ns != 0)
-        differs = (own != "") & (frame != "") & (own != frame)
-        if (differs | (has_stamp & (stamp_ns != NO_TIME) & (stamp_ns != 0) & (own_ns != stamp_ns))).any():
-            self._columns.notes.add("objects have another frame or stamp than their message; theirs counts if stamped")
-        frame = np.where((own != "") & (has_stamp | ~differs), own, frame)
-        return frame, np.where(has_stamp, own_ns, stamp_ns)
-
-    def times(self, name: str = "time") -> IntArray:
-        """(n,) the header's, `NO_TIME` where unknown."""
-        if name in self:
-            return np.asarray(self._spread(name, self._columns.times(name), NO_TIME))
-        seconds = self.read("time_s")
-        fits = np.abs(seconds) < FARTHEST_S
-        if (far := np.isfinite(seconds) & ~fits).any():
-            why = f"expected seconds as time_s, got {seconds[far][0]:g}: are they ms, us or ns? time= takes whole ns"
-            self._columns.fail(np.unique(self.message[far]), why)
-        return np.where(fits, np.round(np.where(fits, seconds, 0.0) * 1e9).astype(np.int64), NO_TIME)
-
-    def known(self, what: str, values: FloatArray) -> FloatArray:
-        """The same, NaN where the message itself calls it unknown."""
-        for name in filter(self._columns.columns.__contains__, _KNOWN_BY[what] if is_held(values) else ()):
-            is_known = self.read(name, 0) > 0
-            values = values if is_known.all() else np.where(is_known, values.T, np.nan).T
-        return values
-
-    def labels(self, words: Sequence[str]) -> AnyArray:
-        """(n,) str; numbers by their words."""
-        if not words:
-            return np.asarray(self.read("label", ""))
-        return np.asarray(self._spread("label", label_names(self._columns.integers("label", UNLABELLED), words), ""))
-
-    def confidence(self) -> FloatArray:
-        """(n,) probabilities, as stated; NaN where unknown, as where an `existence` of ROS or protobuf is not set."""
-        if "existence" in self:
-            stated = self.read("existence")
-            stated = np.where(stated == 0, np.nan, stated)
-        else:
-            stated = self.read("confidence")
-        if (wrong := (stated < 0) | (stated > 1)).any():
-            self._columns.notes.add(NO_PROBABILITY)
-            stated = np.where(wrong, np.nan, stated)
-        return np.asarray(stated)
-
-    def _guesses(self, table: str) -> tuple[IntArray, IntArray]:
-        """Of guesses at objects, in a table below, the rows of the highest `score`, and of which object each is."""
-        if table not in self._best:
-            of = self._columns.parent_of(table)
-            best = np.arange(of.size)
-            if not (np.diff(of) > 0).all():  # else one guess at each, as is usual
-                order = np.lexsort((-np.nan_to_num(self._columns.numbers("score")), of))
-                of, first = np.unique(of[order], return_index=True)
-                best = order[first]
-            self._best[table] = of, best
-        return self._best[table]
-
-    def _spread(self, name: str, values: Any, none: object) -> Any:
-        """Values of the name's table, one for each row of the place; messages where they do not fit fail."""
-        one, columns = self._columns.fields[name], self._columns
-        if one.table == self._place.table:
-            return values
-        if one.table == "":
-            return values[self.message]
-        if one.table.startswith(self._place.table) and "score" in self:
-            of, best = self._guesses(one.table)
-            out = np.full(self.message.size, none, dtype=values.dtype)
-            out[of] = values[best]
-            return out
-        of = columns.message_of(one.table)
-        if np.array_equal(of, self.message):
-            return values
-        n, has = (np.bincount(rows, minlength=columns.n_messages) for rows in (self.message, of))
-        unlike = np.flatnonzero((n != has) & ((has > 0) | (not one.optional)))
-        if unlike.size:
-            columns.fail(unlike, f"{one.path}: expected as many as of {self._place.path}")
-        out = np.full(self.message.size, none, dtype=values.dtype)
-        out[(n == has)[self.message]] = values[(n == has)[of]]
-        return out
-
-
 def _forget_no_fixes(place: FloatArray, status: IntArray) -> None:
     """A receiver without a fix says so by a status below 0, by places that do not exist, or by unset fields."""
     longitude, latitude, height = place.T
@@ -393,10 +252,3 @@ def shaped(numbers: FloatArray, kind: IntArray, shapes: Mapping[int, Shape]) -> 
             made[:, np.array(places) < 0] = np.nan
             found[here] = made
     return found
-
-
-def label_names(numbers: IntArray, words: Sequence[str]) -> AnyArray:
-    """(n,) str: the words for (n,) classes, a number that has none in decimal; empty for `UNLABELLED`."""
-    is_named = (numbers >= UNLABELLED) & (numbers < len(words))
-    named = np.array([*words, ""])[np.where(is_named, numbers, UNLABELLED)]
-    return named if is_named.all() else np.where(is_named, named, numbers.astype(np.str_))

@@ -4,7 +4,7 @@ The base of an object is the centre of its bounding box, x east, y north in grou
 
 In `osi3.SensorData` positions are in the axes of the virtual sensor. Its mounting position is in the axes of the host
 vehicle, whose origin is the rear axle; where that is in the world is in the copy of the sensor view. Velocities are
-relative to the moving sensor, so they are left out: direction and speed come from the positions in the world. Errors
+relative to the moving sensor, so they are left out: direction and speed come from the positions on the map. Errors
 are those of `base_rmse`, along the sensor's axes.
 
 Source: ASAM OSI 3.7, osi_object.proto, osi_sensordata.proto (`mounting_position`), osi_common.proto (`Orientation3d`:
@@ -19,7 +19,8 @@ import numpy as np
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.recording.decoding.field_columns import NO_TIME, FieldColumns
-from dirprim_filter.recording.schemas.family import SIZE, UNLABELLED, Family, family, label_names
+from dirprim_filter.recording.schemas.family import SIZE, Family, family
+from dirprim_filter.recording.schemas.object_columns import UNLABELLED, label_names
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation

@@ -32,7 +32,7 @@ from dirprim_filter.recording.schemas.family import matrices
 from dirprim_filter.recording.tables.cells import NS_PER_S, Cells
 from dirprim_filter.recording.tables.files import cells_of
 from dirprim_filter.recording.tables.table import Table, table_of
-from dirprim_filter.recording.transforms.geodesy import median_of, needing_pyproj, on_plane
+from dirprim_filter.recording.transforms.geodesy import median_of, on_plane
 from dirprim_filter.track_ids import Numbers
 
 ID = re.compile(r"(track|vehicle|object|agent|car|obj|veh)?[ _-]?id|track|vehicle|mmsi", re.IGNORECASE)
@@ -148,9 +148,8 @@ def positions(
     if (other := (stated != stated[0]).any(axis=1)).any():
         raise table.error(int(np.argmax(other)), "the origin of the first row", "another", "split the table by origin")
     own = Origin.parse(",".join(map(str, stated[0].tolist())))
-    with needing_pyproj():
-        moved = origin is not None and not own.is_of(origin)
-        return (on_plane(origin, own.to_globe(position)) if moved else position), origin or own, True
+    moved = origin is not None and not own.is_of(origin)
+    return (on_plane(origin, position, own) if moved else position), origin or own, True
 
 
 def _groups(table: Cells, name: str) -> IntArray:

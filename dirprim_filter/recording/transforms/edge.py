@@ -98,7 +98,7 @@ class Edge:
             own = own[-1:]
         elif len(parents) > 1:
             parent = next(filter(parents.__contains__, FIXED), parents[0])
-            notes.append(f"has several parents, {listed(parents)}: that in {parent!r} is taken")
+            notes.append(f"has several parents, {listed(parents)}: only its transforms in {parent!r} are used")
             own = own[own["parent"] == names.index(parent)]
         own = own[np.argsort(own["time_ns"], kind="stable")]
         step = np.diff(own["translation"], axis=0)

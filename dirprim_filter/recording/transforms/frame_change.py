@@ -16,18 +16,10 @@ from dirprim_filter.origin import Origin
 from dirprim_filter.recording.container.log import Log
 from dirprim_filter.recording.errors import MissingTransformError, RecordingError
 from dirprim_filter.recording.rows import Rows
-from dirprim_filter.recording.schemas.decoders import family_of
-from dirprim_filter.recording.schemas.families import TRANSFORMS
+from dirprim_filter.recording.schemas.decoders import schema_name
 from dirprim_filter.recording.schemas.family import GEODETIC
 from dirprim_filter.recording.transforms.edge import FIXED, Placement
-from dirprim_filter.recording.transforms.geodesy import (
-    FIXES,
-    LIVE_FIXES,
-    check_kind,
-    median_of,
-    needing_pyproj,
-    on_plane,
-)
+from dirprim_filter.recording.transforms.geodesy import FIXES, LIVE_FIXES, check_kind, median_of, on_plane
 from dirprim_filter.recording.transforms.transform_tree import SharedTransforms, TransformTree
 
 if TYPE_CHECKING:
@@ -124,18 +116,20 @@ class FrameChange:
     def _missing(self, frame: str, target: str, time_ns: int) -> MissingTransformError:
         tree = self.tree or TransformTree({})
         why = tree.why_not(frame, target, time_ns)
+        odometry = [channel.topic for channel in self._log.channels() if schema_name(channel).endswith("Odometry")]
+        if odometry and target not in tree.chain(frame):
+            why += f" (odometry, as on {odometry[0]}, is not used as a transform)"
         return MissingTransformError(self._log.path, frame=frame, target=target, time_ns=time_ns, why=why)
 
     def _report_unnamed(self, frame: str) -> None:
-        """Say once that positions of a frame without a name are read as they are, where the log has transforms."""
+        """Report once that positions of a frame without a name are read as they are, where the log has transforms."""
         if frame or frame in self._reported or self.target:
             return
         self._reported.add(frame)
-        topics = [channel.topic for channel in self._log.channels() if family_of(channel) in TRANSFORMS]
-        if topics:
+        if placed := TransformTree.of_log(self._log).places():
             logger.warning(
-                "%s: the frame of objects has no name, so positions are read as they are, though %s has transforms: "
-                "are they a vehicle's? --set frame=map says that they are not", self._log.path, topics[0],
+                "%s: the frame of objects has no name, so positions are read as they are, though the log places %s: "
+                "are they a vehicle's? --set frame=map says that they are not", self._log.path, placed,
             )  # fmt: skip
 
     def _check_kind(self, *, is_geodetic: bool) -> None:
@@ -161,8 +155,7 @@ class FrameChange:
         if own is not None and own.is_of(self.origin):
             return rows
         place = rows.position[here]
-        with needing_pyproj():
-            return _with(rows, here, position=on_plane(self.origin, own.to_globe(place) if own else place[:, ::-1]))
+        return _with(rows, here, position=on_plane(self.origin, place if own else place[:, ::-1], own))
 
     def _find(self, frame: str, time_ns: IntArray) -> Placement | None:
         """A frame in the target; None where they are the same."""

@@ -29,14 +29,17 @@ def median_of(geodetic: FloatArray, n: int = FIXES) -> Origin | None:
     return Origin(float(np.sort(latitude)[middle]), float(longitude[np.argsort(near)[middle]]))
 
 
-def on_plane(origin: Origin | None, geodetic: FloatArray) -> FloatArray:
-    """As `Origin.to_plane`; without an origin there are no places, which is NaN.
+def on_plane(origin: Origin | None, place: FloatArray, own: Origin | None = None) -> FloatArray:
+    """(n, 2) metres on the plane of an origin, of latitudes and longitudes, or of places on the plane of their own.
+
+    Without an origin there are no places, which is NaN.
 
     Raises:
         MissingExtraError: pyproj is not installed.
     """
     with needing_pyproj():
-        return np.full(geodetic.shape, np.nan) if origin is None else origin.to_plane(geodetic)
+        geodetic = own.to_globe(place) if own else place
+        return np.full(place.shape, np.nan) if origin is None else origin.to_plane(geodetic)
 
 
 @contextmanager

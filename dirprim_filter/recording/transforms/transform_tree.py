@@ -130,10 +130,13 @@ class TransformTree:
                 loop = names[names.index(names[-1]) + 1 :]
                 return f"{listed(loop)} are each other's parent"
         if (frames := self.between(frame, target)) is None:
-            placed = [f"{name!r} in {edge.parent!r}" for name, edge in self.edges.items()]
-            return f"the log places {listed(placed)}" if placed else "the log has no transforms"
+            return f"the log places {self.places()}" if self.edges else "the log has no transforms"
         lost = (name for name in chain(*frames) if not self.edges[name].at(np.array([time_ns])).known[0])
         return ", ".join(f"that of {name!r} in {self.edges[name].span(time_ns)}" for name in lost)
+
+    def places(self) -> str:
+        """The frames and their parents, of many the first."""
+        return listed([f"{name!r} in {edge.parent!r}" for name, edge in self.edges.items()])
 
     def _climb(self, frames: Iterable[str], time_ns: IntArray) -> Placement:
         from scipy.spatial.transform import Rotation  # noqa: PLC0415 - logs in one frame do without
