@@ -17,6 +17,7 @@ from dirprim_filter.recording.reader import ReadOptions, TrackResult, read_track
 from dirprim_filter.store.config import StoreConfig
 from dirprim_filter.store.delta import address_of
 from dirprim_filter.store.files import Contents, File
+from dirprim_filter.store.folder import Folder
 from dirprim_filter.store.logs import FoundLog
 from dirprim_filter.store.rows import StoredRows
 from dirprim_filter.store.store import Store
@@ -90,7 +91,7 @@ def add_logs(
     if store is not None and config is not None:
         store.check_config(config)
     if store is None:
-        Store.require_room(path)
+        Folder(address_of(path)).require_room()
     config = store.config if store is not None else config or StoreConfig()
     _ = config.reading  # that logs can be read so is asked before anything is made
     known = store.contents().entries if store is not None else {}

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -26,21 +27,20 @@ def shown(path: str | Path) -> str:
     return without_secrets(address_of(path) if ":/" in str(path) else str(path))
 
 
-def asked(path: str | Path, ask: Callable[[Any], Any]) -> Any:
-    """What the library of Delta tables answers; what is wrong becomes one line, without colours and secrets.
+@contextmanager
+def asking(path: str | Path) -> Iterator[Any]:
+    """Within, the library of Delta tables is asked; what is wrong becomes one line, without colours and secrets.
 
     Raises:
         MissingExtraError: it is not installed.
-        RecordingError: whatever it raises, but for a lack of room and rights, which say themselves what they are.
+        RecordingError: whatever it raises.
     """
     try:
         import deltalake  # noqa: PLC0415 (an extra)
     except ImportError as error:
         raise MissingExtraError(shown(path), library="deltalake", extra="fleet") from error
-    from deltalake.exceptions import DeltaError  # noqa: PLC0415
-
     try:
-        return ask(deltalake)
-    except (OSError, DeltaError, ValueError, TypeError) as error:
+        yield deltalake
+    except (OSError, deltalake.exceptions.DeltaError, ValueError, TypeError) as error:
         reason = " ".join(ANSI.sub("", str(error)).replace("↳", "").split())
         raise RecordingError(f"{shown(path)}: {reason or type(error).__name__}") from error

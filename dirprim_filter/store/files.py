@@ -93,15 +93,14 @@ class Contents(NamedTuple):
                     .values())[::-1]  # fmt: skip
 
 
-def partition_of(file: File) -> dict[str, str]:
+def added_action(file: File, now_ms: int) -> Any:
     """As the transaction log takes it."""
-    return {name: str(getattr(file, name)) for name in PARTITIONS} | {"halo": str(file.halo).lower()}
+    from deltalake.transaction import AddAction  # noqa: PLC0415 (an extra)
 
-
-def statistics_of(file: File) -> str:
-    """Likewise."""
+    partition = {name: str(getattr(file, name)) for name in PARTITIONS} | {"halo": str(file.halo).lower()}
     low, high = {"t_ms": file.start_ms}, {"t_ms": file.end_ms, "track": file.last_track}
-    return json.dumps({"numRecords": file.n_rows, "minValues": low, "maxValues": high, "nullCount": {}})
+    statistics = {"numRecords": file.n_rows, "minValues": low, "maxValues": high, "nullCount": {}}
+    return AddAction(file.path, file.size, partition, now_ms, True, json.dumps(statistics))
 
 
 def contents_of(table: Any, name: str) -> Contents:
@@ -130,16 +129,10 @@ def _file(action: dict[str, Any]) -> File:
         raise ValueError("expected a name with the hash of what the file holds, and its log")
     if not DIGEST.fullmatch(of["recording"]):
         raise ValueError(f"expected the hash of a recording, got {of['recording']!r}")
-    numbers: list[int] = [
-        action["num_records"],
-        action["max.track"],
-        action["min.t_ms"],
-        action["max.t_ms"],
-        action["size_bytes"],
-    ]
+    numbers = [action[name] for name in ("size_bytes", "num_records", "max.track", "min.t_ms", "max.t_ms")]
     if not all(type(number) is int for number in numbers):
         raise ValueError(f"expected whole numbers of rows, vehicles and times, got {numbers}")
     return File(
-        path, numbers[4], of["log"], of["mark"], of["recording"], of["added"], of["status"],
-        Block.parse(of["block"]), bool(of["halo"]), *numbers[:4],
+        path, numbers[0], of["log"], of["mark"], of["recording"], of["added"], of["status"],
+        Block.parse(of["block"]), bool(of["halo"]), *numbers[1:],
     )  # fmt: skip

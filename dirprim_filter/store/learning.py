@@ -25,10 +25,11 @@ from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording import load_map, save_map
 from dirprim_filter.store.blocks import Block
 from dirprim_filter.store.files import Contents, File
+from dirprim_filter.store.folder import FITS
 from dirprim_filter.store.joining import joined
 from dirprim_filter.store.rows import StoredRows
 from dirprim_filter.store.sampling import MOST_ROWS, Ageing, Hours, Recording, drawn, sample_of
-from dirprim_filter.store.store import FITS, DamagedFileError, GoneError, Store
+from dirprim_filter.store.store import DamagedFileError, GoneError, Store
 from dirprim_filter.store.workers import Workers
 from tessellation import GridTessellation
 

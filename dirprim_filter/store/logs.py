@@ -87,7 +87,8 @@ def _local(pattern: str) -> list[FoundLog]:
     for path in map(Path, paths):
         if path.is_file():
             stat = path.stat()
-            logs.append(_found(name_of(str(path)), stat.st_size, str(stat.st_mtime_ns)))
+            name = name_of(str(path))
+            logs.append(FoundLog(url=name, name=name, size=stat.st_size, mark=str(stat.st_mtime_ns)))
     return logs
 
 
@@ -107,20 +108,14 @@ def _remote(pattern: str) -> list[FoundLog]:
         raise FileNotFoundError(errno.ENOENT, "No such file", pattern) from error
     except Exception as error:  # of the scheme's own package
         raise RecordingError(f"{pattern}: expected a URL that fsspec can ask: {error}; copy the logs here") from error
-    return [
-        _found(files.unstrip_protocol(path), int(info.get("size") or 0), _mark(info))
-        for path, info in about.items() if info.get("type") != "directory"
-    ]  # fmt: skip
-
-
-def _found(url: str, size: int, mark: str) -> FoundLog:
-    return FoundLog(url=url, name=name_of(url), size=size, mark=mark)
+    logs = []
+    for own, info in about.items():
+        if info.get("type") != "directory":
+            url, mark = files.unstrip_protocol(own), next((str(info[name]) for name in MARKS if info.get(name)), "")
+            logs.append(FoundLog(url=url, name=name_of(url), size=int(info.get("size") or 0), mark=mark))
+    return logs
 
 
 def _is_pattern(url: str) -> bool:
     """Whether it stands for several; a query of http, as of a signed URL, does not."""
     return glob.has_magic(url.partition("?")[0] if url.startswith("http") else url)
-
-
-def _mark(info: dict[str, Any]) -> str:
-    return next((str(info[name]) for name in MARKS if info.get(name)), "")

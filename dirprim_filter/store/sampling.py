@@ -9,6 +9,7 @@ that few vehicles take is kept whole beside a street with thousands.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import replace
 from datetime import datetime
@@ -102,6 +103,11 @@ class _Part(NamedTuple):
     turn: IntArray  # (n_vehicles,)
     number: FloatArray  # (n_vehicles,) in [0, 1)
 
+    @classmethod
+    def of(cls, recording: Recording) -> _Part:
+        """All of it."""
+        return cls(recording, _turns(recording.rows), _numbers(recording))
+
     def some(self, kept: BoolArray) -> _Part:
         """Some vehicles."""
         rows = self.recording.rows
@@ -120,13 +126,11 @@ def drawn(recordings: Iterable[Recording], *, most_rows: int = MOST_ROWS) -> tup
         Recordings in the order of their names, and how many vehicles there were.
     """
     parts: list[_Part] = []
-    n_of: dict[int, int] = {}
+    n_of = Counter[int]()
     most, held = MOST_OF_A_TURN, 0
     for recording in recordings:
-        turn = _turns(recording.rows)
-        for each, n in zip(*(column.tolist() for column in np.unique(turn, return_counts=True)), strict=True):
-            n_of[each] = n_of.get(each, 0) + n
-        parts.append(_Part(recording, turn, _numbers(recording)))
+        n_of.update(turns_in(recording.rows))
+        parts.append(_Part.of(recording))
         held += len(recording.rows)
         while held > SLACK * most_rows and most > 1:
             most //= 2
@@ -141,7 +145,7 @@ def drawn(recordings: Iterable[Recording], *, most_rows: int = MOST_ROWS) -> tup
 
 def kept_of(rows: StoredRows, name: str, n_of: dict[int, int], most: int) -> StoredRows:
     """Of a recording, the vehicles that are drawn where `n_of` take each turn in all, weighed; see `turns_in`."""
-    (part,), _ = _thinned([_Part(Recording(name, rows), _turns(rows), _numbers(Recording(name, rows)))], n_of, most)
+    (part,), _ = _thinned([_Part.of(Recording(name, rows))], n_of, most)
     return _weighed(part, n_of, most).rows
 
 
@@ -170,7 +174,7 @@ def sample_of(recordings: list[Recording], n_vehicles: int, *, min_vehicles: int
         weights.append(rows.weight[first] * (1.0 if ageing is None else ageing.weight(rows.t_ms[first])))
         before, group = before + n.size, group + int(own_group.max()) + 1
     if not tracks:
-        return Sample(_no_tracks(), np.empty(0), n_vehicles)
+        return Sample(Tracks.none(), np.empty(0), n_vehicles)
     together, weight = Tracks.concatenate(tracks), np.concatenate(weights)
     if min_vehicles > 1:
         counted = np.concatenate([rows.weight[rows.first] for _, rows in recordings])
@@ -236,8 +240,3 @@ def _weighed(part: _Part, n_of: dict[int, int], most: int) -> Recording:
     rows = part.recording.rows
     share = np.repeat(_shares(part, n_of, most), np.diff(np.append(rows.first, len(rows))))
     return part.recording._replace(rows=replace(rows, weight=rows.weight / share))
-
-
-def _no_tracks() -> Tracks:
-    return Tracks(track_id=np.empty(0, np.int64), time_ns=np.empty(0, np.int64), position=np.empty((0, 2)),
-                  direction=np.empty(0), speed=np.empty(0))  # fmt: skip

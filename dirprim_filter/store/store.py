@@ -9,12 +9,10 @@ and whatever is read is compared with it.
 from __future__ import annotations
 
 import hashlib
-import re
 import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 from uuid import uuid4
@@ -27,26 +25,13 @@ from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.reader import ReadOptions
 from dirprim_filter.store.blocks import Block, blocks_near
 from dirprim_filter.store.config import StoreConfig
-from dirprim_filter.store.delta import address_of, asked, shown
-from dirprim_filter.store.files import (
-    COLUMNS,
-    FIT,
-    PARTITIONS,
-    PATH,
-    Contents,
-    File,
-    contents_of,
-    partition_of,
-    statistics_of,
-)
+from dirprim_filter.store.delta import address_of, asking, shown
+from dirprim_filter.store.files import COLUMNS, PARTITIONS, Contents, File, added_action, contents_of
+from dirprim_filter.store.folder import FITS, Folder
 from dirprim_filter.store.rows import StoredRows
 
-FITS = "_fits"
-"""Folder of what was fitted; Delta leaves alone what begins so."""
 MOST_COMMITS = 200
 """Tries, while others commit."""
-LOG = re.compile(r"_delta_log/(\d{20}\..*|_last_checkpoint|_commit_.*\.tmp)")
-"""Of Delta's library."""
 ORPHANS_NS = 24 * 3600 * 10**9
 """So old a file that was never committed is what a killed process left."""
 
@@ -64,8 +49,8 @@ Change = Callable[[Contents], tuple[Iterable[File], Iterable[File]]]
 
 
 @dataclass(frozen=True)
-class Store:
-    """A table, by its path or URL; small, so that workers are sent it.
+class Store(Folder):
+    """A table, by its path or URL.
 
     Attributes:
         path: of a folder, or a URL of an object store.
@@ -73,7 +58,6 @@ class Store:
         frame: of the positions.
     """
 
-    path: str
     config: StoreConfig
     frame: str
 
@@ -85,7 +69,10 @@ class Store:
             RecordingError: it cannot be asked.
         """
         ask = address_of(path)
-        return not Path(ask).is_file() and bool(asked(path, lambda delta: delta.DeltaTable.is_deltatable(ask)))
+        if Path(ask).is_file():
+            return False
+        with asking(path) as delta:
+            return bool(delta.DeltaTable.is_deltatable(ask))
 
     @classmethod
     def open(cls, path: str | Path) -> Self:
@@ -96,9 +83,10 @@ class Store:
         """
         if not cls.is_at(path):
             raise RecordingError(f"{shown(path)}: expected a store, found none; `dirprim store add` makes one")
-        table = asked(path, lambda delta: delta.DeltaTable(address_of(path)))
+        with asking(path) as delta:
+            about = delta.DeltaTable(address_of(path)).metadata()
         try:
-            config, frame = StoreConfig.from_json(table.metadata().description or "")
+            config, frame = StoreConfig.from_json(about.description or "")
         except (ValueError, TypeError) as error:
             raise RecordingError(f"{shown(path)}: expected a store, got {error}; add its logs to a new one") from error
         return cls(address_of(path), config, frame)
@@ -111,12 +99,13 @@ class Store:
             RecordingError: it cannot be made, or something else is there.
             ValueError: another made one at the same time, that reads otherwise.
         """
-        cls.require_room(path)
+        Folder(address_of(path)).require_room()
         try:
-            asked(path, lambda delta: delta.DeltaTable.create(
-                address_of(path), delta.Schema.from_arrow(COLUMNS), mode="error", partition_by=list(PARTITIONS),
-                description=config.to_json(frame),
-            ))  # fmt: skip
+            with asking(path) as delta:
+                delta.DeltaTable.create(
+                    address_of(path), delta.Schema.from_arrow(COLUMNS), mode="error", partition_by=list(PARTITIONS),
+                    description=config.to_json(frame),
+                )  # fmt: skip
         except RecordingError:
             if not cls.is_at(path):
                 raise
@@ -124,28 +113,6 @@ class Store:
         made.check_config(config)
         made.check_frame(made.path, frame)
         return made
-
-    @classmethod
-    def require_room(cls, path: str | Path) -> None:
-        """Whether a new one may be made there: where nothing is but what one leaves that is killed as it makes one.
-
-        Raises:
-            RecordingError: something is there.
-        """
-        made = cls(address_of(path), StoreConfig(), "")
-        if "://" not in made.path and not Path(made.path).is_dir():
-            return
-        for top in made._listed("", deep=False):
-            is_own = top.path in ("rows", FITS, "_delta_log") and not top.is_file
-            within = [at.path for at in made._listed(top.path) if at.is_file] if is_own else [top.path]
-            if other := next((name for name in within if not _is_own(name) and not LOG.fullmatch(name)), None):
-                raise RecordingError(
-                    f"{made}: expected a store or an empty folder, got one with {other} in it; choose another name, "
-                    "such as that of a new folder in it"
-                )
-
-    def __str__(self) -> str:
-        return shown(self.path)
 
     @property
     def reading(self) -> ReadOptions:
@@ -209,29 +176,19 @@ class Store:
             time.sleep(0.01 * (1 + uuid4().int % (4 + attempt)))
         else:
             raise RecordingError(f"{self}: others commit all the time; run again")
-        self._delete(file.path for file in removed)
+        self.delete(file.path for file in removed)
         for block in {file.block for file in (*added, *removed)}:  # what was learned there is not asked for any more
             with suppress(RecordingError):
-                self._delete(each.path for each in self._listed(f"{FITS}/{block}"))
+                self.delete(each.path for each in self.listed(f"{FITS}/{block}"))
 
     def tidy(self) -> None:
         """Delete the rows that processes left which were killed before they committed them."""
         with suppress(RecordingError):
-            there = self._listed("rows")
+            there = self.listed("rows")
             known = set(pa.table(self._table().get_add_actions())["path"].to_pylist())
             since_ns = time.time_ns() - ORPHANS_NS
             old = (each.path for each in there if each.mtime_ns is not None and each.mtime_ns < since_ns)
-            self._delete(path for path in old if path not in known)
-
-    def _delete(self, paths: Iterable[str]) -> None:
-        """Those of them that a store wrote, if they are there."""
-        for path in filter(_is_own, paths):
-            with suppress(OSError):  # what stays is what no one knows of
-                self._folder.delete_file(path)
-
-    def _listed(self, folder: str, *, deep: bool = True) -> list[Any]:
-        """What pyarrow knows of the files in a folder, and of folders."""
-        return list(asked(self.path, lambda _: self._folder.get_file_info_selector(folder, True, deep)))
+            self.delete(path for path in old if path not in known)
 
     def write(
         self, rows: StoredRows, *, log: str, mark: str, status: str, recording: str | None = None,
@@ -279,90 +236,32 @@ class Store:
         if data is None and file not in self.contents().files.get(file.log, []):
             raise GoneError(f"{self}: {file.path} of {file.log} is no more")
         try:
-            rows = _rows_of(file, data or b"")
+            return _rows_of(file, data or b"")
         except ValueError as error:
             raise DamagedFileError(
                 f"{self}: {file.log} is damaged in the store, in {file.path}: {error}; forget it, and add it again"
             ) from error
-        return rows
-
-    def put(self, path: str, data: bytes) -> None:
-        """Write a file as a whole.
-
-        Raises:
-            RecordingError: it cannot be written.
-        """
-
-        def write(_: Any) -> None:
-            stream = self._folder.open_output_stream(path)
-            stream.write(data)
-            stream.close()
-
-        asked(self.path, write)
-
-    def get(self, path: str) -> bytes | None:
-        """What a file holds; None where there is none.
-
-        Raises:
-            RecordingError: it cannot be read.
-        """
-
-        def read(_: Any) -> bytes | None:
-            try:
-                stream = self._folder.open_input_file(path)
-            except FileNotFoundError:
-                return None
-            return bytes(stream.read(stream.size()))
-
-        found: bytes | None = asked(self.path, read)
-        return found
 
     def _table(self) -> Any:
-        return asked(self.path, lambda delta: delta.DeltaTable(self.path))
-
-    @cached_property
-    def _folder(self) -> Any:
-        from deltalake._internal import DeltaFileSystemHandler  # noqa: PLC0415 (pyarrow's wrapper of it cannot write)
-
-        if "://" not in self.path:
-            Path(self.path).mkdir(parents=True, exist_ok=True)
-        return DeltaFileSystemHandler(self.path)
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {field.name: getattr(self, field.name) for field in fields(self)}
+        with asking(self.path) as delta:
+            return delta.DeltaTable(self.path)
 
     def _committed(self, table: Any, added: list[File], removed: list[File]) -> bool:
         """Whether nothing else was, that contradicts it."""
         from deltalake.exceptions import CommitFailedError  # noqa: PLC0415 (an extra)
-        from deltalake.transaction import AddAction, RemoveAction  # noqa: PLC0415
+        from deltalake.transaction import RemoveAction  # noqa: PLC0415
 
         now = time.time_ns() // 1_000_000
-        actions: list[Any] = [
-            AddAction(file.path, file.size, partition_of(file), now, True, statistics_of(file)) for file in added
-        ]
+        actions: list[Any] = [added_action(file, now) for file in added]
         actions += [RemoveAction(path=file.path, data_change=True, deletion_timestamp=now) for file in removed]
-
-        def commit(delta: Any) -> bool:
-            try:
-                table.create_write_transaction(actions, "append", delta.Schema.from_arrow(COLUMNS), list(PARTITIONS))
-            except CommitFailedError:
-                return False
+        with asking(self.path) as delta, suppress(CommitFailedError):
+            table.create_write_transaction(actions, "append", delta.Schema.from_arrow(COLUMNS), list(PARTITIONS))
             return True
-
-        return bool(asked(self.path, commit))
-
-
-def _is_own(path: str) -> bool:
-    """Whether a store gives this name to what it writes."""
-    return bool(PATH.fullmatch(path) or FIT.fullmatch(path))
+        return False
 
 
 def _rows_of(file: File, data: bytes) -> StoredRows:
-    """The rows in the bytes of a file.
-
-    Raises:
-        ValueError: they are not those that were written.
-    """
+    """The rows in the bytes of a file; a ValueError says that they are not those that were written."""
     if hashlib.sha256(data).hexdigest() != file.digest:
         raise ValueError("other bytes than were written")
     rows = StoredRows.from_parquet(data)

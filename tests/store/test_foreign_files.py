@@ -1,13 +1,9 @@
 """What a store did not write it leaves alone: files of the user's beside it and within it, whatever is done to it."""
 
 import os
-import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 from streets import GRID, logs_of, store_of, street
 
@@ -24,7 +20,6 @@ NAMES = [
 ]  # fmt: skip
 """Nearly as a store's own."""
 OLD_S = time.time() - 60 * 86_400
-KILLS = 30
 
 
 def put_foreign(store, folder):
@@ -118,37 +113,3 @@ def test_what_nobody_knows_of_goes_a_day_later(tmp_path):
     store.tidy()
     kept = [store.get(name) is not None for name in (*left, damaged.path, file.path)]
     assert kept == [False, True, True, True]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("what", ["store", "learn"])
-def test_kills_at_any_time_touch_nothing_else_and_stop_no_next_command(what, tmp_path):
-    """A store's commands over and over, each killed after a random time; then all of them once more, whole."""
-    rng = np.random.default_rng(1)
-    path = logs_of(tmp_path, a=street(1), b=street(2), c=street(3))
-    store = store_of(tmp_path / "store", path["a"])
-    (tmp_path / "precious.mcap").write_bytes(b"mine")
-    there = put_foreign(store, tmp_path / "store")
-    before = there()
-    commands = {
-        "store": [f"store add store {path['b']} {path['c']}", f"store forget store {path['b']}",
-                  "store keep store --of-month 1970-01 --vehicles 1", "store merge new store"],
-        "learn": ["store learn store -o map.mcap --force --tessellation grid --cell-size 32",
-                  f"learn {path['a']} -o precious.mcap --force --tessellation grid --cell-size 32"],
-    }[what]  # fmt: skip
-    n_killed = 0
-    for number in range(KILLS):
-        program = [sys.executable, "-m", "dirprim_filter.cli", *commands[number % len(commands)].split()]
-        run = subprocess.Popen(program, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        time.sleep(rng.uniform(0.2, 2.5))
-        run.send_signal(signal.SIGKILL)
-        n_killed += run.wait() == -signal.SIGKILL
-        assert there() == before
-        precious = (tmp_path / "precious.mcap").read_bytes()
-        assert precious == b"mine" or (precious.startswith(b"\x89MCAP") and precious.endswith(b"MCAP0\r\n"))
-    assert n_killed > 0
-    for command in commands:
-        ended = subprocess.run([sys.executable, "-m", "dirprim_filter.cli", *command.split()], cwd=tmp_path,
-                               capture_output=True, text=True, check=False)  # fmt: skip
-        assert ended.returncode == DONE or "is not in the store" in ended.stderr, ended.stderr
-    assert there() == before
