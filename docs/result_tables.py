@@ -274,7 +274,7 @@ TABLES: dict[str, Table] = {
             Column(head="joint, curved is ahead by, nat", read=changes, digits=3),
         ),
         blocks=(("mean log density / cells / joint, curved is ahead, nat", (0, 1, 2)),),
-        renamed=(("grid, (.*), .* m is best", r"best grid, \1"), ("joint, .*, .* cells", "")),
+        renamed=(("grid, (.*), .* m is best", r"best grid, \1"),),
     ),
     "peers": Table(
         command="python tests/benchmarks/peers.py {options} --json",
@@ -334,12 +334,6 @@ TABLES: dict[str, Table] = {
     "speed": Table(
         command="python tests/benchmarks/speed.py {options}",
         runs=(
-            Run(
-                name="fit of one cell, modes counted", options="fit",
-                entries=printed(
-                    **{f"{n} angles": rf"{n} angles ([\d.]+) ms ([\d.]+) ms" for n in ("500", "5,000", "50,000")}
-                ),
-            ),
             Run(
                 name="step of 100,000 particles", options="step",
                 entries=printed(

@@ -31,8 +31,8 @@ from dirprim_filter.distributions import VonMisesMixture, von_mises
 from dirprim_filter.distributions.angles import difference
 from dirprim_filter.distributions.product import multiply_mixtures
 from dirprim_filter.distributions.von_mises_mixture import log_weights
-from dirprim_filter.evaluation.density import mean_over, rows_to_judge
-from dirprim_filter.evaluation.intervals import Interval
+from dirprim_filter.evaluation.density import rows_to_judge
+from dirprim_filter.evaluation.intervals import Interval, mean_over
 from dirprim_filter.evaluation.splits import Fold, SplitBy, honest_split, split, steps
 from dirprim_filter.primitives.cues import Cue
 from dirprim_filter.primitives.learning import CellsRule, learn_primitives

@@ -21,11 +21,11 @@ from typing import Any, NamedTuple, get_args, get_type_hints
 
 import numpy as np
 
-from dirprim_filter.arrays import FloatArray, IntArray
+from dirprim_filter.arrays import FloatArray
 from dirprim_filter.distributions.angles import TWO_PI
 from dirprim_filter.evaluation.baselines.directional_grid_map import DirectionalGridMap
 from dirprim_filter.evaluation.baselines.gaussian_process import DirectionalGaussianProcess
-from dirprim_filter.evaluation.intervals import Interval, clustered, interval, mean
+from dirprim_filter.evaluation.intervals import Interval, mean_over
 from dirprim_filter.evaluation.settings import Axis, Choice, choose
 from dirprim_filter.evaluation.splits import Fold, SplitBy, honest_split, split, steps, thinned
 from dirprim_filter.evaluation.without_map import background_motion
@@ -320,8 +320,3 @@ def _chosen(method: Method, train: Tracks, by: SplitBy, rng: np.random.Generator
         return float(found["direction"].mean())
 
     return choose(method.settings, mean_log_density)
-
-
-def mean_over(cluster: IntArray, value: FloatArray) -> Interval:
-    """The mean over rows with its interval over clusters. (n,), (n,)."""
-    return interval(clustered(cluster, [value, np.ones_like(value)]), mean)

@@ -18,11 +18,10 @@ def rmse(errors: Sequence[RowErrors], *, above_s: float, to_s: float) -> Interva
     Its interval is over vehicles or groups; NaN where there is none. In sight they are unseen for 0 s.
     """
     chosen = [(of.unseen_s > above_s) & (of.unseen_s <= to_s) & np.isfinite(of.squared) for of in errors]
-    cluster = np.concatenate([of.cluster[rows] for of, rows in zip(errors, chosen, strict=True)])
-    squared = np.concatenate([of.squared[rows] for of, rows in zip(errors, chosen, strict=True)])
-    if not squared.size:
-        return Interval(*[float("nan")] * 3, 0)
-    return interval(clustered(cluster, [squared, np.ones_like(squared)]), lambda total: np.sqrt(mean(total)))
+    parts = [(of.cluster[rows], of.squared[rows]) for of, rows in zip(errors, chosen, strict=True)]
+    cluster, squared = (np.concatenate(column) for column in zip(*parts, strict=True))
+    sums = clustered(cluster, [squared, np.ones_like(squared)])
+    return interval(sums, lambda total: np.sqrt(mean(total)))
 
 
 def reliability(errors: Sequence[RowErrors], share: FloatArray, *, is_hidden: bool) -> FloatArray:

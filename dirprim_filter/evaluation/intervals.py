@@ -75,6 +75,11 @@ def interval(sums: FloatArray, statistic: Statistic) -> Interval:
     return Interval(value, value - half, value + half, n)
 
 
+def mean_over(cluster: AnyArray, value: FloatArray) -> Interval:
+    """The mean over rows (n,) with its interval over their clusters (n,); NaN of none."""
+    return interval(clustered(cluster, [value, np.ones_like(value)]), mean)
+
+
 def paired(cluster: AnyArray, first: FloatArray, other: FloatArray, statistic: Statistic) -> Interval:
     """One method beside another at the rows that both have (not NaN). (n,) each; the statistic is one of the next."""
     both = np.isfinite(first) & np.isfinite(other)

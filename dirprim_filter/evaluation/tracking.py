@@ -17,15 +17,7 @@ import numpy as np
 
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.detections import Detections
-from dirprim_filter.evaluation.intervals import (
-    Interval,
-    clustered,
-    difference_of_means,
-    interval,
-    mean,
-    paired,
-    reduction_of_rmse,
-)
+from dirprim_filter.evaluation.intervals import Interval, difference_of_means, mean_over, paired, reduction_of_rmse
 from dirprim_filter.evaluation.rivals import CONSTANT_VELOCITY, SMOOTHED, MakeFilter, Method, fitted_acceleration
 from dirprim_filter.evaluation.scenes import Scene, followed
 from dirprim_filter.evaluation.scores import RowErrors, TrackedScene, scored
@@ -89,8 +81,7 @@ class TrackingTable:
 
     Attributes:
         experiment: what it follows from.
-        map_learned: whether the map was learned from vehicles of the log that were then not tracked.
-        split_by: what these were dealt by; empty where the map was given.
+        split_by: how vehicles that the map is learned from were held out of those tracked; empty where it was given.
         groups: of each seed those that were tracked, each by itself.
         n_vehicles: how many vehicles, over all seeds.
         n_gaps: how many of them were out of sight once.
@@ -99,7 +90,6 @@ class TrackingTable:
     """
 
     experiment: TrackingExperiment
-    map_learned: bool
     split_by: str
     groups: tuple[tuple[int, ...], ...]
     n_vehicles: int
@@ -179,9 +169,8 @@ def evaluate_tracking(
         for name, of in runs.items() for reports, by_group, errors in [zip(*of, strict=True)]
     ]  # fmt: skip
     return TrackingTable(
-        experiment=experiment, map_learned=primitive_map is None,
-        split_by="" if primitive_map else honest_split(tracks), groups=tuple(groups), n_vehicles=n_vehicles,
-        n_gaps=n_gaps, methods=tuple(results), settings=tuple(settings),
+        experiment=experiment, split_by="" if primitive_map else honest_split(tracks), groups=tuple(groups),
+        n_vehicles=n_vehicles, n_gaps=n_gaps, methods=tuple(results), settings=tuple(settings),
     )  # fmt: skip
 
 
@@ -277,8 +266,7 @@ def _hota(table: TrackingTable, a: MethodResult, b: MethodResult) -> Interval:
 
 def hota_of(table: TrackingTable, method: MethodResult) -> Interval:
     """Of one method of a table: over groups, the runs' mean of each; of a single group over runs."""
-    values = _hotas(method)
-    return interval(clustered(_hota_clusters(table), [values, np.ones_like(values)]), mean)
+    return mean_over(_hota_clusters(table), _hotas(method))
 
 
 def _hotas(method: MethodResult) -> FloatArray:

@@ -1,8 +1,8 @@
 """Is it worth it to learn cells jointly with the primitives? `python tests/benchmarks/joint_cells.py LOG...`.
 
 Defends `tessellation="joint"` as the default: beside it stand square cells of every size, of which the best is picked
-in hindsight, which flatters them; Voronoi cells by positions alone; joint cells half as many as the best grid has; flat
-primitives; one cell; and the model without the map. What is compared is the mean log density of direction and speed of
+in hindsight, which flatters them; Voronoi cells by positions alone; flat primitives; one cell; and the model without
+the map. What is compared is the mean log density of direction and speed of
 held-out vehicles, or groups, of all folds, rows every 0.5 s, faster than 0.5 m/s. `difference` is that of joint, curved
 cells less the row's, with its 95 % interval over vehicles or groups.
 """
@@ -18,7 +18,6 @@ from dirprim_filter import learn_primitives, read_tracks
 from dirprim_filter.evaluation.density import Method, evaluate_density
 
 SIZES = (2.0, 3.0, 4.5, 7.0, 10.0, 15.0)
-ONE_CELL = {"tessellation": "grid", "n_cells": 1}
 
 
 def table(tracks, n_folds):
@@ -33,32 +32,25 @@ def table(tracks, n_folds):
 
         return Method(name, fit)
 
-    def compared(*methods):
-        joint = method("joint, curved")
-        rows = evaluate_density(
-            tracks, n_folds=n_folds, interval_s=0.5, methods=[joint, *methods], rng=np.random.default_rng(0)
-        ).methods
-        return {
-            row.name: {"mean": row.joint.mean_log.value, "cells": np.mean(n_cells[row.name]),
-                       "difference": row.joint.behind.value, "low": row.joint.behind.low, "high": row.joint.behind.high}
-            for row in rows
-        }  # fmt: skip
-
     grids = {
         f"grid, {primitive}, {size:g} m is best": {"tessellation": "grid", "cell_size": size, "primitive": primitive}
         for primitive in ("curved", "flat") for size in SIZES
     }  # fmt: skip
-    found = compared(
-        method("voronoi, curved", tessellation="voronoi"),
+    methods = [
+        method("joint, curved"), method("voronoi, curved", tessellation="voronoi"),
         *(method(name, **options) for name, options in grids.items()),
         method("joint, flat", primitive="flat"), method("one cell", n_cells=1),
-        method("without the map", without_map=True, primitive="flat", **ONE_CELL),
-    )  # fmt: skip
+        method("without the map", without_map=True, primitive="flat", tessellation="grid", n_cells=1),
+    ]  # fmt: skip
+    scores = evaluate_density(tracks, n_folds=n_folds, interval_s=0.5, methods=methods, rng=np.random.default_rng(0))
+    found = {
+        row.name: {"mean": row.joint.mean_log.value, "cells": np.mean(n_cells[row.name]),
+                   "difference": row.joint.behind.value, "low": row.joint.behind.low, "high": row.joint.behind.high}
+        for row in scores.methods
+    }  # fmt: skip
     for primitive in ("curved", "flat"):
         names = [name for name, options in grids.items() if options["primitive"] == primitive]
         best = max(names, key=lambda name: found[name]["mean"])
-        half = int(found[best]["cells"] // 2)
-        found |= compared(method(f"joint, {primitive}, {half} cells", n_cells=half, primitive=primitive))
         found = {name: row for name, row in found.items() if name == best or name not in names}
     return found
 

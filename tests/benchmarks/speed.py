@@ -1,10 +1,8 @@
-"""What own kernels save: `python tests/benchmarks/speed.py {fit,step,read}`, a rival's in turn, in one run.
+"""How fast are tracking and reading? `python tests/benchmarks/speed.py {step,read}`.
 
-fit: the fit of one cell (modes counted by BIC, speeds too) beside EM of directions alone, with three modes given, in
-    numpy arrays. The cell is the mixture of the paper's Fig. 2.
 step: predict, weigh and resample 100,000 particles on a map; and `dirprim track` at its defaults, by the clock and with
     its start, of a minute of 100 vehicles at 10 Hz: how many times faster than they drove.
-read: 200,000 messages of 60 bytes on 50 topics, beside the stock library, thousands a second.
+read: 200,000 messages of 60 bytes on 50 topics, beside the stock library in turn, thousands a second.
 
 Milliseconds of processor time, the least of several runs.
 """
@@ -22,18 +20,16 @@ from pathlib import Path
 import numpy as np
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
-from scipy.special import i0e, i1e, logsumexp
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from dirprim_filter import learn_primitives, write_tracks
-from dirprim_filter.config import FilterConfig, LearningConfig
+from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.filtering import ParticleFilter
-from dirprim_filter.primitives.fitting import bounds_of, fit_all
 from dirprim_filter.recording import save_map
 from dirprim_filter.recording.scan import scan
-from situations import one_cell, ring_traffic
+from situations import ring_traffic
 
 RUNS = 15
 
@@ -47,45 +43,6 @@ def least_ms(*works: Callable[[], object], runs: int = RUNS) -> list[float]:
             work()
             found[k] = min(found[k], 1e3 * (time.process_time() - began)) if i else np.inf
     return found
-
-
-def fit() -> None:
-    for n in (500, 5_000, 50_000):
-        rng = np.random.default_rng(0)
-        mode = rng.choice(3, size=n)
-        direction = np.deg2rad([-45.0, 0.0, 45.0])[mode] + rng.vonmises(0.0, 20.0, n)
-        speed = rng.gamma(20.0, 0.5, n)
-
-        def ours(direction=direction, speed=speed, n=n) -> object:
-            spread = float(np.log(speed.mean()) - np.log(speed).mean())
-            bounds = bounds_of(LearningConfig(), prior_strength=0.02, speed_spread=spread)
-            return fit_all(one_cell(direction, speed, n_vehicles=n), bounds)
-
-        own, theirs = least_ms(ours, lambda direction=direction: em_in_numpy(direction))
-        print(f"{n:,} angles {own:.3f} ms {theirs:.1f} ms")
-
-
-def em_in_numpy(direction, n_modes=3, tolerance=1e-6, most=100):
-    """Whole-array EM; concentration by the usual approximation (Banerjee et al. 2005)."""
-    weight, kappa = np.full(n_modes, 1.0 / n_modes), np.full(n_modes, 10.0)
-    mean = np.quantile(direction, (np.arange(n_modes) + 0.5) / n_modes)
-    before = -np.inf
-    for _ in range(most):
-        log_p = kappa * (np.cos(direction[:, None] - mean) - 1.0) - np.log(2 * np.pi * i0e(kappa)) + np.log(weight)
-        norm = logsumexp(log_p, axis=1, keepdims=True)
-        r = np.exp(log_p - norm)
-        total = r.sum(axis=0)
-        c, s = (r * np.cos(direction)[:, None]).sum(axis=0), (r * np.sin(direction)[:, None]).sum(axis=0)
-        weight, mean = total / direction.size, np.arctan2(s, c)
-        length = np.hypot(c, s) / total
-        kappa = length * (2.0 - length**2) / (1.0 - length**2)
-        a = i1e(kappa) / i0e(kappa)
-        kappa = kappa - (a - length) / (1.0 - a * a - a / kappa)
-        now = norm.mean()
-        if now - before < tolerance:
-            break
-        before = now
-    return weight, mean, kappa
 
 
 def step(n: int = 100_000, n_vehicles: int = 100, seconds: float = 60.0) -> None:
@@ -146,4 +103,4 @@ def read(n: int = 200_000, n_topics: int = 50, size: int = 60) -> None:
 
 
 if __name__ == "__main__":
-    {"fit": fit, "step": step, "read": read}[sys.argv[1]]()
+    {"step": step, "read": read}[sys.argv[1]]()

@@ -45,7 +45,7 @@ def test_every_vehicle_is_hidden_once_for_the_gap_and_not_near_its_ends(traffic)
 
 def test_all_methods_track_the_same_and_tell_of_gaps(table):
     assert [m.name for m in table.methods] == list(QUICK["methods"])
-    assert (table.n_vehicles, table.n_gaps, table.map_learned) == (8, 8, False)
+    assert (table.n_vehicles, table.n_gaps, table.split_by) == (8, 8, "")
     for method in table.methods:
         assert len(method.reports) == 2
         for found in method.reports:

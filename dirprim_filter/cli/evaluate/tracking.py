@@ -141,7 +141,7 @@ def tracking_text(table: TrackingTable) -> str:
 
     experiment = table.experiment
     ids = "ids" if experiment.with_ids else "no ids"
-    where = f"map learned from others, held out by {table.split_by}" if table.map_learned else "map given"
+    where = f"map learned from others, held out by {table.split_by}" if table.split_by else "map given"
     has_groups = table.n_groups > experiment.n_seeds
     groups = f" in {counted(table.n_groups, 'group')}, each by itself," if has_groups else ""
     lines = [
