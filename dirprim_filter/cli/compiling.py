@@ -41,11 +41,6 @@ def compiling_notice() -> Iterator[None]:
         yield
 
 
-def has_kernels(kernel: str) -> bool:
-    """Whether this installation has compiled this `module.function`: numba's cache has its index."""
-    return any(any(folder.rglob(f"{kernel}*.nbi")) for folder in cache_folders())
-
-
 def mend_cache() -> None:
     """Remove what a power cut left empty or cut of the compiler's cache, and say so: commands would end in an error.
 

@@ -46,11 +46,12 @@ class Coverage:
         self.see(frame.detections.position)
         self._n_estimated += int((frame.estimates.unseen_s == 0).sum())
 
-    def see(self, position: FloatArray) -> None:
-        """Count rows (n, 2)."""
-        self._n_rows += len(position)
-        self._n_outside += int((self._cells.cell_of(position) < 0).sum())
+    def see(self, position: FloatArray) -> bool:
+        """Count rows (n, 2); -> whether all of them are outside."""
+        n_outside = int((self._cells.cell_of(position) < 0).sum())
+        self._n_rows, self._n_outside = self._n_rows + len(position), self._n_outside + n_outside
         self._box = np.minimum(self._box, _box(position))
+        return n_outside == len(position)
 
     def begun(self, frames: Iterable[Detections], reading: Reading) -> Iterable[Detections]:
         """The same frames; if the first is outside of the map, a file is read once more, until one is not.
@@ -59,20 +60,12 @@ class Coverage:
             ValueError: all are outside.
         """
         coming = iter(frames)
-        if not (self._is_needed and (self._log.is_file() or self._log.is_dir())):
-            return coming
         first = list(islice(coming, 1))
-        if all(self._is_outside(frame) for frame in first):
+        if self._is_needed and (self._log.is_file() or self._log.is_dir()):
             probe = Coverage(self._map, self._map_file, self._log)
-            for frame in reading.detections(self._log):
-                probe.see(frame.position)
-                if not self._is_outside(frame):
-                    return chain(first, coming)
-            probe.check()
+            if all(probe.see(frame.position) for frame in chain(first, reading.detections(self._log) if first else ())):
+                probe.check()
         return chain(first, coming)
-
-    def _is_outside(self, frame: Detections) -> bool:
-        return bool((self._cells.cell_of(frame.position) < 0).all())
 
     def check(self, position: FloatArray = NONE) -> None:
         """Warn where most rows are outside; of these (n, 2) too.

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 import typer
 
 from dirprim_filter.cli import exit_codes
-from dirprim_filter.cli.compiling import has_kernels, warm_up
+from dirprim_filter.cli.compiling import warm_up
 from dirprim_filter.cli.learn import learn
 from dirprim_filter.cli.options import Force, Seed
 from dirprim_filter.cli.plot import plot
@@ -37,8 +37,6 @@ if TYPE_CHECKING:
     from dirprim_filter.primitives.primitive_map import PrimitiveMap
     from dirprim_filter.tracks import Tracks
 
-KERNEL = "_kernels.advance"
-"""Where this is compiled, so are the others that tracking needs."""
 WITH_MAP, WITHOUT_MAP, CONSTANT_VELOCITY = "with the map", "without the map", "constant velocity"
 """The ways that are compared."""
 LONGEST_S = 900.0
@@ -130,7 +128,7 @@ def demo(
         TemporaryDirectory() as work,
         get_context("spawn").Pool(1, signal.signal, (signal.SIGINT, signal.SIG_IGN)) as second,
     ):
-        compiled = None if has_kernels(KERNEL) else second.apply_async(warm_up)
+        compiled = second.apply_async(warm_up)
 
         from dirprim_filter.recording import load_map, read_estimates, read_tracks
 
@@ -140,9 +138,7 @@ def demo(
         rivals = {CONSTANT_VELOCITY: second.apply_async(by_constant_velocity, (run,))}
         learn(logs=[learning], output=map_file, seed=seed, force=True)
         rivals[WITHOUT_MAP] = second.apply_async(track, (run, load_map(map_file).without_places()))
-        second.apply_async(get_ready_to_draw)
-        if compiled is not None:
-            compiled.wait(LONGEST_S)
+        compiled.wait(LONGEST_S)
         code = track_log(
             log=seen, map_file=map_file, output=estimates, save=shown, seed=seed, noise=NOISE_M, forecast=FORECAST_S,
             given=[f"truth={tracking}"], force=True,
@@ -180,11 +176,6 @@ def _seen(scene: Scene, folder: Path) -> Path:
     seen = with_blind_ring(Detections.concatenate(list(stream_detections(log))))
     write_tracks(read_tracks(log)[:0], path, detections=seen)
     return path
-
-
-def get_ready_to_draw() -> None:
-    """Import what the second process draws with, which takes it long, while the first one tracks."""
-    import dirprim_filter.viewer.figures  # noqa: F401
 
 
 def track(run: Run, model: PrimitiveMap | BayesFilter) -> Estimates:

@@ -5,19 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from dirprim_filter.cli import exit_codes
-from dirprim_filter.cli.options import (
-    CellCount,
-    CellSize,
-    Force,
-    HowModes,
-    HowShaped,
-    LogsOrStore,
-    Output,
-    Seed,
-    SensorFile,
-    Tessellation,
-)
+from dirprim_filter.cli import exit_codes, options
 from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.results import save_learned
 from dirprim_filter.cli.texts import counted
@@ -25,16 +13,16 @@ from dirprim_filter.cli.texts import counted
 
 @reads_logs()
 def learn(
-    logs: LogsOrStore,
-    output: Output,
-    tessellation: Tessellation = "joint",
-    cell_size: CellSize = None,
-    cells: CellCount = None,
-    modes: HowModes = "bic",
-    primitive: HowShaped = "curved",
-    sensor: SensorFile = None,
-    seed: Seed = 0,
-    force: Force = False,
+    logs: options.LogsOrStore,
+    output: options.Output,
+    tessellation: options.Tessellation = "joint",
+    cell_size: options.CellSize = None,
+    cells: options.CellCount = None,
+    modes: options.HowModes = "bic",
+    primitive: options.HowShaped = "curved",
+    sensor: options.SensorFile = None,
+    seed: options.Seed = 0,
+    force: options.Force = False,
     *,
     reading: Reading,
 ) -> int:
@@ -62,16 +50,16 @@ def learn(
     from dirprim_filter.sensor import without_bias
 
     sensing = None if sensor is None else load_sensor(sensor)
-    options: dict[str, Any] = {
+    how: dict[str, Any] = {
         "tessellation": tessellation, "cell_size": cell_size, "n_cells": cells, "modes": modes, "primitive": primitive,
     }  # fmt: skip
     log = reading.tracks(logs)
     tracks = log.tracks if sensing is None else without_bias(log.tracks, sensing)
     with learning_progress() as bars:
         learned = learn_primitives(
-            tracks, progress=bars.progress, stage=bars.stage, rng=np.random.default_rng(seed), **options
+            tracks, progress=bars.progress, stage=bars.stage, rng=np.random.default_rng(seed), **how
         )  # fmt: skip
-    said = {"seed": seed, **options, "sensor": None if sensing is None else repr(sensing), **reading.said()}
+    said = {"seed": seed, **how, "sensor": None if sensing is None else repr(sensing), **reading.said()}
     counts = f"{counted(tracks.n_tracks, 'track')}, {counted(len(tracks), 'row')}"
     save_learned(learned, output, inputs=logs, said=said, counts=counts, force=force)
     return exit_codes.of_losses(log.losses)

@@ -9,52 +9,29 @@ import gc
 import logging
 import sys
 from contextlib import redirect_stderr, redirect_stdout
+from importlib import import_module
 from itertools import chain
-from typing import Any
 
 import typer
 
-from dirprim_filter.cli import (
-    calibrate,
-    convert,
-    demo,
-    doctor,
-    evaluate,
-    exit_codes,
-    export,
-    forecast,
-    info,
-    learn,
-    plot,
-    recover,
-    score,
-    simulate,
-    smooth,
-    store,
-    track,
-    view,
-)
+from dirprim_filter.cli import exit_codes
 from dirprim_filter.cli.commands import register, titled
 from dirprim_filter.cli.texts import Shown, hold_standard_streams
 
-COMMANDS: dict[str, list[Any]] = {
-    "See what is there": [info.info, plot.plot, view.view, doctor.doctor],
-    "Learn and track": [learn.learn, store.store, track.track, smooth.smooth, forecast.forecast],
-    "Judge": [score.score, evaluate.evaluate, calibrate.calibrate],
-    "Logs and tables": [convert.convert, export.export, recover.recover, simulate.simulate, demo.demo],
+COMMANDS = {
+    "See what is there": ["info", "plot", "view", "doctor"],
+    "Learn and track": ["learn", "store", "track", "smooth", "forecast"],
+    "Judge": ["score", "evaluate", "calibrate"],
+    "Logs and tables": ["convert", "export", "recover", "simulate", "demo"],
 }
-"""The commands, and groups of commands, under the titles that `dirprim --help` gives them."""
-
+"""The commands, and groups of them, under the titles that `dirprim --help` gives them; each in a module so called."""
 
 UNCOLLECTED = 100_000
 """New objects before garbage is looked for among them; Python's 700 suit programs that import little."""
 
-NAMES = {title: [str(of.info.name if isinstance(of, typer.Typer) else of.__name__) for of in commands]
-         for title, commands in COMMANDS.items()}  # fmt: skip
-
 app = typer.Typer(
     name="dirprim",
-    cls=titled(NAMES),
+    cls=titled(COMMANDS),
     help=(
         "Learn from MCAP logs how vehicles move at each place, and track vehicles with what was learned. "
         "New here? Run `dirprim demo`, then `dirprim info` on a log of your own."
@@ -107,7 +84,8 @@ class _Shown(logging.Formatter):
         return one_line(super().formatMessage(record))
 
 
-for command in chain.from_iterable(COMMANDS.values()):
+for name in chain.from_iterable(COMMANDS.values()):
+    command = getattr(import_module(f"dirprim_filter.cli.{name}"), name)
     if isinstance(command, typer.Typer):
         app.add_typer(command)
     else:

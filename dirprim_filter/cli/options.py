@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable
 from contextlib import suppress
 from datetime import UTC, datetime
 from decimal import Decimal, InvalidOperation
@@ -94,18 +93,6 @@ def _several(text: str, **more: Any) -> Any:
     return typer.Argument(help=text, parser=existing_log, callback=_found, **more)
 
 
-def choice(names: Iterable[str], option: str, text: str) -> Any:
-    """An option whose values are the names of a table: they stand in its help and in its error."""
-    known = tuple(names)
-
-    def parse(name: str) -> str:
-        if name not in known:
-            raise typer.BadParameter(f"{name!r}: expected one of {', '.join(known)}")
-        return name
-
-    return typer.Option(option, help=text, parser=parse, metavar="|".join(known))
-
-
 def seconds(text: str) -> float:
     """A duration such as 12h, 30d or 2w, in seconds.
 
@@ -149,28 +136,20 @@ def _answered(url: str | None) -> str | None:
     return url
 
 
-Log = Annotated[
-    Path,
-    typer.Argument(help="An MCAP log, rosbag2 folder or table; - for standard input, or a URL.", parser=existing_log),
-]
-Logs = Annotated[
-    list[Path], _several("MCAP logs, rosbag2 folders or tables; - for standard input, URLs, or quoted patterns.")
-]
-LogsOrStore = Annotated[
-    list[Path],
-    _several(
-        "MCAP logs, tables, URLs, or quoted patterns; - for standard input. Or one store.", metavar="LOG...|STORE"
-    ),
-]
+FILE: dict[str, Any] = {"exists": True, "dir_okay": False}
+LOGS = "MCAP logs, rosbag2 folders, tables, URLs or quoted patterns; - is standard input."
+SENSOR = "How the sensor errs: a sensor.toml, as of `dirprim calibrate`"
+MAP = "A map that `dirprim learn` wrote."
+
+Log = Annotated[Path, typer.Argument(help="An MCAP log, bag, table or URL; - is standard input.", parser=existing_log)]
+Logs = Annotated[list[Path], _several(LOGS)]
+LogsOrStore = Annotated[list[Path], _several(f"{LOGS} Or one store.", metavar="LOG...|STORE")]
 Files = Annotated[list[Path], _several("An .rrd, a map, a log, the tracks of `dirprim track`; or several.")]
 Outputs = Annotated[list[Path], _several(f"Logs of `dirprim track`, or tables: {', '.join(FORMATS)}.")]
-EstimatesFile = Annotated[Path, typer.Argument(help="A log of `dirprim track`.", exists=True, dir_okay=False)]
-MapFile = Annotated[Path, typer.Argument(help="A map that `dirprim learn` wrote.", exists=True, dir_okay=False)]
-Map = Annotated[Path, typer.Option("--map", help="A map that `dirprim learn` wrote.", exists=True, dir_okay=False)]
-MapOrNone = Annotated[
-    Path | None,
-    typer.Option("--map", help="A map that `dirprim learn` wrote. Default: none.", exists=True, dir_okay=False),
-]
+EstimatesFile = Annotated[Path, typer.Argument(help="A log of `dirprim track`.", **FILE)]
+MapFile = Annotated[Path, typer.Argument(help=MAP, **FILE)]
+Map = Annotated[Path, typer.Option("--map", help=MAP, **FILE)]
+MapOrNone = Annotated[Path | None, typer.Option("--map", help=f"{MAP} Default: none.", **FILE)]
 Motion = Annotated[
     Literal["learned", "constant-velocity"],
     typer.Option(help="learned: by the map, or without one as the log's vehicles move; or a Kalman filter."),
@@ -189,38 +168,21 @@ Force = Annotated[bool, typer.Option("--force", help="Overwrite what exists.")]
 Json = Annotated[bool, typer.Option("--json", help="Print all figures, and what they follow from, as JSON.")]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="The same seed gives the same result.")]
 Split = Annotated[
-    Literal["vehicle", "group"] | None,
-    typer.Option(help="What to hold out together. Default: groups if the log has several."),
+    Literal["vehicle", "group"] | None, typer.Option(help="Held out together. Default: groups, if several.")
 ]
 Folds = Annotated[int, typer.Option(min=1, help="Number of folds, each held out once.")]
-Tessellation = Annotated[
-    Cells,
-    typer.Option(help="joint: Voronoi cells learned with the primitives; voronoi: by positions only; grid: squares."),
-]
+Tessellation = Annotated[Cells, typer.Option(help="joint: with the primitives; voronoi: by positions; grid: squares.")]
 CellSize = Annotated[float | None, typer.Option(help="Metres. Default: chosen on held-out vehicles.")]
 CellCount = Annotated[int | None, typer.Option("--cells", help="Approximate number of cells, instead of their size.")]
 HowModes = Annotated[Literal["bic", "dbscan"], typer.Option(help="bic, or the paper's dbscan.")]
 HowShaped = Annotated[Literal["curved", "flat"], typer.Option(help="How a primitive varies inside its cell.")]
-Topics = Annotated[
-    str | None,
-    typer.Option("--topics", help="Topic name or regular expression. Default: the best available."),
-]
-Start = Annotated[
-    str | None, typer.Option("--start", help="Start: seconds from the log's first time; 5ns; or RFC 3339.")
-]
+Topics = Annotated[str | None, typer.Option("--topics", help="Name or regular expression. Default: the best there is.")]
+Start = Annotated[str | None, typer.Option("--start", help="Seconds from the log's first time; 5ns; or RFC 3339.")]
 End = Annotated[str | None, typer.Option("--end", help="End, exclusive, likewise.")]
 Strict = Annotated[bool, typer.Option("--strict", help="Treat damage in a log as an error.")]
-Config = Annotated[
-    Path | None,
-    typer.Option(
-        "--config", help="TOML, or the --json or -o of an earlier run, to reproduce it.", exists=True, dir_okay=False
-    ),
-]
+Config = Annotated[Path | None, typer.Option("--config", help="TOML, or an earlier run's --json or -o.", **FILE)]
 Particles = Annotated[int | None, typer.Option(min=1, help="Particles for each vehicle. Default: 1000.")]
-Noise = Annotated[
-    float | None,
-    typer.Option(min=1e-6, help="Standard deviation of measured positions, metres. Default: learned from the log."),
-]
+Noise = Annotated[float | None, typer.Option(min=1e-6, help="Standard deviation of positions, m. Default: learned.")]
 SLOWEST_HZ, FASTEST_HZ = 1e-3, 1e3
 Rate = Annotated[
     float | None,
@@ -229,37 +191,21 @@ Rate = Annotated[
         help="Estimate so many times a second where no frame comes.",
     ),
 ]  # fmt: skip
-SensorFile = Annotated[
-    Path | None,
-    typer.Option(
-        "--sensor", help="How the sensor errs: a sensor.toml, as of `dirprim calibrate`.", exists=True, dir_okay=False
-    ),
-]
+SensorFile = Annotated[Path | None, typer.Option("--sensor", help=f"{SENSOR}.", **FILE)]
 SensorOrAuto = Annotated[
-    str | None,
-    typer.Option(
-        "--sensor",
-        help="How the sensor errs: a sensor.toml, as of `dirprim calibrate`; auto, the default: learned from the log.",
-        parser=_sensor,
-    ),
+    str | None, typer.Option("--sensor", help=f"{SENSOR}; auto, the default: learned from the log.", parser=_sensor)
 ]
-NoIds = Annotated[
-    bool, typer.Option("--no-ids", help="Ignore the ids of a log; not needed for detections without ids.")
-]
-StoreFolder = Annotated[
-    Path, typer.Argument(metavar="STORE", help="The folder of the store, or a URL such as s3://bucket/fleet.")
-]
+NoIds = Annotated[bool, typer.Option("--no-ids", help="Ignore the ids of a log.")]
+StoreFolder = Annotated[Path, typer.Argument(metavar="STORE", help="Its folder, or a URL such as s3://bucket/fleet.")]
 StoreWorkers = Annotated[
-    int | None, typer.Option("--workers", min=1, help="Processes. Default: one; to add many logs, one per core.")
+    int | None, typer.Option("--workers", min=1, help="Processes. Default: one; to add logs, one per core.")
 ]
-Scheduler = Annotated[
-    str | None, typer.Option("--scheduler", help="A running scheduler of Dask, such as tcp://192.168.0.7:8786.")
-]
+Scheduler = Annotated[str | None, typer.Option("--scheduler", help="Of Dask, such as tcp://192.168.0.7:8786.")]
 Save = Annotated[Path | None, typer.Option("--save", help="Write an .rrd for the rerun viewer."), WRITTEN]
 Spawn = Annotated[bool, typer.Option("--spawn", help="Start a new rerun viewer and stream to it.")]
 Connect = Annotated[
     str | None,
     typer.Option(
-        "--connect", help="Stream to a running viewer, such as rerun+http://127.0.0.1:9876/proxy.", callback=_answered
+        "--connect", help="Stream to a viewer, such as rerun+http://127.0.0.1:9876/proxy.", callback=_answered
     ),
 ]

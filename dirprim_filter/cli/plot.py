@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from dirprim_filter.cli import exit_codes
-from dirprim_filter.cli.options import Force, MapFile, Picture, existing_log
+from dirprim_filter.cli.options import FILE, Force, MapFile, Picture, existing_log
 from dirprim_filter.cli.reading import Reading, reads_logs
 
 SMALLEST_M, LONGEST_TIMES = 1.0, 100.0
@@ -23,8 +23,7 @@ def plot(
         Path | None, typer.Option("--log", help="Draw the tracks of this log as well.", parser=existing_log)
     ] = None,
     estimates: Annotated[
-        Path | None,
-        typer.Option("--estimates", help="Draw the estimates that `dirprim track` wrote.", exists=True, dir_okay=False),
+        Path | None, typer.Option("--estimates", help="Draw the estimates that `dirprim track` wrote.", **FILE)
     ] = None,
     extent: Annotated[
         tuple[float, float, float, float] | None,

@@ -25,8 +25,11 @@ class LearningProgress(NamedTuple):
 
 
 @contextmanager
-def _bar(what: str) -> Iterator[Callable[..., None] | None]:
-    """A bar with a text and the remaining time; what is yielded changes `completed`, `total`, `text`, `description`."""
+def working(what: str) -> Iterator[Callable[..., None] | None]:
+    """On a terminal, a line that says what is being done, for how long already, and how long it may still take.
+
+    What is yielded, None elsewhere, changes `completed`, `total`, `text` and `description`.
+    """
     if not sys.stderr.isatty():
         yield None
         return
@@ -53,7 +56,7 @@ def with_progress(frames: Iterable[Frame], *, what: str, end_ns: int | None = No
         what: is being done to them.
         end_ns: of the log, if known: without it the remaining time is unknown.
     """
-    with _bar(what) as show:
+    with working(what) as show:
         first_ns: int | None = None
         for done, frame in enumerate(frames, start=1):
             yield frame
@@ -72,21 +75,14 @@ def with_progress(frames: Iterable[Frame], *, what: str, end_ns: int | None = No
 @contextmanager
 def step_progress(what: str, unit: str) -> Iterator[Callable[[int, int], None] | None]:
     """Progress of a long task in steps; on a terminal, a bar."""
-    with _bar(what) as show:
+    with working(what) as show:
         yield show and (lambda done, of: show(completed=done, total=of, text=f"{done:.0f} of {of:.0f} {unit}"))
-
-
-@contextmanager
-def working(what: str) -> Iterator[None]:
-    """On a terminal, a line that says what is being done, and for how long already."""
-    with _bar(what):
-        yield
 
 
 @contextmanager
 def learning_progress() -> Iterator[LearningProgress]:
     """Progress of `learn_primitives`; on a terminal, a line with the stage and what its search has reached."""
-    with _bar("learning") as show:
+    with working("learning") as show:
         if show is None:
             yield LearningProgress(None, None, None)
             return

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -60,7 +59,8 @@ def score(
     from dirprim_filter.evaluation.scores import score_rows
     from dirprim_filter.recording.estimate_tables import read_tracked_rows
 
-    named = {name: path for path in estimates for name in [path.name if _is_alone(path, estimates) else str(path)]}
+    names = [path.name for path in estimates]
+    named = {name if names.count(name) == 1 else str(path): path for name, path in zip(names, estimates, strict=True)}
     if smoothed and all(map(is_table, estimates)):
         raise typer.BadParameter("tables have no smoothed estimates beside others", param_hint="--smoothed")
     log = reading.tracks([truth])
@@ -84,11 +84,6 @@ def score(
         "score", [*estimates, truth], reading, log.losses, table=asdict(table), settings=asdict(own),
         text=lambda: score_text(table, truth.name), as_json=as_json,
     )  # fmt: skip
-
-
-def _is_alone(path: Path, paths: list[Path]) -> bool:
-    """Whether no other file has its name."""
-    return [other.name for other in paths].count(path.name) == 1
 
 
 def score_text(table: ScoreTable, truth: str) -> str:

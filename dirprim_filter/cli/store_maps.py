@@ -8,24 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from dirprim_filter.cli import exit_codes
-from dirprim_filter.cli.options import (
-    WRITTEN,
-    CellCount,
-    CellSize,
-    Force,
-    HowModes,
-    HowShaped,
-    MapFile,
-    Output,
-    Scheduler,
-    Seed,
-    StoreFolder,
-    StoreWorkers,
-    Tessellation,
-    seconds,
-    time_ns,
-)
+from dirprim_filter.cli import exit_codes, options
 from dirprim_filter.cli.results import metadata_of, save_learned
 from dirprim_filter.cli.texts import counted, say
 from dirprim_filter.partial_file import PartialFile
@@ -34,16 +17,16 @@ UTC = "UTC"
 
 
 def learn(
-    folder: StoreFolder,
-    output: Output,
-    tessellation: Tessellation = "joint",
-    cell_size: CellSize = None,
-    cells: CellCount = None,
-    modes: HowModes = "bic",
-    primitive: HowShaped = "curved",
+    folder: options.StoreFolder,
+    output: options.Output,
+    tessellation: options.Tessellation = "joint",
+    cell_size: options.CellSize = None,
+    cells: options.CellCount = None,
+    modes: options.HowModes = "bic",
+    primitive: options.HowShaped = "curved",
     min_vehicles: Annotated[int, typer.Option(min=1, help="Leave out where fewer vehicles passed the same way.")] = 1,
     half_life: Annotated[
-        float | None, typer.Option(help="After which a vehicle counts half, such as 30d.", parser=seconds)
+        float | None, typer.Option(help="After which a vehicle counts half, such as 30d.", parser=options.seconds)
     ] = None,
     now: Annotated[
         str | None, typer.Option(help="With --half-life: from when age is counted. Default: the last log's end.")
@@ -52,10 +35,10 @@ def learn(
         str | None, typer.Option(help="Learn only from vehicles of these hours of the day, such as 7-10 or 22-5.")
     ] = None,
     zone: Annotated[str, typer.Option(help="With --hours: whose clocks count, such as Europe/Berlin.")] = UTC,
-    workers: StoreWorkers = None,
-    scheduler: Scheduler = None,
-    seed: Seed = 0,
-    force: Force = False,
+    workers: options.StoreWorkers = None,
+    scheduler: options.Scheduler = None,
+    seed: options.Seed = 0,
+    force: options.Force = False,
 ) -> int:
     """Learn from a store how vehicles move.
 
@@ -79,19 +62,19 @@ def learn(
     from dirprim_filter.store.workers import Workers
 
     PartialFile(output, force=force)  # of `update` it is not the user's to name, and not checked yet
-    options: dict[str, Any] = {
+    how: dict[str, Any] = {
         "tessellation": tessellation, "cell_size": cell_size, "n_cells": cells, "modes": modes, "primitive": primitive,
     }  # fmt: skip
     with learning_progress() as bars:
         found = learn_from_store(
             Store.open(folder), workers=Workers.of(0, workers, scheduler), done=bars.tiles, progress=bars.progress,
             stage=bars.stage, seed=int(np.random.default_rng(seed).integers(2**63)), config=LearningConfig(),
-            min_vehicles=min_vehicles, half_life_s=half_life, now_ns=time_ns(now, "--now"),
-            hours=None if hours is None else Hours.parse(hours, zone), **options,
+            min_vehicles=min_vehicles, half_life_s=half_life, now_ns=options.time_ns(now, "--now"),
+            hours=None if hours is None else Hours.parse(hours, zone), **how,
         )  # fmt: skip
     say(*(f"error: {line}" for line in found.damaged), err=True)
     said = {
-        "seed": seed, **options, "min_vehicles": min_vehicles, "half_life_s": half_life, "now": now, "hours": hours,
+        "seed": seed, **how, "min_vehicles": min_vehicles, "half_life_s": half_life, "now": now, "hours": hours,
         "zone": None if hours is None else zone, "sha256 store": found.digest,
     }  # fmt: skip
     counts = (
@@ -103,16 +86,16 @@ def learn(
 
 
 def update(
-    map_file: MapFile,
-    folder: StoreFolder,
+    map_file: options.MapFile,
+    folder: options.StoreFolder,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", help="The file to write. Default: in the place of the map."),
-        WRITTEN,
+        options.WRITTEN,
     ] = None,
-    workers: StoreWorkers = None,
-    scheduler: Scheduler = None,
-    force: Force = False,
+    workers: options.StoreWorkers = None,
+    scheduler: options.Scheduler = None,
+    force: options.Force = False,
 ) -> int:
     """Learn a map anew as it was learned.
 

@@ -7,7 +7,7 @@ from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -29,7 +29,6 @@ from dirprim_filter.cli.options import (
     Seed,
     SensorOrAuto,
     Spawn,
-    choice,
     existing_log,
 )
 from dirprim_filter.cli.reading import OF_TRUTH, Reading, reads_logs
@@ -37,7 +36,7 @@ from dirprim_filter.cli.results import CONFIG_KEY, read_filter
 from dirprim_filter.cli.sensing import sensor_of
 from dirprim_filter.cli.settings import Settings, taken
 from dirprim_filter.cli.texts import counted, say
-from dirprim_filter.recording.topic_names import ROS_MESSAGES
+from dirprim_filter.recording.topic_names import RosMessages
 
 if TYPE_CHECKING:
     from dirprim_filter.cli.coverage import Coverage
@@ -108,7 +107,8 @@ def track(
     sensor: SensorOrAuto = None,
     particles: Particles = None,
     also_as: Annotated[
-        str, choice(("foxglove", *ROS_MESSAGES), "--as", "Also write ROS 2 messages of them; foxglove: none.")
+        Literal["foxglove", RosMessages],
+        typer.Option("--as", help="Also write ROS 2 messages of them; foxglove: none."),
     ] = "foxglove",
     config: Config = None,
     seed: Seed = 0,

@@ -94,20 +94,20 @@ def open_viewer(
     place: str, lost: Losses, *, truth: Path | None = None, reading: Reading | None = None, is_asked: bool = True,
     **options: Any,
 ) -> RerunSink:  # fmt: skip
-    """A stream as of `open_stream`, with the true tracks of a log as it is to be read; `lost` gets what of these is.
+    """A `RerunSink`, with the true tracks of a log as it is to be read; `lost` gets what of these is.
 
     What is shown of one `place` shares the layout of a viewer that stays open. A log may have no tracks unless they
     were asked for.
     """
     from dirprim_filter.recording.plausibility import DetectionsAloneError
     from dirprim_filter.track_ids import qualified_names
-    from dirprim_filter.viewer.sink import open_stream
+    from dirprim_filter.viewer.sink import RerunSink
 
     reading = reading or Reading()
     true = None
     with suppress(*[] if is_asked else [DetectionsAloneError]):
         true = None if truth is None else reading.tracks([truth])
-    viewer = open_stream(f"dirprim {place}", **options)
+    viewer = RerunSink(f"dirprim {place}", **options)
     if true is not None:
         lost += true.losses
         true_tracks = true.tracks

@@ -28,6 +28,19 @@ VIRIDIS: FloatArray = np.array(
 )  # fmt: skip
 """(17, 3) equidistant colours from dark (slow) to light (fast)."""
 
+WHEEL: FloatArray = np.array(
+    [
+        [195, 153, 0], [191, 165, 3], [186, 177, 44], [179, 188, 72], [170, 198, 97], [160, 207, 121],
+        [148, 213, 144], [136, 216, 165], [124, 218, 184], [115, 216, 201], [108, 213, 216], [106, 207, 227],
+        [107, 199, 234], [111, 189, 238], [117, 178, 238], [125, 166, 234], [132, 155, 227], [138, 143, 217],
+        [145, 132, 205], [150, 122, 191], [155, 114, 175], [160, 107, 158], [164, 101, 141], [169, 97, 124],
+        [174, 95, 107], [178, 95, 90], [183, 98, 73], [187, 103, 56], [191, 109, 36], [193, 118, 3],
+        [195, 129, 0], [196, 140, 0],
+    ],
+    dtype=np.float64,
+)  # fmt: skip
+"""(32, 3) equidistant colours of the circle from east on."""
+
 OKABE_ITO: ByteArray = np.array(
     [[86, 180, 233], [233, 104, 20], [224, 141, 187], [230, 159, 0], [90, 140, 255]],
     dtype=np.uint8,
@@ -55,30 +68,9 @@ def direction_color(direction: FloatArray) -> ByteArray:
 
 
 @lru_cache(maxsize=1)
-def _color_wheel(n_colors: int = 1024) -> ByteArray:
-    """The colours of the circle from east on: looked up, because particles come by the hundred thousand."""
-    direction = np.linspace(0.0, TWO_PI, n_colors, endpoint=False)
-    east, north = np.cos(direction), np.sin(direction)
-    # The ellipse in OKLab: lightness, then the green-red and the blue-yellow axis.
-    lightness, a, b = 0.70 + 0.12 * north, -0.10 * north, 0.02 + 0.13 * east
-    cone = np.stack(
-        [
-            lightness + 0.3963377774 * a + 0.2158037573 * b,
-            lightness - 0.1055613458 * a - 0.0638541728 * b,
-            lightness - 0.0894841775 * a - 1.2914855480 * b,
-        ],
-        axis=-1,
-    )
-    to_linear_srgb = np.array(
-        [
-            [4.0767416621, -3.3077115913, 0.2309699292],
-            [-1.2684380046, 2.6097574011, -0.3413193965],
-            [-0.0041960863, -0.7034186147, 1.7076147010],
-        ]
-    )
-    linear = np.clip(cone**3 @ to_linear_srgb.T, 0.0, 1.0)
-    gamma = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-    return _rgba(255.0 * gamma)
+def _color_wheel() -> ByteArray:
+    """(1024, 4) the colours of the circle from east on: looked up, because particles come by the hundred thousand."""
+    return _between(np.concatenate([WHEEL, WHEEL[:1]]), np.linspace(0.0, 1.0, 1024, endpoint=False))
 
 
 def track_color(track_id: AnyArray | Sequence[str]) -> ByteArray:

@@ -21,7 +21,7 @@ from dirprim_filter.estimates import Estimates
 from dirprim_filter.recording.container.records import Schema
 from dirprim_filter.recording.decoding.field_columns import NANOSECONDS
 from dirprim_filter.recording.schemas.dirprim import MAP_FRAME
-from dirprim_filter.recording.topic_names import ROS_MESSAGES
+from dirprim_filter.recording.topic_names import ROS_MESSAGES, RosMessages
 from dirprim_filter.track_ids import as_texts
 
 AUTOWARE, VISION = "autoware_perception_msgs/msg", "vision_msgs/msg"
@@ -61,7 +61,7 @@ class RosEstimates:
         schema: of the messages.
     """
 
-    def __init__(self, form: str) -> None:
+    def __init__(self, form: RosMessages) -> None:
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: PLC0415  (0.2 s)
 
         self._store, self._name = get_typestore(Stores.ROS2_JAZZY), ROS_MESSAGES[form]

@@ -1,5 +1,8 @@
 """The topics of the logs that this package writes."""
 
+from collections.abc import Mapping
+from typing import Literal
+
 OBJECTS = "/objects"
 DETECTIONS = "/detections"
 ESTIMATES = "/dirprim/tracks"
@@ -14,7 +17,8 @@ TRANSFORM = "/tf"
 MAP = "/dirprim/map"
 MAP_SCENE = "/dirprim/map/scene"
 
-ROS_MESSAGES = {
+RosMessages = Literal["vision_msgs", "autoware"]
+ROS_MESSAGES: Mapping[RosMessages, str] = {
     "vision_msgs": "vision_msgs/msg/Detection3DArray", "autoware": "autoware_perception_msgs/msg/TrackedObjects",
 }  # fmt: skip
 """ROS 2 messages in which estimates can be written too, by the last part of their topics' names."""

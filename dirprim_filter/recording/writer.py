@@ -30,6 +30,7 @@ from dirprim_filter.recording.foxglove.scenes import (
 from dirprim_filter.recording.log_writer import LogWriter
 from dirprim_filter.recording.ros_estimates import RosEstimates
 from dirprim_filter.recording.schemas.dirprim import encode_assignments, encode_estimates, encode_observations
+from dirprim_filter.recording.topic_names import RosMessages
 from dirprim_filter.track_ids import as_texts
 from dirprim_filter.tracks import Tracks
 
@@ -113,7 +114,7 @@ class EstimateWriter:
 
     def __init__(
         self, path: str | Path, *, metadata: Mapping[str, str], particle_stride: int | None = None,
-        also_as: str | None = None, force: bool = False,
+        also_as: RosMessages | None = None, force: bool = False,
     ) -> None:  # fmt: skip
         if particle_stride is not None and particle_stride < 1:
             raise ValueError(f"particle_stride: expected at least 1, got {particle_stride}")

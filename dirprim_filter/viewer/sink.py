@@ -56,16 +56,19 @@ class RerunSink:
     """An `EstimateSink` that shows frames in rerun; use it in a `with` block, frames in order of time.
 
     Args:
-        stream: where they go.
+        application_id: as for `Stream`.
         n_particles: of each vehicle, drawn in every frame; 0: only some of the vehicle in focus.
         focus: id of the vehicle to follow; None: the one that is least expected.
+        places: where they go, as for `Stream`.
 
     Attributes:
-        stream: as given.
+        stream: on which they go there.
     """
 
-    def __init__(self, stream: Stream, *, n_particles: int = 0, focus: str | None = None) -> None:
-        self.stream = stream
+    def __init__(
+        self, application_id: str = "dirprim", *, n_particles: int = 0, focus: str | None = None, **places: Any
+    ) -> None:  # fmt: skip
+        self.stream = Stream(application_id, **places)
         self._n_particles = n_particles
         self._box: FloatArray | None = None
         self._laid_out = False
@@ -237,10 +240,3 @@ class RerunSink:
             self.stream.log("/map/roses", marks.ROSES_UNDER_TRAFFIC)
         self.stream.send_blueprint(blueprint(box, live=self.stream.live, tracked=tracked))
         self._laid_out = True
-
-
-def open_stream(
-    application_id: str = "dirprim", *, n_particles: int = 0, focus: str | None = None, **places: Any
-) -> RerunSink:
-    """A sink whose frames go to `places`: the arguments and errors are those of `Stream` and of `RerunSink`."""
-    return RerunSink(Stream(application_id, **places), n_particles=n_particles, focus=focus)

@@ -20,7 +20,7 @@ GROUPS = {
     "evaluate": ["density", "cues", "forecast", "tracking"],
     "store": ["add", "learn", "update", "info", "forget", "merge", "keep"],
 }
-NAMES = [getattr(of, "__name__", "") or of.info.name for commands in COMMANDS.values() for of in commands]
+NAMES = [name for commands in COMMANDS.values() for name in commands]
 LEAVES = [*(name for name in NAMES if name not in GROUPS), *(f"{g} {name}" for g, of in GROUPS.items() for name in of)]
 MOST_OPTIONS = {"track": 22, "evaluate tracking": 16, "learn": 16}
 

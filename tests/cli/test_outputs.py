@@ -21,7 +21,7 @@ from dirprim_filter.partial_file import PartialFile
 from dirprim_filter.recording.container.errors import one_line
 from dirprim_filter.recording.scan import scan
 from dirprim_filter.viewer.figures import save_figure
-from dirprim_filter.viewer.sink import open_stream
+from dirprim_filter.viewer.sink import RerunSink
 
 UNPRIVILEGED = 65534
 COMMANDS = [
@@ -107,7 +107,7 @@ def test_a_folder_that_cannot_be_written_is_reported_by_the_name_that_was_given(
     with pytest.raises(PermissionError) as of_file, PartialFile(locked / "out.mcap", force=False):
         pass
     with pytest.raises(PermissionError) as of_stream:
-        open_stream(save=locked / "out.rrd")
+        RerunSink(save=locked / "out.rrd")
     with pytest.raises(PermissionError) as of_figure:
         save_figure(Figure(), locked / "out.png")
     reported = [caught.value.filename for caught in (of_check, of_file, of_stream, of_figure)]

@@ -5,7 +5,7 @@ import socket
 import numpy as np
 from rerun.chunk import RrdReader
 
-from dirprim_filter.viewer.sink import open_stream
+from dirprim_filter.viewer.sink import RerunSink
 from dirprim_filter.viewer.stream import TIMELINE
 
 
@@ -16,7 +16,7 @@ def free_port():
 
 
 def write_run(path, frames, primitives, **options):
-    with open_stream(save=path, **options) as sink:
+    with RerunSink(save=path, **options) as sink:
         sink.log_map(primitives)
         sink.log_run({})
         for frame in frames:

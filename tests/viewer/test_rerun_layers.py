@@ -12,7 +12,7 @@ from dirprim_filter.evaluation.tracked_rows import TrackedRows
 from dirprim_filter.evaluation.tracking_report import report_of
 from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.viewer import marks
-from dirprim_filter.viewer.sink import open_stream
+from dirprim_filter.viewer.sink import RerunSink
 
 
 @pytest.fixture
@@ -64,7 +64,7 @@ def test_every_layer_follows_the_frames_and_empties_with_them(tmp_path, scene_ma
 
 def test_nees_is_the_scores_and_nis_the_trackers(tmp_path, tracked, scene_tracks):
     kept = EstimateList()
-    with open_stream(save=tmp_path / "run.rrd") as shown:
+    with RerunSink(save=tmp_path / "run.rrd") as shown:
         shown.log_truth(scene_tracks)
         for frame in tracked[:-1]:
             shown.write(frame)
@@ -86,7 +86,7 @@ def test_the_map_is_static_and_its_petals_are_those_of_the_shapes(tmp_path, scen
 
 def test_truth_ends_with_the_last_row(tmp_path, scene_tracks):
     rng = np.random.default_rng(0)
-    with open_stream(save=tmp_path / "truth.rrd") as shown:
+    with RerunSink(save=tmp_path / "truth.rrd") as shown:
         shown.log_truth(scene_tracks[rng.permutation(len(scene_tracks))])
     times = np.unique(scene_tracks.time_ns).tolist()
     for entity, column in (("/truth", "LineStrips3D:strips"), ("/truth/trails", "Points3D:positions")):
@@ -99,7 +99,7 @@ def test_forecasts_are_shown_until_they_are_old_but_of_no_vehicle_that_coasts(tm
     rollouts = np.arange(72.0).reshape(3, 12, 2)  # with where the vehicle is, 13 instants, of which seven are shown
     start, at = tracked[1].estimates.position, tracked[1].time_ns
     later = replace(tracked[-1], time_ns=at + 1_300_000_000)
-    with open_stream(save=tmp_path / "f.rrd") as shown:
+    with RerunSink(save=tmp_path / "f.rrd") as shown:
         for frame in [*tracked, later]:
             shown.write(frame)
             if frame is tracked[1]:

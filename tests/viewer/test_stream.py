@@ -14,7 +14,7 @@ from rrd_files import free_port, rows_of, write_run
 
 from dirprim_filter.viewer import process as viewer_room
 from dirprim_filter.viewer import stream
-from dirprim_filter.viewer.sink import open_stream
+from dirprim_filter.viewer.sink import RerunSink
 
 
 def test_the_same_file_has_the_same_identity_in_every_run(tmp_path, scene_map):
@@ -29,7 +29,7 @@ def test_the_same_file_has_the_same_identity_in_every_run(tmp_path, scene_map):
 
 def test_ctrl_c_leaves_a_whole_file(tmp_path, scene_frames):
     def interrupt():
-        with open_stream(save=tmp_path / "run.rrd") as sink:
+        with RerunSink(save=tmp_path / "run.rrd") as sink:
             sink.write(scene_frames[0])
             raise KeyboardInterrupt
 
@@ -40,12 +40,12 @@ def test_ctrl_c_leaves_a_whole_file(tmp_path, scene_frames):
 
 def test_a_stream_needs_a_place_to_go_and_a_viewer_that_answers():
     with pytest.raises(ValueError, match=r"^expected at least one place to stream to"):
-        open_stream()
+        RerunSink()
     port = free_port()
     with pytest.raises(ConnectionError, match=f"127.0.0.1:{port}/proxy: no viewer answers"):
-        open_stream(connect=f"rerun+http://127.0.0.1:{port}/proxy")
+        RerunSink(connect=f"rerun+http://127.0.0.1:{port}/proxy")
     with pytest.raises(ConnectionError, match="expected an address such as"):
-        open_stream(connect="localhost")
+        RerunSink(connect="localhost")
 
 
 @pytest.fixture
@@ -75,7 +75,7 @@ def test_a_viewer_that_goes_away_or_freezes_ends_alone(
     monkeypatch.setattr(stream, "FROZEN_S", 1.0)
     viewer, address = running_viewer
     path, rng = tmp_path / "run.rrd", np.random.default_rng(0)
-    with open_stream(save=path, connect=address) as shown:
+    with RerunSink(save=path, connect=address) as shown:
         shown.log_map(scene_map)
         shown.write(scene_frames[0])
         shown.flush()
@@ -93,9 +93,9 @@ def test_a_viewer_that_goes_away_or_freezes_ends_alone(
 FULL_DISK = """
 import resource, sys, numpy as np, rerun as rr
 from pathlib import Path
-from dirprim_filter.viewer.sink import open_stream
+from dirprim_filter.viewer.sink import RerunSink
 resource.setrlimit(resource.RLIMIT_FSIZE, (1_000_000, 1_000_000))
-with open_stream(save=Path(sys.argv[1])) as shown:
+with RerunSink(save=Path(sys.argv[1])) as shown:
     for _ in range(40):
         shown.stream.log("/report", rr.TextDocument(np.random.default_rng(0).bytes(100_000).hex()))
 print(len(shown.stream.failures))

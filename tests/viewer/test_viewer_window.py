@@ -16,7 +16,7 @@ from dirprim_filter.drawing.colors import track_color
 from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.viewer.curves import PLOTS
 from dirprim_filter.viewer.process import viewer_program
-from dirprim_filter.viewer.sink import open_stream
+from dirprim_filter.viewer.sink import RerunSink
 from dirprim_filter.viewer.stream import TIMELINE
 
 DRIVERS = [icd for folder in ("/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d") for icd in Path(folder).glob("*.json")]
@@ -68,7 +68,7 @@ def reports_of(client):
 
 
 def test_a_vehicle_heading_north_east_goes_up_and_right(tmp_path, scene_map, scene_frames, viewer):
-    with open_stream(save=tmp_path / "run.rrd", connect=viewer.url) as sink:
+    with RerunSink(save=tmp_path / "run.rrd", connect=viewer.url) as sink:
         sink.log_map(scene_map)
         for frame in scene_frames:
             sink.write(frame)
@@ -86,7 +86,7 @@ def test_a_vehicle_heading_north_east_goes_up_and_right(tmp_path, scene_map, sce
 @pytest.mark.slow
 def test_every_kind_of_recording_opens_without_a_complaint(tmp_path, scene_map, scene_frames, scene_tracks, viewer):
     first = scene_frames[0]
-    with open_stream(save=tmp_path / "run.rrd") as sink:
+    with RerunSink(save=tmp_path / "run.rrd") as sink:
         sink.log_map(scene_map)
         sink.log_truth(scene_tracks)
         for frame in scene_frames:
@@ -97,7 +97,7 @@ def test_every_kind_of_recording_opens_without_a_complaint(tmp_path, scene_map, 
                 rollouts = np.cumsum(np.ones((2, 20, 8, 2)), axis=2) + first.estimates.position[:, None, None]
                 sink.write_forecast(Forecasts(first.time_ns, ["7", "8"], first.estimates.position, rollouts))
         sink.log_run({"command": "test"})
-    with open_stream("dirprim log", save=tmp_path / "log.rrd") as sink:
+    with RerunSink("dirprim log", save=tmp_path / "log.rrd") as sink:
         sink.log_truth(scene_tracks)
         sink.log_detections(Detections.of(scene_tracks))
     views = {

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dirprim_filter.cli.evaluate.others import files_of, others_of
-from dirprim_filter.cli.options import PICTURES, WRITTEN, Config, Force, Json, Logs
+from dirprim_filter.cli.options import FILE, PICTURES, WRITTEN, Config, Force, Json, Logs
 from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.results import read_experiment, report
 from dirprim_filter.cli.settings import Settings, deal, taken
@@ -45,9 +45,7 @@ def tracking(
     logs: Logs,
     map_file: Annotated[
         Path | None,
-        typer.Option(
-            "--map", help="Track with this map. Default: learn one from a part of the log.", exists=True, dir_okay=False
-        ),
+        typer.Option("--map", help="Track with this map. Default: learn one from a part of the log.", **FILE),
     ] = None,
     method: Annotated[
         list[str] | None,
