@@ -25,7 +25,7 @@ def export(
     ] = False,
     force: Force = False,
 ) -> int:
-    """Write estimates as a table; or what their tracker's detections were assigned to.
+    """Write estimates, or which detections they follow, as a table.
 
     The columns are those of `dirprim convert`, then what else is known. With --assigned `track_id` is the detection's
     own, as its log has it, and `assigned` the track, empty for none.

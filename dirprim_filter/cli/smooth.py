@@ -40,7 +40,7 @@ def smooth(
     reading: Reading,
     settings: Settings,
 ) -> int:
-    """Refine the tracks of another tracker, offline, by a map or without one.
+    """Refine the tracks of another tracker, offline.
 
     A log or table with ids is enough. Its rows count as measurements whose errors last. Rows in which the tracker
     coasted are left out and filled in along the map; without one as the other vehicles move anywhere.
