@@ -12,10 +12,11 @@ import sys
 from contextlib import redirect_stdout
 from dataclasses import replace
 from enum import StrEnum
+from io import StringIO
 from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -33,8 +34,6 @@ if TYPE_CHECKING:
     from dirprim_filter.detections import Detections
     from dirprim_filter.estimates import Estimates
     from dirprim_filter.evaluation.tracking_report import TrackingReport
-    from dirprim_filter.filtering import BayesFilter
-    from dirprim_filter.primitives.primitive_map import PrimitiveMap
     from dirprim_filter.tracks import Tracks
 
 WITH_MAP, WITHOUT_MAP, CONSTANT_VELOCITY = "with the map", "without the map", "constant velocity"
@@ -96,15 +95,6 @@ def departure_rate(tracks: Tracks) -> float:
     return tracks.n_tracks / (float((last_ns - tracks.time_ns[tracks.first_rows]).sum()) * 1e-9)
 
 
-class Run(NamedTuple):
-    """What is tracked, whichever way; what is known of the traffic, and the seed of the particles."""
-
-    log: Path
-    tracks: Tracks
-    seed: int
-    is_blind: bool
-
-
 def demo(
     folder: Annotated[Path, typer.Option("--output", "-o", help="Folder for the outputs.")] = Path("demo"),
     scene: Annotated[Scene, typer.Option(help="Which recordings to use.")] = Scene.ROUNDABOUT,
@@ -130,27 +120,29 @@ def demo(
     ):
         compiled = second.apply_async(warm_up)
 
-        from dirprim_filter.recording import load_map, read_estimates, read_tracks
+        from dirprim_filter.recording import read_estimates, read_tracks
 
-        learning, tracking = scene.recording("learn"), scene.recording("track")
-        seen, truth = _seen(scene, Path(work)), read_tracks(tracking)
-        run = Run(seen, read_tracks(learning), seed, is_blind=scene is Scene.BLIND)
-        rivals = {CONSTANT_VELOCITY: second.apply_async(by_constant_velocity, (run,))}
+        is_blind, learning, tracking = scene is Scene.BLIND, scene.recording("learn"), scene.recording("track")
+        seen, truth, known = _seen(scene, Path(work)), read_tracks(tracking), read_tracks(learning)
+        ways = {WITH_MAP: estimates, **{way: Path(work) / f"{way}.mcap" for way in (WITHOUT_MAP, CONSTANT_VELOCITY)}}
+        common = {"log": seen, "seed": seed, "noise": NOISE_M, "force": True}
+        leaving = [f"departure_rate={departure_rate(known)}"] * is_blind
+        straight = common | {"output": ways[CONSTANT_VELOCITY], "motion": "constant-velocity", "given": leaving}
+        rivals = [second.apply_async(_track_straight, (straight, known))]
         learn(logs=[learning], output=map_file, seed=seed, force=True)
-        rivals[WITHOUT_MAP] = second.apply_async(track, (run, load_map(map_file).without_places()))
+        without = common | {"output": ways[WITHOUT_MAP], "map_file": map_file, "given": ["without_map=true", *leaving]}
+        rivals.append(second.apply_async(_track, (without,)))
         compiled.wait(LONGEST_S)
         code = track_log(
-            log=seen, map_file=map_file, output=estimates, save=shown, seed=seed, noise=NOISE_M, forecast=FORECAST_S,
-            given=[f"truth={tracking}"], force=True,
+            **common, map_file=map_file, output=estimates, save=shown, forecast=FORECAST_S, given=[f"truth={tracking}"],
         )  # fmt: skip
         if code not in (exit_codes.DONE, exit_codes.INPUT_LOST):
             raise typer.Exit(code)
         drawn = second.apply_async(_draw, (map_file, picture, estimates))
-        found = {WITH_MAP: read_estimates(estimates)}
-        found |= {name: rivals[name].get(LONGEST_S) for name in (WITHOUT_MAP, CONSTANT_VELOCITY)}
-        figures = BLIND_FIGURES if run.is_blind else SEEN_FIGURES
-        reports = {name: report(of, truth, is_blind=run.is_blind) for name, of in found.items()}
-        drawn.get(LONGEST_S)
+        for task in (*rivals, drawn):
+            task.get(LONGEST_S)
+        figures = BLIND_FIGURES if is_blind else SEEN_FIGURES
+        reports = {way: report(read_estimates(path), truth, is_blind=is_blind) for way, path in ways.items()}
     table = [(name, *(number(getattr(of, figure)) for figure in figures)) for name, of in reports.items()]
     typer.echo("\n".join(["", *columns([("tracking", *(FIGURES[figure] for figure in figures)), *table])]))
     typer.echo(f"\nnext: open {picture}; `dirprim view {shown}` plays it in rerun;")
@@ -178,38 +170,25 @@ def _seen(scene: Scene, folder: Path) -> Path:
     return path
 
 
-def track(run: Run, model: PrimitiveMap | BayesFilter) -> Estimates:
-    """Track by another model."""
-    import numpy as np
-
-    from dirprim_filter.config import TrackingConfig
-    from dirprim_filter.estimates import EstimateList
-    from dirprim_filter.filtering import Tracker
-    from dirprim_filter.recording.reader import stream_detections
-    from dirprim_filter.replay import replay
-
-    tracking, kept = TrackingConfig(), EstimateList()
-    if run.is_blind:
-        tracking = replace(tracking, departure_rate=departure_rate(run.tracks))
-    replay(stream_detections(run.log), Tracker(model, tracking=tracking, rng=np.random.default_rng(run.seed)), [kept])
-    return kept.all()
+def _track(way: dict[str, Any]) -> None:
+    """By `dirprim track` with these options, without its texts."""
+    with redirect_stdout(StringIO()):
+        track_log(**way)
 
 
-def by_constant_velocity(run: Run) -> Estimates:
-    """Track by the Kalman filter under which noisy positions of some of the vehicles are most likely."""
+def _track_straight(way: dict[str, Any], known: Tracks) -> None:
+    """By the Kalman filter under which noisy positions of some of the known vehicles are most likely."""
     import numpy as np
 
     from dirprim_filter.config import FilterConfig
     from dirprim_filter.detections import Detections
     from dirprim_filter.evaluation.rivals import fitted_acceleration
-    from dirprim_filter.filtering import ConstantVelocityKalman
 
-    config, rng, tracks = FilterConfig(), np.random.default_rng(0), run.tracks
-    some = tracks[np.isin(tracks.vehicle, rng.permutation(tracks.n_tracks)[:N_FITTED])]
+    config, rng = FilterConfig(), np.random.default_rng(0)
+    some = known[np.isin(known.vehicle, rng.permutation(known.n_tracks)[:N_FITTED])]
     noise = config.noise_m * rng.standard_normal(some.position.shape)
-    seen = replace(Detections.of(some), position=some.position + noise)
-    acceleration = fitted_acceleration(seen, tracks, config).chosen
-    return track(run, ConstantVelocityKalman(acceleration_density=acceleration, config=config))
+    fitted = fitted_acceleration(replace(Detections.of(some), position=some.position + noise), known, config)
+    _track(way | {"given": [*way["given"], f"acceleration_density={fitted.chosen}"]})
 
 
 def report(estimates: Estimates, truth: Tracks, *, is_blind: bool) -> TrackingReport:

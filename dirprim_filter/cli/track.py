@@ -11,26 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from dirprim_filter.cli import exit_codes
+from dirprim_filter.cli import exit_codes, options
 from dirprim_filter.cli.motion import map_of, motion_of
-from dirprim_filter.cli.options import (
-    Config,
-    Connect,
-    Force,
-    Log,
-    MapOrNone,
-    Motion,
-    NoIds,
-    Noise,
-    Output,
-    Particles,
-    Rate,
-    Save,
-    Seed,
-    SensorOrAuto,
-    Spawn,
-    existing_log,
-)
 from dirprim_filter.cli.reading import OF_TRUTH, Reading, reads_logs
 from dirprim_filter.cli.results import CONFIG_KEY, read_filter
 from dirprim_filter.cli.sensing import sensor_of
@@ -87,13 +69,13 @@ class Own:
     "fields of FilterConfig and TrackingConfig",
 )  # fmt: skip
 def track(
-    log: Log,
-    output: Output,
-    map_file: MapOrNone = None,
-    motion: Motion = "learned",
-    save: Save = None,
-    spawn: Spawn = False,
-    connect: Connect = None,
+    log: options.Log,
+    output: options.Output,
+    map_file: options.MapOrNone = None,
+    motion: options.Motion = "learned",
+    save: options.Save = None,
+    spawn: options.Spawn = False,
+    connect: options.Connect = None,
     smooth: Annotated[bool, typer.Option("--smooth", help="Also write smoothed estimates, by the whole log.")] = False,
     lag: Annotated[
         float | None, typer.Option(min=0.0, max=1e9, help="Also smooth, so many seconds late; a pipe is tracked live.")
@@ -101,18 +83,18 @@ def track(
     forecast: Annotated[
         float, typer.Option(min=0.0, max=3600.0, help="Every second, forecast so many seconds ahead.")
     ] = 0.0,
-    rate: Rate = None,
-    no_ids: NoIds = False,
-    noise: Noise = None,
-    sensor: SensorOrAuto = None,
-    particles: Particles = None,
+    rate: options.Rate = None,
+    no_ids: options.NoIds = False,
+    noise: options.Noise = None,
+    sensor: options.SensorOrAuto = None,
+    particles: options.Particles = None,
     also_as: Annotated[
         Literal["foxglove", RosMessages],
         typer.Option("--as", help="Also write ROS 2 messages of them; foxglove: none."),
     ] = "foxglove",
-    config: Config = None,
-    seed: Seed = 0,
-    force: Force = False,
+    config: options.Config = None,
+    seed: options.Seed = 0,
+    force: options.Force = False,
     *,
     reading: Reading,
     settings: Settings,
@@ -155,7 +137,7 @@ def track(
     ):
         if is_wrong:
             raise typer.BadParameter(why, param_hint=option)
-    truth = existing_log(own.truth) if own.truth else None
+    truth = options.existing_log(own.truth) if own.truth else None
     (primitive_map, reading), is_live = map_of(map_file, reading), is_pipe(log) and lag is not None
     filtering, association = read_filter(config, settings, Own, n_particles=particles, noise_m=noise)
     stream = reading.detections(log, motion=own.measured_motion, live=is_live)
