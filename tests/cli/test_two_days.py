@@ -8,7 +8,7 @@ import pytest
 
 from cli.commands import DONE, FAILED, dirprim
 from dirprim_filter import load_map, read_estimates, read_tracks
-from dirprim_filter.recording.tables.files import columns_of
+from dirprim_filter.recording.tables.files import cells_of
 
 pytest.importorskip("pyproj", reason="the extra geo is not installed")
 
@@ -44,7 +44,7 @@ def test_the_second_day_is_on_the_plane_of_the_map_and_comes_out_in_degrees(days
         assert float(re.search(r"([\d.]+)% outside the map", said.out)[1]) < 3
         assert read_estimates("out.mcap").origin == origin
     assert dirprim("export out.mcap -o out.csv") == DONE
-    table = columns_of(Path("out.csv"))
+    table = cells_of(Path("out.csv"))
     estimates = read_estimates("out.mcap")
     degrees = table.numbers(("latitude_deg", "longitude_deg"))
     np.testing.assert_allclose(degrees, origin.to_globe(estimates.position), atol=1e-9)
