@@ -154,6 +154,7 @@ def _played(files: Sequence[Path], rate: float, reading: Reading) -> tuple[Playb
 
     if len(files) > 1:
         raise typer.BadParameter(f"expected one log to play, got {len(files)} files", param_hint="--rate")
+    reading.require_acting_on([*files])
     playback = Playback(files[0], reading.options())
     frames = paced(playback, rate)
     return playback, with_progress(frames, what=f"playing {files[0].name}", end_ns=playback.end_ns)
