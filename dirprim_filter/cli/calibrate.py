@@ -8,7 +8,7 @@ import typer
 
 from dirprim_filter.cli import exit_codes
 from dirprim_filter.cli.options import Force, Log, Output, Truth
-from dirprim_filter.cli.reading import OF_TRUTH, Reading, reads_logs
+from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.sensing import number_lines
 from dirprim_filter.cli.texts import counted
 
@@ -41,7 +41,7 @@ def calibrate(
     stream = reading.detections(log)
     seen = Detections.concatenate(stream)
     reading.require_frames(len(seen), log, stream.losses)
-    of_truth = reading.only(*(of for of in OF_TRUTH if of != "group")).on_plane_of(log, seen.origin)
+    of_truth = reading.of_truth(truth).on_plane_of(log, seen.origin)
     known = of_truth.tracks([truth])
     with working(f"measuring {log.name}"):
         measured = measure(seen, known.tracks)

@@ -66,7 +66,8 @@ def info(
             typer.echo(json.dumps(summary.as_json() | {"faults": faults}))
         else:
             say(f"{path}: {counted(summary.messages, 'message')}{_span(summary)}", *_lines(summary, faults))
-        worst = max(worst, exit_codes.INPUT_LOST if _is_lost(summary) else exit_codes.DONE)
+        is_lost = summary.damage or any(topic.undecodable for topic in summary.topics)
+        worst = max(worst, exit_codes.INPUT_LOST if is_lost else exit_codes.DONE)
     return worst
 
 
@@ -133,10 +134,6 @@ def _lines(summary: LogSummary, faults: list[str], *, of_table: bool = False) ->
     lines += [f"faults: {line}" for line in faults]
     lines += [f"damage: {damage}" for damage in summary.damage]
     return [f"  {line}" for line in lines]
-
-
-def _is_lost(summary: LogSummary) -> bool:
-    return bool(summary.damage) or any(topic.undecodable for topic in summary.topics)
 
 
 def _unread(summary: LogSummary) -> list[str]:

@@ -51,7 +51,7 @@ ASKED = {"start": "--start ", "end": "--end ", "labels": "labels=", "group": "gr
 """What chooses a part of a log, as it is typed."""
 OF_TABLES = ("topics", "start", "end", "strict", "origin", "labels", "group", "format")
 """What acts on a table too: it has neither frames, fields nor another time."""
-OF_TRUTH = ("time_source", "frame", "origin", "strict", "group")
+OF_TRUTH = ("time_source", "frame", "origin", "strict")
 """What acts on the truth beside a log, whose topics, fields and times are others."""
 
 
@@ -82,6 +82,11 @@ class Reading:
     def only(self, *names: str) -> Self:
         """The same with no more than these options."""
         return replace(self, given={name: value for name, value in self.given.items() if name in names})
+
+    def of_truth(self, truth: Path, *more: str) -> Self:
+        """The same for the truth beside a log: of `OF_TRUTH`, and of more names, what acts on it."""
+        names = {*OF_TRUTH, *more}
+        return self.only(*(names.intersection(OF_TABLES) if is_table(truth) else names))
 
     def on_plane_of(self, other: Path, origin: Origin | None) -> Self:
         """The same for logs that meet another log or a map, whose origin is printed and holds.
@@ -141,17 +146,15 @@ class Reading:
         Raises:
             RecordingError: there were no frames, and only a part of the log was asked for.
         """
-        if n_frames == 0 and self._asked():
+        if n_frames == 0 and self.given.keys() & ASKED.keys():
             raise self._nothing_left([log], losses)
-
-    def _asked(self) -> str:
-        return "".join(f" {typed}{self.given[name]}" for name, typed in ASKED.items() if name in self.given)
 
     def _nothing_left(self, logs: list[Path], losses: Losses) -> RecordingError:
         from dirprim_filter.recording.errors import RecordingError
 
+        asked = "".join(f" {typed}{self.given[name]}" for name, typed in ASKED.items() if name in self.given)
         return RecordingError(
-            f"{', '.join(map(str, logs))}: expected moving objects{self._asked()}, got none; left out: {losses}; "
+            f"{', '.join(map(str, logs))}: expected moving objects{asked}, got none; left out: {losses}; "
             "`dirprim info` lists times, labels and groups"
         )
 

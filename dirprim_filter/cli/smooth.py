@@ -12,7 +12,7 @@ import typer
 from dirprim_filter.cli import exit_codes
 from dirprim_filter.cli.motion import map_of, motion_of
 from dirprim_filter.cli.options import Force, Log, MapOrNone, MaybeTruth, Motion, Output, Particles, Rate, Seed
-from dirprim_filter.cli.reading import OF_TRUTH, Reading, reads_logs
+from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.results import read_filter
 from dirprim_filter.cli.settings import Settings
 from dirprim_filter.cli.texts import counted
@@ -65,6 +65,7 @@ def smooth(
     reading.require_frames(len(rows), estimates, stream.losses)
     if (rows.track_id == NO_ID).any():
         raise RecordingError(f"{estimates}: expected tracks with ids, got detections; `dirprim track` makes tracks")
+    known = None if truth is None else reading.of_truth(truth, "group", "start", "end").tracks([truth])
     Coverage(primitive_map, map_file, estimates, is_needed=motion == "learned").check(rows.position)
     moves, _ = motion_of(motion, primitive_map, rows[is_measured(rows)].frames(), config=config, seed=seed)
     said = provenance(
@@ -78,13 +79,9 @@ def smooth(
     ):
         writer.write_map_scene(primitive_map)
         frames = refine(
-            rows,
-            lambda: moves.model(config),
-            config=config,
-            tracking=tracking,
-            rate_hz=rate,
+            rows, lambda: moves.model(config), config=config, tracking=tracking, rate_hz=rate,
             rng=lambda: np.random.default_rng(seed),
-        )
+        )  # fmt: skip
         for frame in frames:
             writer.write(frame)
     after, n_measured = Estimates.concatenate(frame.estimates for frame in frames), int(is_measured(rows).sum())
@@ -92,9 +89,8 @@ def smooth(
         f"{output}: {counted(len(after), 'row')} of {counted(np.unique(after.track_id).size, 'track')}, from "
         f"{counted(n_measured, 'measured row')} of {len(rows)}"
     )
-    if truth is None:
+    if truth is None or known is None:
         return exit_codes.of_losses(stream.losses)
-    known = reading.only(*OF_TRUTH, "start", "end").tracks([truth])
     typer.echo(_scored(rows, output, truth, known.tracks))
     return exit_codes.of_losses(stream.losses, known.losses)
 

@@ -13,7 +13,7 @@ import typer
 
 from dirprim_filter.cli import exit_codes, options
 from dirprim_filter.cli.motion import map_of, motion_of
-from dirprim_filter.cli.reading import OF_TRUTH, Reading, reads_logs
+from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.results import CONFIG_KEY, read_filter
 from dirprim_filter.cli.sensing import sensor_of
 from dirprim_filter.cli.settings import Settings, taken
@@ -181,7 +181,7 @@ def track(
             viewer = files.enter_context(open_viewer(
                 (map_file or log).stem, lost, save=save, spawn=spawn, connect=connect, force=force,
                 n_particles=own.particles_out, focus=own.focus or None, truth=truth,
-                reading=reading.only(*(of for of in OF_TRUTH if of != "group" or own.truth == str(log))),
+                reading=reading.of_truth(truth, *["group"] * (own.truth == str(log))) if truth else None,
             ))  # fmt: skip
             if primitive_map is not None:
                 viewer.log_map(primitive_map)

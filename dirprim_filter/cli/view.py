@@ -66,7 +66,7 @@ def view(
         return exit_codes.DONE
     kinds, losses = _sorted(files), Losses()
     if not kinds[LOG] and (rate is None or "topics" not in reading.given):
-        reading.require_acting(*OF_ESTIMATES * bool(kinds[RUN]), *OF_TRUTH * bool(truth))
+        reading.require_acting(*OF_ESTIMATES * bool(kinds[RUN]), *(*OF_TRUTH, "group") * bool(truth))
     if focus is not None and not kinds[RUN] and rate is None:
         raise typer.BadParameter("there are no estimates in these files; leave it out", param_hint="--focus")
     maps, reading = _on_one_plane(kinds, reading)
@@ -74,7 +74,7 @@ def view(
     shown = truth or (kinds[LOG][0] if kinds[LOG] and playback is None else None)
     with open_viewer(
         " ".join(file.stem for file in files), losses, save=save, spawn=spawn or not is_elsewhere, connect=connect,
-        force=force, focus=focus, truth=shown, reading=reading.only(*OF_TRUTH) if truth else reading,
+        force=force, focus=focus, truth=shown, reading=reading.of_truth(truth, "group") if truth else reading,
         is_asked=truth is not None,
     ) as viewer:  # fmt: skip
         if playback is None:
