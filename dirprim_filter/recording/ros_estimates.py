@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from dirprim_filter.arrays import FloatArray
 from dirprim_filter.drawing.vehicles import SURE_FROM
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.recording.container.records import Schema
@@ -113,7 +112,7 @@ class RosEstimates:
         along = self._vector((float(of.speed[i]), 0.0, 0.0))
         twist = self._of(
             "geometry_msgs/msg/TwistWithCovariance", self._of("geometry_msgs/msg/Twist", along, still),
-            _first(float(of.speed_std[i]) ** 2),
+            np.eye(1, 36).reshape(-1) * float(of.speed_std[i]) ** 2,
         )  # fmt: skip
         accel = self._of(
             "geometry_msgs/msg/AccelWithCovariance", self._of("geometry_msgs/msg/Accel", still, still), unsure
@@ -134,8 +133,3 @@ def uuid_of(name: str) -> uuid.UUID:
         return uuid.UUID(name)
     except ValueError:
         return uuid.uuid5(uuid.NAMESPACE_OID, name)
-
-
-def _first(variance: float) -> FloatArray:
-    """(36,) a covariance of 6 x 6 of which only the first variance is known."""
-    return np.eye(1, 36).reshape(-1) * variance

@@ -58,15 +58,13 @@ def topics_of(
     why: Callable[[TopicKey], tuple[int, str]] = lambda _: (0, ""),
 ) -> tuple[TopicSummary, ...]:  # fmt: skip
     """The topics by name; without ids, those of schemas that carry none; and as `TopicSummary` has it, why not."""
-    found = []
-    for key, n in sorted(messages.items()):
-        (name, schema, encoding), (undecodable, reason) = key, why(key)
-        tracks = len(track_ids[key]) if key in track_ids else None
-        found.append(TopicSummary(
-            name=name, schema=schema, encoding=encoding, messages=n, tracks=tracks, undecodable=undecodable, why=reason,
-            detections=detections[key],
-        ))  # fmt: skip
-    return tuple(found)
+    return tuple(
+        TopicSummary(
+            name=key[0], schema=key[1], encoding=key[2], messages=n, detections=detections[key],
+            tracks=len(track_ids[key]) if key in track_ids else None, undecodable=why(key)[0], why=why(key)[1],
+        )
+        for key, n in sorted(messages.items())
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

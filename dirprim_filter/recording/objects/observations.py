@@ -16,7 +16,7 @@ from dirprim_filter.origin import Origin
 from dirprim_filter.recording.container.log import Scan
 from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.decoding.field_columns import MAX_NAME_LENGTH, NO_TIME, signed
-from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError, RecordingError
+from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError
 from dirprim_filter.recording.losses import (
     BACKWARD,
     FAR,
@@ -68,7 +68,7 @@ class Observations:
         topics = {c.topic for c in scan.log.channels() if scan.is_wanted(c.topic) and self._decoders.reads(c)}
         self._are_several = len(topics) > 1
         self._first_stamp: dict[str, int] = {}  # of each topic; `NO_TIME` where its first messages have none
-        self._stamps, self._open = Stamps(), list[MessageColumns]()  # messages whose stamps are not judged yet
+        self._stamps, self._open = Stamps(scan.path), list[MessageColumns]()  # messages whose stamps are not judged yet
 
     @property
     def origin(self) -> Origin | None:
@@ -119,11 +119,6 @@ class Observations:
         for batch in self._open:
             yield self._timed(batch, is_last=True)
         self._stamps.end()
-        self._check_unit()
-
-    def _check_unit(self) -> None:
-        if self._stamps.wrong_unit:
-            raise RecordingError(f"{self._scan.path}: {self._stamps.wrong_unit}")
 
     def _timed(self, batch: MessageColumns, *, is_last: bool) -> tuple[Rows, IntArray]:
         """The valid objects of a batch within the wanted time, in their own frames, and (n,) their topics' numbers."""
@@ -148,7 +143,6 @@ class Observations:
         """The rows whose stamps can be, and those without; messages of which more must be known come again."""
         stamped = np.flatnonzero((rows.time_ns == rows.stamp_ns) & (rows.time_ns != NO_TIME))
         usual, is_open = self._stamps.judge(batch, rows.message[stamped], rows.time_ns[stamped], is_last=is_last)
-        self._check_unit()
         if usual.all():
             self._open = []
             return rows

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable
-from typing import NamedTuple
+from pathlib import Path
 
 import numpy as np
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.recording.container.message_columns import MessageColumns
+from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.objects.pace import Pace
 from dirprim_filter.recording.transforms.edge import OTHER_CLOCK_S
 from dirprim_filter.track_ids import Numbers, rows_of_each
@@ -29,28 +30,16 @@ FEWEST = 3
 """Of fewer stamps it is unknown which is wrong; nor is it known where no two agree."""
 
 
-class Verdict(NamedTuple):
-    """About stamps (k,), or what carries them.
-
-    Attributes:
-        is_usual: they can be.
-        is_open: they cannot so far, but messages to come may agree.
-    """
-
-    is_usual: BoolArray
-    is_open: BoolArray
+Verdict = tuple[BoolArray, BoolArray]
+"""Which of some stamps can be; and which cannot so far, but messages to come may agree."""
 
 
 class Stamps:
-    """The stamps of a log, as they come.
+    """The stamps of a log, as they come."""
 
-    Attributes:
-        wrong_unit: of which they seem to be; empty so far.
-    """
-
-    def __init__(self) -> None:
+    def __init__(self, path: Path) -> None:
+        self._path = path
         self._topics: defaultdict[str, _TopicStamps] = defaultdict(_TopicStamps)
-        self.wrong_unit = ""
 
     def judge(self, batch: MessageColumns, message: IntArray, stamp_ns: IntArray, *, is_last: bool) -> Verdict:
         """Whether stamps can be, that of most rows of a message for all of it.
@@ -60,11 +49,14 @@ class Stamps:
             message: (k,) of the batch that each stamp is of, ascending,
             stamp_ns: (k,) and the stamp.
             is_last: no more messages come, so nothing stays open.
+
+        Raises:
+            RecordingError: they run as if they were of another unit.
         """
         offset_s = (stamp_ns - batch.log_time_ns[message].astype(np.float64)) * 1e-9
         begin = np.flatnonzero(np.diff(message, prepend=-1))
         if not begin.size:
-            return Verdict(*np.zeros((2, 0), np.bool_))
+            return np.zeros(0, np.bool_), np.zeros(0, np.bool_)
         count, order = np.diff(begin, append=message.size), np.arange(message.size)
         spread_s = np.maximum.reduceat(offset_s, begin) - np.minimum.reduceat(offset_s, begin)
         if (spread_s > NEAR_S).any():
@@ -82,16 +74,16 @@ class Stamps:
             known = middle[own[usual[own]]]
             self._run(name, batch.log_time_ns[message[known]].astype(np.int64), stamp_ns[known], is_last=False)
         usual, left_open, middle_s, near_s = (np.repeat(of, count) for of in (usual, left_open, middle_s, near_s))
-        return Verdict(usual & (np.abs(offset_s - middle_s) <= near_s), left_open)
+        return usual & (np.abs(offset_s - middle_s) <= near_s), left_open
 
     def end(self) -> None:
-        """No more come: judge the paces of few, too."""
+        """No more come: judge the paces of few, too, and raise as `judge` does."""
         for name in self._topics:
             self._run(name, *np.empty((2, 0), np.int64), is_last=True)
 
     def _run(self, topic: str, log_ns: IntArray, stamp_ns: IntArray, *, is_last: bool) -> None:
         if wrong := self._topics[topic].pace.wrong_unit(log_ns, stamp_ns, is_last=is_last):
-            self.wrong_unit = f"stamps of {topic} {wrong}"
+            raise RecordingError(f"{self._path}: stamps of {topic} {wrong}")
 
     def clocks(self, unstamped: Iterable[str]) -> str:
         """What is odd with the clocks of topics that are read together, some by log time; empty where they agree."""
@@ -125,7 +117,7 @@ class _TopicStamps:
         is_late = np.arange(offset_s.size) >= offset_s.size - NEIGHBOURS
         is_open = asked & ~is_usual & is_late & (not is_last)
         self._offset_s, self._is_open = offset_s[-NEIGHBOURS:], is_open[-NEIGHBOURS:]
-        return Verdict(is_usual[asked], is_open[asked])
+        return is_usual[asked], is_open[asked]
 
     def _is_usual(self, offset_s: FloatArray, *, is_last: bool) -> BoolArray:
         n = offset_s.size

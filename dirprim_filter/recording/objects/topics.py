@@ -10,10 +10,8 @@ from itertools import chain
 import numpy as np
 
 from dirprim_filter.recording import topic_names
-from dirprim_filter.recording.container.errors import Damage
 from dirprim_filter.recording.container.log import Log, Scan
 from dirprim_filter.recording.container.message_columns import MessageColumns
-from dirprim_filter.recording.container.records import Channel
 from dirprim_filter.recording.errors import DamagedRecordingError, NoTracksError
 from dirprim_filter.recording.name_patterns import matching
 from dirprim_filter.recording.objects.options import ReadOptions
@@ -60,12 +58,13 @@ def choose_topics(log: Log, options: ReadOptions, *, prefer_detections: bool = F
         chosen = _default(log, inputs, decoders, kinds, failures, prefer_detections=prefer_detections)
         wanted = f"a topic with moving objects{looked_for}"
     if not chosen:
-        damage = _damage(log)
-        if options.strict and damage:
-            raise DamagedRecordingError(log.path, damage)
-        asked = [c for c in channels if topics is None or is_wanted(c.topic)]
-        why = failures.line() or next(filter(None, (_refused(decoders, channel) for channel in asked)), "")
-        raise NoTracksError(log.path, has=channels, wanted=wanted, damage=damage, why=why)
+        scan = Scan(log, waits=False)
+        deque(scan.columns(), maxlen=0)  # all that is broken is known once all chunks were read
+        if options.strict and scan.damage:
+            raise DamagedRecordingError(log.path, scan.damage)
+        asked = ((c.topic, decoders.refusal(c)) for c in channels if topics is None or is_wanted(c.topic))
+        why = failures.line() or next((f"{topic}: {why}" for topic, why in asked if why not in ("", NOT_KNOWN)), "")
+        raise NoTracksError(log.path, has=channels, wanted=wanted, damage=scan.damage, why=why)
     return chosen
 
 
@@ -95,18 +94,14 @@ class Failures:
         return f"{n} of {self._looked_at[key]} messages of {topic} cannot be decoded: {reason}" if n else ""
 
 
-def _refused(decoders: Decoders, channel: Channel) -> str:
-    """A line for what is wrong with a topic's definition; empty where it is only not known."""
-    why = decoders.refusal(channel)
-    return "" if why in ("", NOT_KNOWN) else f"{channel.topic}: {why}"
-
-
 def _default(
     log: Log, schema_of: dict[str, str], decoders: Decoders, kinds: Sequence[set[str]], failures: Failures,
     *, prefer_detections: bool,
 ) -> frozenset[str]:  # fmt: skip
-    if prefer_detections and (reported := [topic for topic in schema_of if _is_a_sensors(topic, schema_of[topic])]):
-        return frozenset(reported)
+    ours = {t for t in schema_of if t.startswith(topic_names.DETECTIONS) and schema_of[t] in OBSERVATIONS.schemas}
+    ours = {t for t in ours if t.removeprefix(topic_names.DETECTIONS)[:1] in ("", "/")}  # of one sensor, or of several
+    if prefer_detections and ours:
+        return frozenset(ours)
     for names in kinds:
         topics = {topic for topic, schema in schema_of.items() if schema in names}
         carrying = _carrying_objects(log, decoders, topics, failures)
@@ -124,12 +119,6 @@ def _default(
         if true:
             return frozenset(true)
     return frozenset()
-
-
-def _is_a_sensors(topic: str, schema: str) -> bool:
-    """Whether a topic is as we write what one sensor, or one of several, detected."""
-    is_named = topic == topic_names.DETECTIONS or topic.startswith(f"{topic_names.DETECTIONS}/")
-    return is_named and schema in OBSERVATIONS.schemas
 
 
 def _carrying_objects(log: Log, decoders: Decoders, topics: set[str], failures: Failures) -> set[str]:
@@ -151,13 +140,6 @@ def _carrying_objects(log: Log, decoders: Decoders, topics: set[str], failures: 
             if carrying == topics:
                 break
     return carrying
-
-
-def _damage(log: Log) -> list[Damage]:
-    """All that is broken, which is known once all chunks were read."""
-    scan = Scan(log, waits=False)
-    deque(scan.columns(), maxlen=0)
-    return scan.damage
 
 
 def _longest(log: Log, topics: set[str]) -> str:
