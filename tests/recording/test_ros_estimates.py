@@ -11,7 +11,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from test_estimate_log import STEP, a_frame
 
 from dirprim_filter.recording import read_tracks
-from dirprim_filter.recording.ros_estimates import SCHEMAS
+from dirprim_filter.recording.topic_names import ROS_MESSAGES
 from dirprim_filter.recording.writer import EstimateWriter
 
 KNOWN = "0ab7cde0-1111-4222-8333-123456789abc"
@@ -30,7 +30,7 @@ def frames():
         yield replace(frame, estimates=estimates, detections=replace(frame.detections, track_id=ids, size=size))
 
 
-@pytest.fixture(params=SCHEMAS)
+@pytest.fixture(params=ROS_MESSAGES)
 def written(request, tmp_path):
     path = tmp_path / "out.mcap"
     with EstimateWriter(path, metadata={}, also_as=request.param) as log:

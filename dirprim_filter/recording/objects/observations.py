@@ -40,9 +40,6 @@ from dirprim_filter.track_ids import NO_NAMES, repeated_rows, vehicle_numbers
 
 logger = logging.getLogger(__name__)
 
-RUNS_ON_NS = 10_000_000_000
-"""A clock that begins at most so long after 0 may have begun at 0."""
-
 
 class Observations:
     """Reads the objects of one log once through, and counts what it leaves out.
@@ -67,7 +64,6 @@ class Observations:
         self._axes = TwistAxes(scan.path)
         topics = {c.topic for c in scan.log.channels() if scan.is_wanted(c.topic) and self._decoders.reads(c)}
         self._are_several = len(topics) > 1
-        self._first_stamp: dict[str, int] = {}  # of each topic; `NO_TIME` where its first messages have none
         self._stamps, self._open = Stamps(scan.path), list[MessageColumns]()  # messages whose stamps are not judged yet
 
     @property
@@ -100,8 +96,7 @@ class Observations:
                 held = []
         yield from self._placed(held)
         self._frame.check()
-        unstamped = [topic for topic, first in self._first_stamp.items() if first == NO_TIME]
-        for note in filter(None, (*sorted(self._decoders.notes), self._stamps.clocks(unstamped))):
+        for note in filter(None, (*sorted(self._decoders.notes), self._stamps.clocks())):
             logger.warning("%s: %s", self._scan.path, note)
         if self._frame.tree is not None:
             lost = self._frame.tree.losses
@@ -166,18 +161,10 @@ class Observations:
 
     def _times(self, messages: MessageColumns, rows: Rows) -> IntArray:
         """(n,) the time of each row; `NO_TIME` where it has none that fits into int64."""
+        if self._options.time_source == "header":
+            return self._stamps.times(messages, rows.message, rows.stamp_ns)
         times = messages.publish_time_ns if self._options.time_source == "publish" else messages.log_time_ns
-        time_ns = signed(times)[rows.message]
-        if self._options.time_source != "header":
-            return time_ns
-        channel, has_stamp = messages.channel[rows.message], (rows.stamp_ns != NO_TIME) & (rows.stamp_ns != 0)
-        first, backwards = np.full(len(messages.channels), NO_TIME), np.flatnonzero(has_stamp)[::-1]
-        first[channel[backwards]] = rows.stamp_ns[backwards]
-        for i in np.flatnonzero(np.bincount(channel)).tolist():
-            first[i] = self._first_stamp.setdefault(messages.channels[i].topic, int(first[i]))
-        begun = first[channel]
-        is_unset = (rows.stamp_ns == 0) & (begun > RUNS_ON_NS)  # the clock does not run on from 0
-        return np.where(begun == NO_TIME, time_ns, np.where(is_unset, NO_TIME, rows.stamp_ns))
+        return signed(times)[rows.message]
 
     def _wanted(self, rows: Rows) -> BoolArray:
         timed = rows.time_ns != NO_TIME

@@ -8,18 +8,20 @@ one that is years ahead would end the tracking of all that follows.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.recording.container.message_columns import MessageColumns
+from dirprim_filter.recording.decoding.field_columns import NO_TIME, signed
 from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.objects.pace import Pace
 from dirprim_filter.recording.transforms.edge import OTHER_CLOCK_S
 from dirprim_filter.track_ids import Numbers, rows_of_each
 
+RUNS_ON_NS = 10_000_000_000
+"""A clock that begins at most so long after 0 may have begun at 0."""
 NEIGHBOURS = 50
 """So many messages of the topic before a stamp, and as many after it, are asked."""
 AGREEING = 0.25
@@ -39,7 +41,25 @@ class Stamps:
 
     def __init__(self, path: Path) -> None:
         self._path = path
+        self._first_ns: dict[str, int] = {}  # of each topic; `NO_TIME` where its first messages have none
         self._topics: defaultdict[str, _TopicStamps] = defaultdict(_TopicStamps)
+
+    def times(self, batch: MessageColumns, message: IntArray, stamp_ns: IntArray) -> IntArray:
+        """(n,) the times of rows: their stamps, `NO_TIME` where these were not set; log times on topics without stamps.
+
+        Args:
+            batch: the messages.
+            message: (n,) of the batch that each row is of.
+            stamp_ns: (n,) what the rows carry.
+        """
+        channel, has_stamp = batch.channel[message], (stamp_ns != NO_TIME) & (stamp_ns != 0)
+        first, backwards = np.full(len(batch.channels), NO_TIME), np.flatnonzero(has_stamp)[::-1]
+        first[channel[backwards]] = stamp_ns[backwards]
+        for i in np.flatnonzero(np.bincount(channel)).tolist():
+            first[i] = self._first_ns.setdefault(batch.channels[i].topic, int(first[i]))
+        begun = first[channel]
+        is_unset = (stamp_ns == 0) & (begun > RUNS_ON_NS)  # the clock does not run on from 0
+        return np.where(begun == NO_TIME, signed(batch.log_time_ns)[message], np.where(is_unset, NO_TIME, stamp_ns))
 
     def judge(self, batch: MessageColumns, message: IntArray, stamp_ns: IntArray, *, is_last: bool) -> Verdict:
         """Whether stamps can be, that of most rows of a message for all of it.
@@ -85,9 +105,10 @@ class Stamps:
         if wrong := self._topics[topic].pace.wrong_unit(log_ns, stamp_ns, is_last=is_last):
             raise RecordingError(f"{self._path}: stamps of {topic} {wrong}")
 
-    def clocks(self, unstamped: Iterable[str]) -> str:
+    def clocks(self) -> str:
         """What is odd with the clocks of topics that are read together, some by log time; empty where they agree."""
-        ahead = sorted([(of.usual_s, name) for name, of in self._topics.items()] + [(0.0, name) for name in unstamped])
+        by_log_time = [(0.0, name) for name, first_ns in self._first_ns.items() if first_ns == NO_TIME]
+        ahead = sorted([(of.usual_s, name) for name, of in self._topics.items()] + by_log_time)
         if not self._topics or (apart_s := ahead[-1][0] - ahead[0][0]) <= OTHER_CLOCK_S:
             return ""
         return (
