@@ -157,11 +157,10 @@ class Jumps:
         places = (map(tuple, position[at].tolist()) for at in (start, last))
         pieces = map(_Piece, *(column.tolist() for column in columns), *places)
         of_each = [[*islice(pieces, n)] for n in np.bincount(number[start]).tolist()]
-        n_at = Counter(piece.first for own in of_each if len(own) > 1 for piece in own if piece.stays)
-        for i, own_pieces in enumerate(of_each):
-            if len(own_pieces) > 1:
-                least_m = float(own.least_m[i])
-                self._mark(_chains(own_pieces, least_m, float(own.usual[i])), least_m, n_at)
+        n_at = Counter(piece.first for of in of_each if len(of) > 1 for piece in of if piece.stays)
+        for of, least_m, usual in zip(of_each, own.least_m.tolist(), own.usual.tolist(), strict=True):
+            if len(of) > 1:
+                self._mark(_chains(of, least_m, usual), least_m, n_at)
 
     def _mark(self, chains: list[Chain], least_m: float, n_at: Counter[Place]) -> None:
         """What is left out of a vehicle, and the parts of the rest; places where several pieces stay stand for none."""

@@ -237,10 +237,8 @@ def map_scenes(primitive_map: PrimitiveMap, time_ns: int, origin: FloatArray) ->
     polygons, petals = primitive_map.tessellation.polygons(), shapes.rose_petals(primitive_map)
     fastest = shapes.fastest_speed(petals)
     for i, start in enumerate(range(0, max(len(polygons), 1), CELLS_AT_ONCE)):
-        own, end = (
-            [polygon for polygon in polygons[start : start + CELLS_AT_ONCE] if len(polygon)],
-            start + CELLS_AT_ONCE,
-        )
+        end = start + CELLS_AT_ONCE
+        own = [polygon for polygon in polygons[start:end] if len(polygon)]
         corners, ends = np.concatenate([np.empty((0, 2)), *own]), np.cumsum([0, *map(len, own)])
         corner, then = np.arange(len(corners)), np.arange(1, len(corners) + 1)
         then[ends[1:] - 1] = ends[:-1]  # from the last corner back to the first

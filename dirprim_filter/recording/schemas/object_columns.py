@@ -11,13 +11,14 @@ from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.columns import is_held
 from dirprim_filter.recording.decoding.field_columns import FARTHEST_S, NO_TIME, FieldColumns
 
-GLOBE = ("longitude", "latitude")
 _DEG = np.pi / 180
 UNITS = {
     "speed_kmh": ("speed", 1 / 3.6, 0.0), "direction_deg": ("direction", _DEG, 0.0),
     "course_deg": ("direction", -_DEG, np.pi / 2), "heading_deg": ("heading", _DEG, 0.0), "time_s": ("time", 1e9, 0.0),
 }  # fmt: skip
 """What else may be given: for which name, by which factor, and what is added."""
+GLOBE = ("longitude", "latitude")
+"""Of an object's place, in the order of x and y; a family has these or x and y."""
 OLDER = "|"
 """Between the paths of a name, newest first: the first that a schema has counts; and behind the names of older ones."""
 _KNOWN_BY = {"heading": ("turned", "is_turned"), "motion": ("moves", "has_twist"), "covariance": ("is_measured",)}
