@@ -50,6 +50,8 @@ def save_map(
 ) -> None:
     """Write a map; `load_map` gives it back bit for bit. The same map gives the same bytes.
 
+    That takes up to 6 kB of memory for each cell, most of it for the drawing.
+
     Args:
         primitive_map: what to write.
         path: the MCAP file.
