@@ -22,8 +22,7 @@ from dirprim_filter.estimates import TrackedFrame
 from dirprim_filter.evaluation.intervals import clustered, interval, mean, paired, reduction_of_mean
 from dirprim_filter.evaluation.settings import Axis, Choice, choose
 from dirprim_filter.evaluation.tracking_report import coverage, normalised_squared
-from dirprim_filter.filtering import Tracker
-from dirprim_filter.filtering.kalman import FIRST_SPEED_STD
+from dirprim_filter.filtering import ConstantVelocityKalman, Tracker
 from dirprim_filter.filtering.smoothing.smoother import Smoother
 from dirprim_filter.replay import step
 from grounds.findings import STRAIGHT, WITH, Findings
@@ -116,41 +115,33 @@ def textbook(windows: Sequence[Window], density: float, noise_m: float, *, smoot
     All windows at once; a short one is padded with rows at the time of its last.
     """
     time, place = _rows(windows)
-    n, k = time.shape
-    dt = np.diff(time, axis=1, prepend=time[:, :1])
-    moved = np.tile(np.eye(4), (n, k, 1, 1))
-    moved[..., 0, 2] = moved[..., 1, 3] = dt
-    noise = np.zeros((n, k, 4, 4))
-    for axis in (0, 1):
-        noise[..., axis, axis], noise[..., axis + 2, axis + 2] = density * dt**3 / 3, density * dt
-        noise[..., axis, axis + 2] = noise[..., axis + 2, axis] = density * dt**2 / 2
-    mean, spread = np.zeros((n, 4)), np.tile(np.diag([1e8, 1e8, *[FIRST_SPEED_STD**2] * 2]), (n, 1, 1))
-    mean[:, :2] = place[:, 0]
-    found, expected = [], []
-    for i in range(k):
-        mean, spread = _apply(moved[:, i], mean), moved[:, i] @ spread @ moved[:, i].swapaxes(1, 2) + noise[:, i]
-        expected.append((mean, spread))
-        seen = np.isfinite(place[:, i, 0])
-        gain = spread[:, :, :2] @ np.linalg.inv(spread[:, :2, :2] + noise_m**2 * np.eye(2)) * seen[:, None, None]
-        mean = mean + _apply(gain, np.nan_to_num(place[:, i] - mean[:, :2]))
-        spread = spread - gain @ spread[:, :2]
-        found.append((mean, spread))
-    for i in range(k - 2, -1, -1) if smooth else ():
-        (mean, spread), (ahead, later) = found[i], expected[i + 1]
-        back = np.linalg.solve(later, moved[:, i + 1] @ spread).swapaxes(1, 2)
-        mean, spread = (
-            mean + _apply(back, found[i + 1][0] - ahead),
+    slot, dt = np.arange(len(windows)), np.diff(time, axis=1)
+    config = FilterConfig(noise_m=noise_m, outlier_probability=0.0)
+    model = ConstantVelocityKalman(acceleration_density=density, config=config)
+    model.reserve(slot.size)
+    model.begin(slot, slot, _measured(place[:, 0]))
+    found, expected = [(model.mean.copy(), model.covariance.copy())], []
+    for i in range(dt.shape[1]):
+        model.predict(slot, dt[:, i])
+        expected.append((model.mean.copy(), model.covariance.copy()))
+        if (seen := np.flatnonzero(np.isfinite(place[:, i + 1, 0]))).size:
+            model.weigh(seen, _measured(place[seen, i + 1]))
+        found.append((model.mean.copy(), model.covariance.copy()))
+    for i in range(dt.shape[1] - 1, -1, -1) if smooth else ():
+        (mean, spread), (ahead, later) = found[i], expected[i]
+        back = np.linalg.solve(later, model.transition(dt[:, i]) @ spread).swapaxes(1, 2)
+        found[i] = (
+            mean + (back @ (found[i + 1][0] - ahead)[..., None])[..., 0],
             spread + back @ (found[i + 1][1] - later) @ back.swapaxes(1, 2),
         )
-        found[i] = mean, spread
     means, spreads = (np.stack(column, axis=1) for column in zip(*found, strict=True))
     hidden = [np.searchsorted(row, of.hidden_s) for row, of in zip(time, windows, strict=True)]
-    at = np.repeat(np.arange(n), [rows.size for rows in hidden]), np.concatenate(hidden)
+    at = np.repeat(slot, [rows.size for rows in hidden]), np.concatenate(hidden)
     return Answer.gaussian(means[at][:, :2], spreads[at][:, :2, :2])
 
 
-def _apply(matrix: FloatArray, vector: FloatArray) -> FloatArray:
-    return np.asarray((matrix @ vector[..., None])[..., 0])
+def _measured(place: FloatArray) -> Detections:
+    return Detections(track_id=np.full(len(place), ""), time_ns=np.zeros(len(place), np.int64), position=place)
 
 
 def _rows(windows: Sequence[Window]) -> tuple[FloatArray, FloatArray]:
