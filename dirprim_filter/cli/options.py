@@ -149,10 +149,10 @@ Outputs = Annotated[list[Path], _several(f"Logs of `dirprim track`, or tables: {
 EstimatesFile = Annotated[Path, typer.Argument(help="A log of `dirprim track`.", **FILE)]
 MapFile = Annotated[Path, typer.Argument(help=MAP, **FILE)]
 Map = Annotated[Path, typer.Option("--map", help=MAP, **FILE)]
-MapOrNone = Annotated[Path | None, typer.Option("--map", help=f"{MAP} Default: none.", **FILE)]
+MapOrNone = Annotated[Path | None, typer.Option("--map", help="A learned map.", exists=True, dir_okay=False)]
 Motion = Annotated[
     Literal["learned", "constant-velocity"],
-    typer.Option(help="learned: by the map, or without one as the log's vehicles move; or a Kalman filter."),
+    typer.Option(metavar="learned|constant-velocity", help="By the map or log; or a Kalman filter."),
 ]
 _truth = typer.Option("--truth", help="A log of the true tracks, to compare with.", parser=existing_log)
 Truth = Annotated[Path, _truth]
