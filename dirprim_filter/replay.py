@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -60,7 +60,8 @@ def follow(
 ) -> int:  # fmt: skip
     """As `replay`, of looks in which nothing may have been seen."""
     n_looks, every_ns, due = 0, round(1e9 / rate_hz) if rate_hz else 0, dict[int, int]()
-    coming, of = _Ahead(looks), tracker.of if isinstance(tracker, GroupTracker) else lambda _: tracker
+    coming, ahead = iter(looks), deque[Look]()  # the look at hand, and those that were read to know what comes
+    of = tracker.of if isinstance(tracker, GroupTracker) else lambda _: tracker
 
     def take(look: Look, between: Collection[int]) -> None:
         """A frame of the groups that are looked at, and of those that are due `between` two looks."""
@@ -76,41 +77,22 @@ def follow(
     def taken_out(time_ns: int) -> set[int]:
         """The groups that are due then, but for those that are looked at within half an interval."""
         groups = {group for group, due_ns in due.items() if due_ns == time_ns}
-        near = coming.groups(until_ns=time_ns + every_ns // 2) if groups else set()
+        while groups and ahead[-1].time_ns <= time_ns + every_ns // 2 and (look := next(coming, None)):
+            ahead.append(look)
         for group in groups:
             del due[group]
-        return groups - near
+        return groups.difference(*(look.groups for look in ahead if look.time_ns <= time_ns + every_ns // 2))
 
-    for look in coming:
+    while look := ahead[0] if ahead else next(coming, None):
+        if not ahead:
+            ahead.append(look)
         while (next_ns := min(due.values(), default=look.time_ns)) < look.time_ns:
             if groups := taken_out(next_ns):
                 take(Look(next_ns, Detections.none(), ()), groups)
         take(look, taken_out(look.time_ns))
+        ahead.popleft()
         n_looks += 1
     return n_looks
-
-
-class _Ahead:
-    """Iterates looks, and knows the groups of those to come soon; of the one that was given out too."""
-
-    def __init__(self, looks: Iterable[Look]) -> None:
-        self._coming, self._ahead = iter(looks), deque[Look]()
-
-    def __iter__(self) -> Iterator[Look]:
-        while self._ahead or self._read():
-            yield self._ahead[0]
-            self._ahead.popleft()
-
-    def _read(self) -> bool:
-        look = next(self._coming, None)
-        self._ahead.extend(() if look is None else (look,))
-        return look is not None
-
-    def groups(self, *, until_ns: int) -> set[int]:
-        """Those that are looked at by then."""
-        while self._ahead[-1].time_ns <= until_ns and self._read():
-            pass
-        return {group for look in self._ahead if look.time_ns <= until_ns for group in look.groups}
 
 
 def step(
