@@ -70,6 +70,8 @@ def _draw_times(axes: Axes, table: TrackingTable, styles: Sequence[dict[str, Any
             elinewidth=0.7, **style,
         )  # fmt: skip
     axes.set_ylim(bottom=0.0)
+    if not table.n_gaps:
+        axes.set_xticks([0.0])
     axes.set_xlabel("time since last seen [s]", fontsize=NORMAL)
     axes.set_ylabel("RMSE [m]", fontsize=NORMAL)
 

@@ -164,7 +164,7 @@ def _words(name: str, line: str) -> tuple[str, ...]:
     if not (DETECTIONS in line and ESTIMATES in line):
         _refuse("--method", f"{name}: expected a command with {DETECTIONS} and {ESTIMATES}, got {line!r}")
     if shutil.which(words[0]) is None:
-        _refuse("--method", f"{name}: {words[0]}: there is no such program")
+        _refuse("--method", f"{name}: {words[0]}: there is no such program, or it may not be executed")
     return words
 
 
