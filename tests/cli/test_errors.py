@@ -95,9 +95,9 @@ CASES = [
       for option in ("--end 3", "--set group=0", "--strict")),
     ("learn log.mcap ./log.mcap -o x", USAGE, "expected each file once"),
     ("score twice.csv --truth log.mcap --smoothed", USAGE, "tables have no smoothed estimates"),
-    ("score twice.csv --truth log.mcap --set similarity=1", USAGE, "labels, group, similarity_m"),
+    ("score twice.csv --truth log.mcap --set similarity=1", USAGE, "group, format, similarity_m"),
     ("convert two.csv -o x --origin ''", FAILED, "origin: expected latitude,longitude"),
-    (f"{TRACK} --as ros1", USAGE, "'ros1': expected one of foxglove, vision_msgs, autoware"),
+    (f"{TRACK} --as ros1", USAGE, "'ros1' is not one of 'foxglove', 'vision_msgs', 'autoware'"),
     (f"{TRACK} --save y --set truth=absent", USAGE, "'absent' does not exist"),
     *((f"{TRACK} --connect {url}", FAILED, said) for url, said in (
         ("nowhere", "expected an address such as"), ("rerun+http://127.0.0.1:99999/proxy", "expected an address"),
