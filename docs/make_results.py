@@ -26,7 +26,7 @@ from threading import Lock
 from typing import Any
 
 from result_figures import shown
-from result_tables import GROUNDS, LOGS, PACKAGES_BESIDE, SUMMARY, TABLES, Run, Table
+from result_tables import GROUNDS, LOGS, OURS, PACKAGES_BESIDE, PLACES, SUMMARY, TABLES, Run, Table
 
 DOCS = Path(__file__).parent
 ROOT = DOCS.parent
@@ -178,13 +178,15 @@ def _grounds() -> Iterator[str]:
 
 
 def _packages() -> Iterator[str]:
-    """HOTA in percent of ours and of other packages; a place stays empty where one was not run."""
-    places, rows = PACKAGES_BESIDE
-    yield from _head("HOTA, %", *(place[0] for place in places), "better at")
-    for called, names, better_at in rows:
-        found = [_figure(table, run, name, "HOTA") for (_, table, run), name in zip(places, names, strict=True)]
-        scales = [100.0 if table == "peers" else 1.0 for _, table, _ in places]
-        cells = [shown(of and scale * of, 1) for of, scale in zip(found, scales, strict=True)]
+    """HOTA in percent of ours and of other packages; a place that is not measured is left out."""
+    places = [place for place in PLACES if place.run in stored(place.table)]
+    yield from _head("HOTA, %", *(place.head for place in places), "better at")
+    for called, name, better_at in PACKAGES_BESIDE:
+        cells = []
+        for place in places:
+            row = place.row.format(OURS.get(name, name) if place.table == "peers" else name)
+            hota = _figure(place.table, place.run, row, "HOTA")
+            cells.append(shown(hota and place.times * hota, 1))
         yield _line(called, *cells, better_at)
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from result_figures import (
     Entries,
@@ -439,7 +439,6 @@ GROUNDS = (
     _gap("GPS of buses (Chicago)", "Chicago", "chicago_bus", "15", "online"),
     _gap("the same", "Chicago", "chicago_bus", "15", "smoothed", called="Rauch-Tung-Striebel"),
     _gap("real roadside sensor (Mcity)", "Mcity", "mcity_blind", "6", "online"),
-    _gap("vessels (Solent)", "Solent", "solent_ais", "46.41", "online"),
     Ground(
         where="real radar of boats (autoferry)", what="HOTA, no ids", table="peers", run="autoferry",
         ours="ours, with the map", rival="Stone Soup GNN", called="Stone Soup GNN", column="HOTA",
@@ -452,25 +451,35 @@ GROUNDS = (
     ),
 )  # fmt: skip
 """README's first table."""
-BESIDE = ("KITTI", "MOT17", "PETS09")
+
+
+class Place(NamedTuple):
+    """A column of README's second table: its head, and where HOTA stands; `{}` is the tracker's name in `row`."""
+
+    head: str
+    table: str
+    run: str
+    row: str
+    times: float = 1.0
+
+
+PLACES = (
+    Place("cars, KITTI", "neutral_boxes", "KITTI", f"kitti: {{}}{OWN_SCORE}"),
+    Place("people, MOT17-04", "neutral_boxes", "MOT17", "mot17: {}"),
+    Place("people, PETS09", "neutral_boxes", "PETS09", "pets09: {}"),
+    Place("boats, real radar", "peers", "autoferry", "{}", times=100.0),
+    Place("cars, real roadside sensor", "peers", "Mcity", "{}", times=100.0),
+    Place("simulated blind ring", "peers", "B", "{}", times=100.0),
+)
+OURS = {name: f"ours, {name}" for name in ("with the map", "without the map", "constant velocity")}
+"""Names of `neutral.py`, and the same trackers' in `peers.py`."""
 PACKAGES_BESIDE = (
-    (
-        *((head, "neutral_boxes", run) for head, run in zip(
-            ("cars, KITTI", "people, MOT17-04", "people, PETS09"), BESIDE, strict=True)),
-        ("simulated blind ring", "peers", "B"),
-    ),
-    tuple(
-        (called, (*(f"{run.lower()}: {name}{OWN_SCORE if run == 'KITTI' else ''}" for run in BESIDE), in_ring), better)
-        for called, name, in_ring, better in (
-            ("ours, with the map", "with the map", "ours, with the map", ""),
-            ("ours, without the map", "without the map", "ours, without the map", "places without earlier logs"),
-            ("ours, constant velocity", "constant velocity", "ours, constant velocity", "boxes in video, see the left"),
-            ("[Stone Soup](https://stonesoup.rtfd.io) GNN", "Stone Soup GNN", "Stone Soup GNN",
-             "many sensors and algorithms to choose from"),
-            ("[norfair](https://github.com/tryolabs/norfair)", "norfair", "norfair",
-             "boxes in video; a tracker in ten lines; five times as fast"),
-            ("[motpy](https://github.com/wmuron/motpy)", "motpy", "motpy", "boxes in video; four times as fast"),
-        )
-    ),
+    ("ours, with the map", "with the map", ""),
+    ("ours, without the map", "without the map", "places without earlier logs"),
+    ("ours, constant velocity", "constant velocity", "boats and boxes of video"),
+    ("[Stone Soup](https://stonesoup.rtfd.io) GNN", "Stone Soup GNN", "many sensors and algorithms to choose from"),
+    ("[norfair](https://github.com/tryolabs/norfair)", "norfair",
+     "boxes in video; a tracker in ten lines; five times as fast"),
+    ("[motpy](https://github.com/wmuron/motpy)", "motpy", "boxes in video; four times as fast"),
 )  # fmt: skip
-"""README's second table: its places, and its rows."""
+"""Its rows: what a tracker is called there, its name in the tables, and what it is better at."""
