@@ -2,6 +2,7 @@
 
 import re
 from pathlib import Path
+from shutil import copytree
 
 import numpy as np
 import pytest
@@ -13,10 +14,10 @@ from dirprim_filter.recording.tables.files import cells_of
 pytest.importorskip("pyproj", reason="the extra geo is not installed")
 
 
-@pytest.fixture
-def days(tmp_path, monkeypatch):
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
     """Day 1 begins on the one road, day 2 on the other, 170 m away; and the map of day 1."""
-    monkeypatch.chdir(tmp_path)
+    folder = tmp_path_factory.mktemp("days")
     for name, first in (("day1.csv", 0), ("day2.csv", 1)):
         rng, rows = np.random.default_rng(first), []
         for i in range(12):
@@ -25,8 +26,16 @@ def days(tmp_path, monkeypatch):
                 north, east = along + rng.normal(0, 0.2, 2)
                 rows.append((20 * i + 0.5 * k, i, 48.1 + north / 111200, 11.5 + east / 74400))
         lines = [f"{t},v{i},{latitude:.8f},{longitude:.8f}" for t, i, latitude, longitude in sorted(rows)]
-        Path(name).write_text("\n".join(["time_s,track_id,latitude_deg,longitude_deg", *lines]))
-    assert dirprim("learn day1.csv -o map.mcap --tessellation grid --cell-size 8") == DONE
+        (folder / name).write_text("\n".join(["time_s,track_id,latitude_deg,longitude_deg", *lines]))
+    assert dirprim(f"learn {folder}/day1.csv -o {folder}/map.mcap --tessellation grid --cell-size 8") == DONE
+    return folder
+
+
+@pytest.fixture
+def days(made, tmp_path, monkeypatch):
+    """The working folder, with copies of all of it."""
+    copytree(made, tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
 
 
 TRACK = "--map map.mcap -o out.mcap --noise 0.3 --particles 30 --force"

@@ -23,7 +23,7 @@ from test_ros2_schemas import tracked
 from dirprim_filter.recording.container.log import Log
 from dirprim_filter.recording.container.records import Channel, Schema
 from dirprim_filter.recording.errors import RecordingError
-from dirprim_filter.recording.losses import UNDECODABLE
+from dirprim_filter.recording.losses import ALONE, UNDECODABLE
 from dirprim_filter.recording.scan import scan
 from dirprim_filter.recording.schemas.decoders import Decoders
 from dirprim_filter.recording.tables import READERS
@@ -244,5 +244,5 @@ def check_table(form, path, rng):
             n = sum(any(row) for row in csv.reader(text, delimiter=delimiter)) - 1
         seen = sum(map(len, table.detections.values()))
         dropped = {why: n for why, n in table.losses.dropped.items() if not seen or why.startswith(("a number", "neg"))}
-        assert (seen or len(table.tracks)) + sum(dropped.values()) == n
+        assert (seen or len(table.tracks) + table.losses.notes[ALONE]) + sum(dropped.values()) == n
     return False

@@ -192,8 +192,9 @@ class Server(SimpleHTTPRequestHandler):
 
 
 @pytest.fixture
-def served(tmp_path):
+def served(tmp_path, monkeypatch):
     """A log of 1.5 MiB, and what serves it; -> its URL."""
+    monkeypatch.setattr(remote_file, "FETCHED_BYTES", 1 << 17)
     pytest.importorskip("aiohttp", reason="reading URLs of http needs aiohttp")
     rng = np.random.default_rng(0)
     sent = [("/camera", k, rng.bytes(1 << 15)) for k in range(48)]
