@@ -47,11 +47,25 @@ def test_definitions_that_double_at_each_level_are_refused_soon(leaf):
         CdrPlan("p/M", "ros2msg", nested(MAX_DEPTH, "ab", leaf), {"b": Field(path=".b")})
 
 
-def test_arrays_of_empty_messages_within_each_other_end_with_the_bytes_there_are():
-    """131072^3 of them: each takes a byte at least, so a walk of 20 bytes is short."""
+@pytest.mark.parametrize(
+    ("encoding", "data", "reported"),
+    [("ros2msg", b"\0\1\0\0", "a message that ends within a field"),
+     ("ros1msg", b"", "more than 65536 elements of one field")],
+)  # fmt: skip
+def test_arrays_of_empty_messages_within_each_other_end_with_the_bytes_there_are(encoding, data, reported):
+    """131072^3 of them: each takes a byte at least, or counts as if it did, so a walk of 20 bytes is short."""
     parts = ["p/A[131072] a\nfloat64 b", "MSG: p/A\np/B[131072] a", "MSG: p/B\np/C[131072] a", "MSG: p/C\n"]
+    plan = CdrPlan("p/M", encoding, f"\n{'=' * 80}\n".join(parts).encode(), {"b": Field(path=".b")})
+    assert run(plan, [data + bytes(16)]).failures == {0: reported}
+
+
+def test_structures_that_are_not_wanted_are_skipped_however_many_there_are():
+    parts = ["p/A[] a\nfloat64 b", "MSG: p/A\nfloat32 x\nfloat32 y"]
     plan = CdrPlan("p/M", "ros2msg", f"\n{'=' * 80}\n".join(parts).encode(), {"b": Field(path=".b")})
-    assert run(plan, [b"\0\1\0\0" + bytes(16)]).failures == {0: "a message that ends within a field"}
+    n = 100_001
+    data = b"\0\1\0\0" + n.to_bytes(4, "little") + bytes(8 * n) + bytes(4) + np.float64(7.0).tobytes()
+    columns = run(plan, [data])
+    assert (columns.failures, columns.numbers("b").tolist()) == ({}, [7.0])
 
 
 def test_a_broken_idl_definition_is_read_or_refused_in_one_line():

@@ -23,7 +23,6 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.recording.container import mcap_file, message_columns, temporary_copy
 from dirprim_filter.recording.container.errors import without_secrets
 from dirprim_filter.recording.container.log import Log, Scan
-from dirprim_filter.recording.container.message_columns import SHORT_BYTES
 from dirprim_filter.recording.errors import NoRoomError, NotMcapError, RecordingError
 from dirprim_filter.recording.inspection import inspect
 from dirprim_filter.recording.playback import Playback
@@ -131,7 +130,7 @@ def test_without_an_index_that_can_be_trusted_every_chunk_is_opened(tmp_path):
 
 
 @pytest.mark.parametrize("held", [0, message_columns.HELD_BYTES])
-@pytest.mark.parametrize("longest", [40, 4 * SHORT_BYTES])
+@pytest.mark.parametrize("longest", [40, 1 << 13])
 @pytest.mark.parametrize("span", [1, 500, 10**6])
 def test_chunks_that_overlap_are_merged_in_memory_and_on_disk(tmp_path, monkeypatch, held, longest, span):
     """Of one time, some, or all over the log; those of one time stay in the order of the file."""

@@ -9,7 +9,6 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
-from io import BytesIO
 from itertools import repeat
 from typing import Any, Self, cast
 
@@ -19,9 +18,6 @@ from dirprim_filter.arrays import AnyArray
 from dirprim_filter.recording.container._kernels import gather
 from dirprim_filter.recording.container.records import Channel, Message
 from dirprim_filter.recording.container.temporary_copy import Copy
-
-SHORT_BYTES = 1 << 11
-"""Messages longer than this on average are not copied to be read: that would cost more than it saves."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,23 +90,9 @@ class MessageColumns:
         """
         whole = (self.log_time_ns, self.publish_time_ns, self.sequence)
         of = map(self.channels.__getitem__, self.channel.tolist())
-        columns = zip(*(column.tolist() for column in whole), of, self._data(), strict=True)
+        data = map(self.contents.__getitem__, map(slice, self.start.tolist(), self.stop.tolist()))
+        columns = zip(*(column.tolist() for column in whole), of, data, strict=True)
         return map(tuple.__new__, repeat(Message), columns)
-
-    def _data(self) -> Iterator[bytes]:
-        """The messages' data.
-
-        Short ones are first put side by side: read one after the other they need no slice, which saves half of the
-        time.
-        """
-        length = self.stop - self.start
-        if length.sum() > SHORT_BYTES * length.size:
-            slices = map(slice, self.start.tolist(), self.stop.tolist())
-            return map(self.contents.__getitem__, slices)
-        beside = self if (self.start[1:] == self.stop[:-1]).all() else gathered([self])
-        data = BytesIO(beside.contents)
-        data.seek(int(beside.start[0]) if len(beside) else 0)
-        return map(data.read, length.tolist())
 
     @classmethod
     def concatenated(cls, parts: Sequence[Self], contents: bytes) -> Self:

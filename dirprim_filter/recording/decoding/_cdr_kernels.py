@@ -92,7 +92,7 @@ def walk_cdr(
         state = OK
         op = 0
         depth = -1
-        table = 0
+        turns = table = 0
         while True:
             code = ops[op, 0]
             a, b, c = ops[op, 1], ops[op, 2], ops[op, 3]
@@ -126,14 +126,14 @@ def walk_cdr(
             elif code == SKIP_SEQUENCE:
                 length, at, state = _length(data, at, end, little, b)
                 if length > 0:
-                    at += ((origin - at) & ops[op - 1, 4]) + length * a * c
+                    at += ((origin - at) & c) + length * a
             elif code == LOOP:
                 n = a
                 if a < 0:
                     n, at, state = _length(data, at, end, little, b)
                     if state != OK:
                         break
-                if n > MAX_ELEMENTS:
+                if c >= 0 and n > MAX_ELEMENTS:
                     state = TOO_MANY
                     break
                 if n == 0:
@@ -150,6 +150,10 @@ def walk_cdr(
             elif code == END_LOOP:
                 left[depth] -= 1
                 index[depth] += 1
+                turns += 1
+                if turns > end - origin:  # of elements without bytes, which ROS 1 has
+                    state = TOO_MANY
+                    break
                 if left[depth] > 0:
                     if table != outer[depth]:
                         made = new_row(tables, table, message, row[outer[depth]])

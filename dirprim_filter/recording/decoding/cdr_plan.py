@@ -33,13 +33,11 @@ from dirprim_filter.recording.decoding.field_columns import (
 )
 from dirprim_filter.recording.decoding.ros_definitions import MAX_FIXED, Description, full_name, types_of
 
-_SIZES: dict[str, tuple[int, Form]] = {
-    "bool": (1, "unsigned"), "byte": (1, "unsigned"), "char": (1, "unsigned"), "octet": (1, "unsigned"),
-    "uint8": (1, "unsigned"), "uint16": (2, "unsigned"), "uint32": (4, "unsigned"), "uint64": (8, "unsigned"),
-    "int8": (1, "int"), "int16": (2, "int"), "int32": (4, "int"), "int64": (8, "int"),
-    "float32": (4, "float"), "float64": (8, "double"),
-}  # fmt: skip
 _BYTES = ("uint8", "byte", "octet", "char")
+_SIZES: dict[str, tuple[int, Form]] = {
+    "float32": (4, "float"), "float64": (8, "double"), **dict.fromkeys((*_BYTES, "bool"), (1, "unsigned")),
+    **{f"uint{8 * n}": (n, "unsigned") for n in (2, 4, 8)}, **{f"int{8 * n}": (n, "int") for n in (1, 2, 4, 8)},
+}  # fmt: skip
 MAX_DEPTH = 32
 """Definitions nest no deeper; one that names itself would for ever."""
 MAX_OPERATIONS = 1 << 16
@@ -120,11 +118,12 @@ class _Program:
         self._loops = 0
         self._nesting = 0
         self._entered = 0
-        self._even: dict[str, tuple[int, int] | None] = {}
         self._target = 0  # behind this operation nothing jumps, so skips may be joined
 
     def emit(self, code: int, *numbers: int) -> int:
         """Append an operation; its number."""
+        if code == kernels.SKIP and not numbers[1]:
+            return len(self.ops)
         if code == kernels.SKIP and len(self.ops) > self._target:
             last = self.ops[-1]
             if last[0] == kernels.SKIP and last[1] == numbers[0] and last[2] + numbers[1] <= MAX_FIXED:
@@ -145,7 +144,8 @@ class _Program:
                 f"{self.output.schema}: expected a definition of {name}, which is missing or not supported"
             )
         self._nesting += 1
-        self._check_depth(self._nesting)
+        if self._nesting > MAX_DEPTH:
+            raise SchemaError(f"{self.output.schema}: expected at most {MAX_DEPTH} messages within each other")
         self._entered += 1
         if self._entered > MAX_OPERATIONS:  # skips of messages without fields are one operation, however many
             raise SchemaError(f"{self.output.schema}: expected at most {MAX_OPERATIONS} messages, all written out")
@@ -163,10 +163,6 @@ class _Program:
         if not members:
             self.emit(kernels.SKIP, 1, self._least)
         self._nesting -= 1
-
-    def _check_depth(self, depth: int) -> None:
-        if depth > MAX_DEPTH:
-            raise SchemaError(f"{self.output.schema}: expected at most {MAX_DEPTH} messages within each other")
 
     def _member(self, description: Description, want: dict[int | None, Wanted] | None, at: Place) -> None:
         node, arguments = description
@@ -217,8 +213,14 @@ class _Program:
             self._close_loop(start)
             return
         chosen = {k: want[k] for k in sorted(k for k in want if k is not None)}
-        if fixed and self._evenly(description) and max(chosen) < length:
-            self._elements(element, length, chosen, at)
+        size = self._size(element)
+        if fixed and size and max(chosen) < length:
+            done = 0
+            for k, one in chosen.items():
+                self.emit(kernels.SKIP, size, k - done)
+                self._member(element, {None: one}, at.at(f"[{k}]"))
+                done = k + 1
+            self.emit(kernels.SKIP, size, length - done)
             return
         selected = {k: self.output.column(at.table) for k in chosen}
         start = self._open_loop(description, -1)
@@ -239,17 +241,6 @@ class _Program:
         """Whether an array of such elements has its size in bytes in front."""
         return self._sizes_arrays and (element[0] != self._node.BASE or element[1][0] == "string")
 
-    def _elements(self, element: Description, length: int, want: Mapping[int, Wanted], at: Place) -> None:
-        """Some elements of a fixed array of numbers, and what is between them, without a loop."""
-        done = 0
-        for k, one in [*want.items(), (length, None)]:
-            even = self._evenly(element)
-            if even and k > done:
-                self.emit(kernels.SKIP, even[0], even[1] * (k - done))
-            if one is not None:
-                self._member(element, {None: one}, at.at(f"[{k}]"))
-            done = k + 1
-
     def _open_loop(self, description: Description, table: int) -> int:
         length = description[1][1]
         fixed = description[0] == self._node.ARRAY
@@ -265,46 +256,24 @@ class _Program:
 
     def _skip(self, description: Description, path: str) -> None:
         node, arguments = description
-        even = self._evenly(description)
-        if even is not None:
-            self.emit(kernels.SKIP, *even)
+        if size := self._size(description):
+            self.emit(kernels.SKIP, size, 1)
         elif node == self._node.BASE:
             self.emit(kernels.SKIP_TEXT, arguments[1])
         elif node == self._node.NAME and not self._sizes_all:
             self.structure(arguments, None, Place(path=path))
         elif node == self._node.NAME or self._has_size(arguments[0]):
             self.emit(kernels.SKIP_TEXT, 0)  # as long as the number in front of it says
+        elif (size := self._size(arguments[0])) and node == self._node.ARRAY:
+            self.emit(kernels.SKIP, size, arguments[1])
+        elif size:
+            self.emit(kernels.SKIP_SEQUENCE, size, arguments[1], min(size, self._widest) - 1)
         else:
-            element, length = arguments
-            even = self._evenly(element)
-            if node == self._node.SEQUENCE and even is not None:
-                self.emit(kernels.SKIP_SEQUENCE, even[0], length, even[1], min(even[0], self._widest) - 1)
-                return
             start = self._open_loop(description, -1)
-            self._skip(element, path)
+            self._skip(arguments[0], path)
             self._close_loop(start)
 
-    def _evenly(self, description: Description, depth: int = 0) -> tuple[int, int] | None:
-        """Size and number of the numbers that a value is made of, where all are of one size; else None."""
-        self._check_depth(depth)
+    def _size(self, description: Description) -> int:
+        """Bytes of a number; 0 of anything else."""
         node, arguments = description
-        if node == self._node.BASE:
-            return None if arguments[0] == "string" else (self._number(arguments[0])[0], 1)
-        if node == self._node.SEQUENCE or (node == self._node.NAME and self._sizes_all):
-            return None
-        if node == self._node.ARRAY and self._has_size(arguments[0]):
-            return None
-        if node == self._node.ARRAY:
-            element = self._evenly(arguments[0], depth)
-            parts: list[tuple[int, int] | None] = [(element[0], element[1] * arguments[1]) if element else None]
-        elif arguments in self._even:
-            return self._even[arguments]
-        else:
-            self._even[arguments] = None  # while it is looked at: a message within itself
-            parts = [self._evenly(member, depth + 1) for _, member in self._types.get(full_name(arguments), [])]
-        sizes = {part[0] for part in parts if part}
-        total = sum(part[1] for part in parts if part)
-        even = None if None in parts or len(sizes) != 1 or total > MAX_FIXED else (sizes.pop(), total)
-        if node == self._node.NAME:
-            self._even[arguments] = even
-        return even
+        return self._number(arguments[0])[0] if node == self._node.BASE and arguments[0] != "string" else 0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Container, Mapping, Sequence
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -21,6 +21,8 @@ from dirprim_filter.recording.decoding.field_columns import (
 
 Form = Literal["int", "unsigned", "float", "double", "cells", "bytes", "presence"]
 """How the 64 bits of a cell are to be read."""
+CELL_TYPES = {"double": np.float64, "unsigned": np.uint64}
+"""Of those that they are as they stand, but of whole numbers."""
 REASONS = {
     kernels.CUT: "a message that ends within a field",
     kernels.OVERLONG: "a length that reaches beyond the message, or beyond its bound",
@@ -128,11 +130,7 @@ class OutputTables:
     def default_rows(self) -> tuple[IntArray, IntArray, IntArray]:
         """Row of defaults of all tables, where each starts, and its width."""
         width = np.array([len(row) for row in self._defaults], np.int64)
-        return (
-            np.array([cell for row in self._defaults for cell in row], np.int64),
-            np.cumsum(width) - width,
-            width,
-        )
+        return np.array([cell for row in self._defaults for cell in row], np.int64), np.cumsum(width) - width, width
 
 
 SLACK, MOST_TIMES = 1.25, 16
@@ -224,13 +222,10 @@ class ColumnPlan:
             seen, wanted = self._output.enough[table, column]
             too_few = tables[table][seen] <= wanted
             missing = too_few if missing is None else missing | too_few
-        values: Any = cells
-        if form == "double":
-            values = cells.view(np.float64)
-        elif form == "float":
-            values = cells.astype(np.uint32).view(np.float32).astype(np.float64)
-        elif form == "unsigned":
-            values = cells.view(np.uint64)
-        if form in ("cells", "bytes"):
-            return Column(form="cells" if form == "cells" else "bytes", values=values, missing=missing)
-        return Column(form="number", values=values, missing=missing)
+        if form == "cells" or form == "bytes":  # noqa: PLR1714 - mypy follows this
+            return Column(form=form, values=cells, missing=missing)
+        if form == "float":
+            cells = cells.astype(np.uint32).view(np.float32).astype(np.float64)
+        elif form in CELL_TYPES:
+            cells = cells.view(CELL_TYPES[form])
+        return Column(form="number", values=cells, missing=missing)

@@ -141,6 +141,9 @@ FARTHEST_S = (1 << 63) // NANOSECONDS - 1
 """Seconds beyond this, to either side, do not fit into int64 nanoseconds."""
 
 
+ColumnForm = Literal["number", "cells", "bytes", "names", "time"]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Column:
     """The values of one field, a row each.
@@ -152,7 +155,7 @@ class Column:
         missing: (n,) where the message has no such value.
     """
 
-    form: Literal["number", "cells", "bytes", "names", "time"]
+    form: ColumnForm
     values: AnyArray
     missing: BoolArray | None = None
 
@@ -292,9 +295,8 @@ class FieldColumns:
 def nanoseconds(seconds: IntArray, nanos: IntArray) -> IntArray:
     """(n,) int64; `NO_TIME` beyond int64."""
     fits = (np.abs(seconds) < FARTHEST_S) & (np.abs(nanos) < NANOSECONDS * 4)
-    edge = ~fits
     total = np.where(fits, seconds, 0) * NANOSECONDS + np.where(fits, nanos, 0)
-    for row in np.flatnonzero(edge).tolist():  # few: exactly, in whole numbers without bounds
+    for row in np.flatnonzero(~fits).tolist():  # few: exactly, in whole numbers without bounds
         exact = int(seconds[row]) * NANOSECONDS + int(nanos[row])
         total[row] = exact if -(1 << 63) <= exact < 1 << 63 else NO_TIME
     return total

@@ -26,6 +26,7 @@ from dirprim_filter.recording.decoding.field_columns import (
     NANOSECONDS,
     NO_TIME,
     Column,
+    ColumnForm,
     Field,
     FieldColumns,
     Kind,
@@ -44,6 +45,11 @@ class _UnlikeError(ValueError):
     """A value is not of the kind that is wanted there."""
 
 
+COLUMNS: dict[Kind, tuple[ColumnForm, Any, Any]] = {
+    "name": ("names", "", np.str_), "time": ("time", NO_TIME, np.int64), "number": ("number", 0.0, np.float64),
+    "presence": ("number", 0.0, np.float64),
+}  # fmt: skip
+"""By what is wanted: the form of the column, what stands where it is missing, and the type."""
 Steps = list[tuple[str, int | None]]
 
 
@@ -175,14 +181,6 @@ def _bounded(time_ns: int) -> int:
 
 
 def _column(kind: Kind, values: list[Any]) -> Column:
+    form, nothing, of = COLUMNS[kind]
     missing = np.array([value is None for value in values], np.bool_)
-    if kind == "name":
-        names = np.array(["" if v is None else v for v in values], dtype=np.str_)
-        return Column(form="names", values=names, missing=missing)
-    if kind == "time":
-        return Column(
-            form="time", values=np.array([NO_TIME if v is None else v for v in values], np.int64), missing=missing
-        )
-    return Column(
-        form="number", values=np.array([0.0 if v is None else v for v in values], np.float64), missing=missing
-    )
+    return Column(form=form, values=np.array([nothing if v is None else v for v in values], of), missing=missing)

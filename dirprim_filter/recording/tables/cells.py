@@ -135,15 +135,11 @@ class Cells:
             got = str(column.type)
             raise TableError(self.path, f"column {name}", "texts or numbers", got, "write it in this type") from error
         texts = coded.dictionary.to_pylist()
-        if (at := next((i for i, text in enumerate(texts) if len(text) > MAX_NAME_LENGTH), None)) is not None:
-            row, most = (
-                int(np.argmax(coded.indices.to_numpy() == at)),
-                f"at most {MAX_NAME_LENGTH} characters as {name}",
-            )
-            raise self.error(row, most, f"{len(texts[at])}", MEND)  # in memory each would take as many
-        if (at := next((i for i, text in enumerate(texts) if "\0" in text), None)) is not None:
-            row = int(np.argmax(coded.indices.to_numpy() == at))
-            raise self.error(row, f"no NUL character in {name}", repr(texts[at]), "write ids without it")
+        for at, text in enumerate(texts):
+            if len(text) > MAX_NAME_LENGTH or "\0" in text:  # in memory each would take as many
+                row = int(np.argmax(coded.indices.to_numpy() == at))
+                got = repr(text) if "\0" in text else f"{len(text)}"
+                raise self.error(row, f"at most {MAX_NAME_LENGTH} characters, none of them NUL, as {name}", got, MEND)
         if self._line is not None:
             texts = self._plain(name, texts)
         names, place = np.unique(np.array(texts, np.str_), return_inverse=True)
