@@ -161,7 +161,7 @@ WRONG = [
     (f'{HEADER}\n0,"1\n', "line 2: expected 6 cells, got 2"),
     (f'{PLACES},label\n0,a,1,2,"car\n1,a,1,2,car\n', "expected quotes in pairs, got one that is not closed"),
     (f"{PLACES}\n0,{'a' * 3_000_000},1,2\n", "expected rows of cells, got"),
-    *((f"{PLACES},label\n0,{a},1,2,{b}\n", f"line 2: expected at most 256 characters, none of them NUL, as {name}, got 90000")
+    *((f"{PLACES},label\n0,{a},1,2,{b}\n", f"at most 256 characters, none of them NUL, as {name}, got 90000")
       for a, b, name in (("a" * 90_000, "", "track_id"), ("a", "b" * 90_000, "label"))),
     (f"{HEADER}\n1700000000000,1,2,3,0,1\n", r"line 2: expected seconds as time_s, got '1700000000000'; divide by 1e3"),
     (f"{HEADER},group\n0,1,2,3,0,1,red\n", "a whole number as group, got 'red'"),

@@ -134,7 +134,7 @@ def read_contents(file: FileBytes, chunk: Chunk) -> tuple[bytes, Damage | None]:
         return b"", chunk.damaged("truncated", None, "the file was cut short while it was read")
     try:
         contents = _decompress(data, chunk)
-    except (zstandard.ZstdError, RuntimeError, _TooLargeError) as error:  # lz4 raises bare RuntimeErrors
+    except (zstandard.ZstdError, RuntimeError, ValueError) as error:  # lz4 raises bare RuntimeErrors
         return b"", _lost(file, chunk, "chunk_data", f"its data cannot be decompressed: {error}")
     if chunk.is_cut:
         detail = f"the file ends inside a chunk; {len(contents)} of {chunk.size} bytes are read unchecked"
@@ -155,10 +155,6 @@ def _crc_of(file: FileBytes, chunk: Chunk) -> int:
     return int(CHUNK.unpack(file.peek(at, CHUNK.size))[3]) if chunk.data_offset > chunk.offset else 0
 
 
-class _TooLargeError(ValueError):
-    pass
-
-
 def _decompress(data: bytes, chunk: Chunk) -> bytes:
     """A chunk's contents, as far as its data go."""
     if not chunk.compression:
@@ -169,7 +165,7 @@ def _decompress(data: bytes, chunk: Chunk) -> bytes:
     else:
         contents = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=limit + 1)
     if len(contents) > limit:
-        raise _TooLargeError(f"expected {limit} bytes at most, got more; write the log with smaller chunks")
+        raise ValueError(f"expected {limit} bytes at most, got more; write the log with smaller chunks")
     return bytes(contents)
 
 
