@@ -109,7 +109,7 @@ def test_elements_that_hold_nothing_take_memory_of_one_message_at_a_time_and_are
         tracemalloc.stop()
         assert sum(topic.detections for topic in found.topics) == wanted
         assert peak < 140e6
-    with pytest.raises(RecordingError, match="expected at most 262144 rows of objects in so small a log, got more"):
+    with pytest.raises(RecordingError, match="expected at most 1048576 rows of objects in so small a log, got more"):
         read_tracks(path)
 
 
