@@ -13,6 +13,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -133,6 +134,9 @@ def check_found(schema: str, fields: Mapping[str, Field], found: Iterable[str]) 
 
 NO_TIME = -(1 << 63)
 """Nanoseconds of a message or a row that carries no time, or one beyond int64."""
+_ISO_TIME = re.compile(
+    r"(\d{4}-\d\d-\d\d[Tt ]\d\d:\d\d:\d\d)(?:[.,](\d{1,9})\d*)?([Zz]|[+-]\d\d(?::?\d\d)?)?", re.ASCII
+)
 MAX_NAME_LENGTH = 256
 """Longer names, in bytes of UTF-8, are no names: as a column of text one of them costs every row its length."""
 NANOSECONDS = 1_000_000_000
@@ -300,6 +304,19 @@ def nanoseconds(seconds: IntArray, nanos: IntArray) -> IntArray:
         exact = int(seconds[row]) * NANOSECONDS + int(nanos[row])
         total[row] = exact if -(1 << 63) <= exact < 1 << 63 else NO_TIME
     return total
+
+
+def iso_nanoseconds(text: str) -> int | None:
+    """Since 1970, of an ISO time, in UTC where it has no zone; None of another text.
+
+    Raises:
+        ValueError: there is no such day, hour or zone.
+    """
+    if (iso := _ISO_TIME.fullmatch(text)) is None:
+        return None
+    stamp, fraction, zone = iso.groups()
+    since = datetime.fromisoformat(stamp + (zone or "Z").upper()) - datetime(1970, 1, 1, tzinfo=UTC)
+    return since // timedelta(seconds=1) * NANOSECONDS + int((fraction or "").ljust(9, "0"))
 
 
 def signed(time_ns: AnyArray) -> IntArray:

@@ -12,7 +12,6 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping
-from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
@@ -30,13 +29,11 @@ from dirprim_filter.recording.decoding.field_columns import (
     Field,
     FieldColumns,
     Kind,
+    iso_nanoseconds,
     steps_of,
 )
 
-_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
-_FRACTION_DIGITS = 9
 _CLOCK_NAMES = frozenset(name for names in CLOCKS for name in names)
-_DATE_TIME = re.compile(r"([0-9-]{10}[Tt ][0-9:]{8})(?:\.([0-9]+))?([Zz]|[+-][0-9]{2}:[0-9]{2})?")
 _WHOLE = re.compile(r"-?[0-9]{1,20}")
 _NUMBER = re.compile(r"-?[0-9]+(?:\.[0-9]+)?(?:[eE][+-]?[0-9]+)?|NaN|-?Infinity")
 
@@ -160,11 +157,8 @@ def _time(value: Any) -> int:
         halves = ([names[half] for names in CLOCKS] for half in (0, 1))
         seconds, nanos = (_whole(next((value[n] for n in names if value.get(n) is not None), 0)) for names in halves)
         return _bounded(seconds * NANOSECONDS + nanos)
-    if isinstance(value, str) and (match := _DATE_TIME.fullmatch(value)):
-        date_time, fraction, zone = match.groups(default="")
-        since = datetime.fromisoformat(date_time + (zone.strip("Zz") or "+00:00")) - _EPOCH
-        nanos = int(fraction[:_FRACTION_DIGITS].ljust(_FRACTION_DIGITS, "0"))
-        return _bounded((since.days * 86_400 + since.seconds) * NANOSECONDS + nanos)
+    if isinstance(value, str) and (time_ns := iso_nanoseconds(value)) is not None:
+        return _bounded(time_ns)
     return _bounded(_whole(value))
 
 

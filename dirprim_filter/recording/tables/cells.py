@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable
-from datetime import UTC, datetime, timedelta
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ import pyarrow.compute as pc
 
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.columns import LARGEST_ANGLE
-from dirprim_filter.recording.decoding.field_columns import MAX_NAME_LENGTH, NO_TIME
+from dirprim_filter.recording.decoding.field_columns import MAX_NAME_LENGTH, NANOSECONDS, NO_TIME, iso_nanoseconds
 from dirprim_filter.recording.errors import TableError
 
 MAX_SECONDS = 9e9
@@ -23,9 +22,6 @@ MAX_SECONDS = 9e9
 MEND = "mend the cell, or empty it to drop the row"
 EXACT, FLOAT_OR_NONE = 2.0**53, re.compile(r"-?\d+\.0|(nan|NaN)?")
 """Whole numbers from here on are not all floats; and ids as pandas writes them where some rows have none."""
-NS_PER_S = 1_000_000_000
-ISO_TIME = re.compile(r"(\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d)(?:[.,](\d{1,9})\d*)?(Z|[+-]\d\d(?::?\d\d)?)?")
-EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 FORMULA, FORMULA_GUARD = frozenset("=+-@\t\r'"), "'"
 """How a cell begins that spreadsheets run as a formula, and what stands before such an id where it is text."""
 
@@ -212,7 +208,7 @@ class Cells:
             raise self.error(row, f"seconds as {name}", f"{seconds[row]:g}", "name whole nanoseconds time_ns")
         whole = np.floor(np.where(known, seconds, 0.0))
         rest = np.rint((np.where(known, seconds, 0.0) - whole) * 1e9).astype(np.int64)
-        return np.where(known, whole.astype(np.int64) * NS_PER_S + rest, NO_TIME)
+        return np.where(known, whole.astype(np.int64) * NANOSECONDS + rest, NO_TIME)
 
     def _each(
         self, name: str, texts: Any, parse: Callable[[str], float | None], what: str, missing: float | None
@@ -281,7 +277,7 @@ def instant(text: str) -> int | None:
     Raises:
         ValueError: it is neither, or later than `MAX_SECONDS`; with the way out as a second argument.
     """
-    if ISO_TIME.fullmatch(text):
+    if iso_nanoseconds(text) is not None:
         return _iso_time(text)
     try:
         exact = Decimal(_refuse_underscores(text))
@@ -291,16 +287,12 @@ def instant(text: str) -> int | None:
         return None
     if exact.copy_abs() > MAX_SECONDS:
         raise ValueError(text, "divide by 1e3, 1e6 or 1e9 if it counts ms, us or ns")
-    return int((exact * NS_PER_S).to_integral_value())
+    return int((exact * NANOSECONDS).to_integral_value())
 
 
 def _iso_time(text: str) -> int:
-    """Nanoseconds, in UTC where the time has no zone."""
-    if (iso := ISO_TIME.fullmatch(text)) is None:
+    if (time_ns := iso_nanoseconds(text)) is None:
         raise ValueError(text, "name seconds time_s")
-    stamp, fraction, zone = iso.groups()
-    passed = datetime.fromisoformat(stamp + (zone or "Z")) - EPOCH
-    time_ns = passed // timedelta(seconds=1) * NS_PER_S + int((fraction or "").ljust(9, "0"))
-    if abs(time_ns) > MAX_SECONDS * NS_PER_S:
+    if abs(time_ns) > MAX_SECONDS * NANOSECONDS:
         raise ValueError(text)
     return time_ns

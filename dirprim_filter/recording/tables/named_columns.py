@@ -24,12 +24,12 @@ from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.columns import GLOBE, ORIGIN
 from dirprim_filter.origin import Origin
 from dirprim_filter.primitives.cues import signalled
-from dirprim_filter.recording.decoding.field_columns import NO_TIME
+from dirprim_filter.recording.decoding.field_columns import NANOSECONDS, NO_TIME
 from dirprim_filter.recording.errors import TableError
 from dirprim_filter.recording.losses import FAR, Losses
 from dirprim_filter.recording.rows import LEFT_OUT, Rows
 from dirprim_filter.recording.schemas.family import matrices
-from dirprim_filter.recording.tables.cells import NS_PER_S, Cells
+from dirprim_filter.recording.tables.cells import Cells
 from dirprim_filter.recording.tables.files import cells_of
 from dirprim_filter.recording.tables.table import Table, table_of
 from dirprim_filter.recording.transforms.geodesy import median_of, on_plane
@@ -118,7 +118,7 @@ def _too_early(table: Cells, time_ns: IntArray) -> TableError | None:
     """Of the first row of a time before 1970, with the way out for all; None where there is none."""
     if not (early := (time_ns < 0) & (time_ns != NO_TIME)).any():
         return None
-    row, way = int(np.argmax(early)), f"add {-int(time_ns[early].min() // NS_PER_S)} s to all"
+    row, way = int(np.argmax(early)), f"add {-int(time_ns[early].min() // NANOSECONDS)} s to all"
     return table.error(row, "times from 0 on, as MCAP holds no earlier ones", f"{time_ns[row]} ns", way)
 
 
