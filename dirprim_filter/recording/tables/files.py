@@ -133,7 +133,7 @@ def cells_of(path: str | Path) -> Cells:
     if path.suffix.lower() not in SUFFIXES and not opening.startswith((PARQUET, *ARROW)):
         return text_cells(path)
     try:
-        table = (_parquet if opening.startswith(PARQUET) else _arrow)(path)
+        table = _parquet(path) if opening.startswith(PARQUET) else pa.feather.read_table(path, memory_map=True)
         table.validate(full=True)  # else offsets beyond their buffers are followed
         if sum(map(_unfolded_bytes, table.columns)) > (limit := most_bytes(path.stat().st_size)):
             raise _too_large(path, limit, "write a .csv of it")
@@ -151,10 +151,6 @@ def _parquet(path: Path) -> Any:
         raise _too_large(path, limit, "write a .csv of it")
     texts = [of.name for of in about.schema.to_arrow_schema() if pa.types.is_string(of.type)]
     return pa.parquet.read_table(path, memory_map=True, read_dictionary=texts)
-
-
-def _arrow(path: Path) -> Any:
-    return pa.feather.read_table(path, memory_map=True)
 
 
 def _unfolded_bytes(column: Any) -> int:
