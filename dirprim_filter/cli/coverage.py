@@ -61,9 +61,11 @@ class Coverage:
         """
         coming = iter(frames)
         first = list(islice(coming, 1))
-        if self._is_needed and (self._log.is_file() or self._log.is_dir()):
+        if first and self._is_needed and (self._log.is_file() or self._log.is_dir()):
             probe = Coverage(self._map, self._map_file, self._log)
-            if all(probe.see(frame.position) for frame in chain(first, reading.detections(self._log) if first else ())):
+            if probe.see(first[0].position) and all(
+                probe.see(frame.position) for frame in reading.detections(self._log)
+            ):
                 probe.check()
         return chain(first, coming)
 
