@@ -1,7 +1,7 @@
 """The Kalman filter of constant velocity that every result is printed beside.
 
-The numbers of all vehicles stand in arrays, which filterpy's filters of one vehicle do not take: they are the oracle of
-the tests.
+The numbers of all vehicles stand in arrays, which filterpy's filters of one vehicle do not take: its process noise
+serves here, and its filters are the oracle of the tests.
 
 Source: Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, ch. 6.
 """
@@ -130,9 +130,11 @@ class ConstantVelocityKalman:
 
 def _white_acceleration(density: float, dt_s: FloatArray) -> FloatArray:
     """(v,) -> (v, 4, 4)."""
-    dt, axes = dt_s[:, None, None], density * np.eye(2)
-    shared = dt**2 / 2.0 * axes
-    return np.block([[dt**3 / 3.0 * axes, shared], [shared, dt * axes]])
+    from filterpy.common import Q_continuous_white_noise  # noqa: PLC0415 - it takes a second, also who tracks by a map
+
+    lengths, row = np.unique(dt_s, return_inverse=True)
+    noise = [Q_continuous_white_noise(2, dt, density, block_size=2, order_by_dim=False) for dt in lengths]
+    return np.reshape(noise, (-1, 4, 4))[row]
 
 
 def _symmetric(matrix: FloatArray) -> FloatArray:

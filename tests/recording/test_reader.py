@@ -109,6 +109,14 @@ def test_of_several_scenes_the_one_with_objects_and_most_messages_is_read(tmp_pa
     assert len(read_tracks(path, topics="/dirprim/tracks/scene")) == 90
 
 
+def test_fields_that_no_message_has_are_said_to_hold_nothing(tmp_path):
+    sent = [(k, {"t": 1.0 + k, "objects": [{"id": 1, "x": k, "y": 0}]}) for k in range(9)]
+    path = json_log(tmp_path / "log.mcap", "acme.Objects", sent)
+    mapping = FieldMapping.parse("time_s=.t,id=.objects[].id,x=.objects[].X,y=.objects[].y")
+    with pytest.raises(NoTracksError, match=r"none of 9 messages of /\S+ holds an object with a place"):
+        read_tracks(path, mapping=mapping)
+
+
 def test_a_log_without_objects_says_what_it_has_and_what_was_looked_for(tmp_path):
     path = write_protobuf_log(tmp_path / "log.mcap", [("/floor", 1, Grid()), ("/lanes", 1, scene([]))])
     with pytest.raises(NoTracksError) as reported:

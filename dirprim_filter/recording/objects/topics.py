@@ -63,7 +63,8 @@ def choose_topics(log: Log, options: ReadOptions, *, prefer_detections: bool = F
         if options.strict and scan.damage:
             raise DamagedRecordingError(log.path, scan.damage)
         asked = ((c.topic, decoders.refusal(c)) for c in channels if topics is None or is_wanted(c.topic))
-        why = failures.line() or next((f"{topic}: {why}" for topic, why in asked if why not in ("", NOT_KNOWN)), "")
+        refused = (f"{topic}: {why}" for topic, why in asked if why not in ("", NOT_KNOWN))
+        why = failures.line() or next(refused, failures.nothing_held() if mapping else "")
         raise NoTracksError(log.path, has=channels, wanted=wanted, damage=scan.damage, why=why)
     return chosen
 
@@ -92,6 +93,14 @@ class Failures:
         n, key = max(((why.total(), key) for key, why in self._why.items()), default=(0, ("", "", "")))
         topic, reason = key[0], self.of(key)[1]
         return f"{n} of {self._looked_at[key]} messages of {topic} cannot be decoded: {reason}" if n else ""
+
+    def nothing_held(self) -> str:
+        """Of the topic of which most messages were looked at, that none had an object; empty without any."""
+        found = (
+            f"none of {n} messages of {key[0]} holds an object with a place"
+            for key, n in self._looked_at.most_common(1)
+        )
+        return next(found, "")
 
 
 def _default(
