@@ -48,8 +48,12 @@ def convert(
     from dirprim_filter.recording import write_tracks
     from dirprim_filter.recording.tables import read_as
 
+    if columns == "":
+        raise typer.BadParameter("expected NAME=COLUMN, got nothing", param_hint="--columns")
     scales = {"metres_per_pixel": metres_per_pixel, "frames_per_second": frames_per_second}
-    stated = [f"{name}={value}" for name, value in scales.items() if value is not None] + ([columns] if columns else [])
+    stated = [f"{name}={value}" for name, value in scales.items() if value is not None] + (
+        [columns] if columns is not None else []
+    )
     with working(f"reading {source.name}"):
         table = read_as(
             source, ",".join([form or form_of(source), *stated]), None if origin is None else Origin.parse(origin)

@@ -96,6 +96,7 @@ CASES = [
     ("learn log.mcap ./log.mcap -o x", USAGE, "expected each file once"),
     ("score twice.csv --truth log.mcap --smoothed", USAGE, "tables have no smoothed estimates"),
     ("score twice.csv --truth log.mcap --set similarity=1", USAGE, "group, format, similarity_m"),
+    ("convert two.csv -o x --columns ''", USAGE, "expected NAME=COLUMN, got nothing"),
     ("convert two.csv -o x --origin ''", FAILED, "origin: expected latitude,longitude"),
     (f"{TRACK} --as ros1", USAGE, "'ros1' is not one of 'foxglove', 'vision_msgs', 'autoware'"),
     (f"{TRACK} --save y --set truth=absent", USAGE, "'absent' does not exist"),
