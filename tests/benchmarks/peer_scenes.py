@@ -29,6 +29,7 @@ from dirprim_filter.evaluation.truth import interpolated, known_at
 from dirprim_filter.recording.reader import stream_detections
 from dirprim_filter.sensor import Sensor
 from dirprim_filter.simulation.sensor import detect
+from dirprim_filter.simulation.traffic import simulate
 
 RATE_NS = 100_000_000
 NOISE_M, MISS_RATE, FALSE_PER_FRAME = 0.5, 0.05, 0.2
@@ -146,8 +147,6 @@ def known(traffic: Tracks, *, area: float) -> TrackingConfig:
 
 def dense(n_seeds: int, *, scene: str, demand: float) -> list[Fold]:
     """Dense traffic as in the ablation, of each seed 10 s; settings are chosen by 4 s of other traffic."""
-    from dirprim_filter.simulation.traffic import simulate
-
     make = partial(simulate, scene, rate_hz=10.0, demand=demand)
     other = make(duration_s=4.0, seed=99)
     traffic = simulate(scene, duration_s=300.0, seed=1, rate_hz=5.0, demand=demand)
@@ -162,7 +161,8 @@ def dense(n_seeds: int, *, scene: str, demand: float) -> list[Fold]:
 
 def lankershim(_: int) -> list[Fold]:
     """A quarter of the groups, by the sensor of the dense scenes; settings are chosen by 3 s of the others' median."""
-    train, test = held_out(_log("Lankershim", "lankershim/lankershim.csv"), share=0.75, rng=np.random.default_rng(0))
+    _check("Lankershim")
+    train, test = held_out(ablation.log_of("lankershim/lankershim.csv"), share=0.75, rng=np.random.default_rng(0))
     groups = sorted(train.by_group(), key=len)
     other = groups[len(groups) // 2]
     other = other[other.time_ns < other.time_ns[0] + round(3e9)]
@@ -172,11 +172,6 @@ def lankershim(_: int) -> list[Fold]:
             noise_m=ablation.DENSE.noise_m, tracking=honest_tracking(other, ablation.DENSE),
         )
     ]  # fmt: skip
-
-
-def _log(scene: str, path: str) -> Tracks:
-    _check(scene)
-    return ablation.log_of(path)
 
 
 def _check(scene: str) -> None:

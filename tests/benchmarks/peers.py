@@ -40,7 +40,7 @@ from peer_stone_soup import stone_soup
 from peer_trackers import Peer, Settings, Tracked, motpy, norfair, ours
 
 from dirprim_filter import learn_primitives
-from dirprim_filter.evaluation.intervals import difference_of_means, interval, mean
+from dirprim_filter.evaluation.intervals import difference_of_means, mean_over, paired
 from dirprim_filter.evaluation.settings import choose
 from dirprim_filter.evaluation.tracking_report import TrackingReport, report_of
 from dirprim_filter.evaluation.truth import judged_rows
@@ -144,9 +144,8 @@ def figures(ran: Sequence[Ran], first: Sequence[Ran]) -> Row:
     """Means over what is judged, the interval of HOTA, and how far it is behind ours."""
     reports = [report for of in ran for report in of.reports]
     hota, ahead = (np.array([report.hota for run in of for report in run.reports]) for of in (ran, first))
-    one = np.ones(hota.size)
-    own = interval(np.column_stack([hota, one]), mean)
-    behind = interval(np.column_stack([ahead, one, hota, one]), difference_of_means)
+    each = np.arange(hota.size)
+    own, behind = mean_over(each, hota), paired(each, ahead, hota, difference_of_means)
     return {
         "hota": own.value, "hota_low": own.low, "hota_high": own.high, "behind": behind.value,
         "behind_low": behind.low, "behind_high": behind.high,

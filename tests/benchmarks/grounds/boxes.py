@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from peer_scenes import Fold, Part, UnavailableError
-from peer_trackers import HALF_DECADE
+from peer_trackers import HALF_DECADE, Settings
 from peers import PACKAGES
 from scipy.optimize import linear_sum_assignment
 
@@ -27,7 +27,7 @@ from dirprim_filter import PrimitiveMap, Tracks
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import NO_ID, Detections
-from dirprim_filter.evaluation.intervals import difference_of_means, interval
+from dirprim_filter.evaluation.intervals import difference_of_means, paired
 from dirprim_filter.evaluation.settings import Axis, choose
 from dirprim_filter.evaluation.tracking_report import normalised_squared
 from dirprim_filter.filtering import BayesFilter, ConstantVelocityKalman, Tracker
@@ -168,9 +168,6 @@ def _detections(of: Boxes, scene: Scene, scale: float) -> Detections:
         track_id=np.full(of.frame.size, NO_ID), time_ns=np.round(of.frame * scene.frame_s * 1e9).astype(np.int64),
         position=of.place, covariance=scale * of.covariance,
     )  # fmt: skip
-
-
-Settings = Mapping[str, float]
 
 
 class Given(NamedTuple):
@@ -346,7 +343,5 @@ def add_rows(
     for method in [name for name in runs if name != first]:
         a, b = (hota[name].mean(axis=0) if len(names) > 1 else hota[name][:, 0] for name in (first, method))
         b = np.broadcast_to(b, a.shape) if b.size == 1 else b
-        one = np.ones(a.size)
-        table.gains[f"{first} against {method}{label}, more HOTA"] = interval(
-            np.column_stack([a, one, b, one]), difference_of_means
-        )
+        gain = paired(np.arange(a.size), a, b, difference_of_means)
+        table.gains[f"{first} against {method}{label}, more HOTA"] = gain

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -33,11 +33,12 @@ class Asked(NamedTuple):
     maps: Path | None = None
 
 
-def learned(tracks: Tracks, asked: Asked, name: str, **options: Any) -> PrimitiveMap:
-    """By the defaults; or as it was learned before, under this name."""
+def learned(tracks: Tracks, asked: Asked, name: str, *, quick_m: float) -> PrimitiveMap:
+    """By the defaults, or in squares of this side where all is to be quick; or as it was before, under this name."""
     kept = None if asked.maps is None else asked.maps / f"{name}.mcap"
     if kept is not None and kept.exists():
         return load_map(kept)
+    options: dict[str, Any] = {"tessellation": "grid", "cell_size": quick_m} if asked.is_smoke else {}
     found = learn_primitives(tracks, rng=np.random.default_rng(0), **options)
     if kept is not None:
         save_map(found, kept)
@@ -72,8 +73,3 @@ class Findings:
             "gains": {name: plain(of._asdict()) for name, of in self.gains.items()},
             "settings": [choice._asdict() for choice in self.settings],
         }
-
-
-def published(findings: Findings, name: str, source: str, figures: Sequence[tuple[str, float]]) -> None:
-    """Add a row of figures that others published or measured, with where they stand."""
-    findings.rows[f"{name} ({source})"] = dict(figures)

@@ -158,11 +158,9 @@ def of_gps(name: str, asked: Asked) -> list[Findings]:
     if asked.is_smoke:
         log = log.of(log.block < 4)
     train, test = log.of(~log.is_held_out), log.of(log.is_held_out)
-    steps = np.concatenate([np.diff(of.time_s) for of in log.trips()])
-    usual_s = float(np.median(steps))
+    usual_s = float(np.median(np.concatenate([np.diff(of.time_s) for of in log.trips()])))
     try:
-        options = {"tessellation": "grid", "cell_size": 50.0} if asked.is_smoke else {}
-        with_map = learned(train.tracks(), asked, name, **options)
+        with_map = learned(train.tracks(), asked, name, quick_m=50.0)
     except ValueError as error:
         logging.getLogger(__name__).warning("%s: no map, %s", name, error)
         with_map = None

@@ -16,23 +16,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from peer_trackers import Settings
 
 from dirprim_filter import Tracks
 from dirprim_filter.arrays import AnyArray, FloatArray
-from grounds.boxes import (
-    Boxes,
-    Fitted,
-    Given,
-    Scene,
-    Settings,
-    above_mean,
-    add_rows,
-    ours,
-    packages,
-    trackeval,
-    tuned,
-)  # fmt: skip
-from grounds.findings import WITHOUT, Asked, Findings, learned, published
+from grounds.boxes import COLUMNS, Boxes, Fitted, Given, Scene, above_mean, add_rows, ours, packages, trackeval, tuned
+from grounds.findings import WITHOUT, Asked, Findings, learned
 
 FRAME_S = 0.1
 AREA = 4000.0
@@ -117,8 +106,7 @@ def of_kitti(asked: Asked) -> list[Findings]:
     if asked.is_smoke:
         names, others = names[:2], others[:2]
     scenes = [scene_of(data, name) for name in names]
-    options = {"tessellation": "grid", "cell_size": 20.0} if asked.is_smoke else {}
-    background = learned(traffic_of(data, others), asked, "kitti", **options).without_places()
+    background = learned(traffic_of(data, others), asked, "kitti", quick_m=20.0).without_places()
     training = [scene.until(TRAINING_FRAMES) for scene in scenes]
     judge, judge_training = (
         partial(trackeval, partial(dataset, data, of), lines_of, names=names) for of in (scenes, training)
@@ -166,7 +154,6 @@ def of_kitti(asked: Asked) -> list[Findings]:
             ]
         add_rows(table, label, runs, names, judge)
     for which, figures in AB3DMOT.items():
-        keys = ("hota", "assa", "deta", "mota", "idf1", "switches")
-        published(table, f"AB3DMOT, {which}", "run again, mean score above 2.5", list(zip(keys, figures, strict=True)))
-    published(table, "AB3DMOT, eleven sequences", "published, 3D IoU .25", [("samota", 93.34), ("mota", 86.47)])
+        table.rows[f"AB3DMOT, {which} (run again, mean score above 2.5)"] = dict(zip(COLUMNS, figures, strict=True))
+    table.rows["AB3DMOT, eleven sequences (published, 3D IoU .25)"] = {"samota": 93.34, "mota": 86.47}
     return [table]

@@ -58,8 +58,7 @@ def of_mcity_blind(asked: Asked) -> list[Findings]:
     """Every drive with truth, by the others."""
     mcity.DATA = asked.data / "mcity_roadside"
     drives = sorted(mcity.with_truth())
-    options = {"tessellation": "grid", "cell_size": 10.0} if asked.is_smoke else {}
-    maps = {drive: learned(mcity.traffic(drive), asked, f"mcity_without_{drive}", **options) for drive in drives}
+    maps = {drive: learned(mcity.traffic(drive), asked, f"mcity_without_{drive}", quick_m=10.0) for drive in drives}
     tables = []
     for gap_s in GAPS_S[: 1 if asked.is_smoke else None]:
         by_drive = {drive: windows_of(drive, gap_s)[: 2 if asked.is_smoke else None] for drive in drives}

@@ -19,7 +19,7 @@ from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import TrackedFrame
-from dirprim_filter.evaluation.intervals import clustered, interval, mean, paired, reduction_of_mean
+from dirprim_filter.evaluation.intervals import mean_over, paired, reduction_of_mean
 from dirprim_filter.evaluation.settings import Axis, Choice, choose
 from dirprim_filter.evaluation.tracking_report import coverage, normalised_squared
 from dirprim_filter.filtering import ConstantVelocityKalman, Tracker
@@ -256,7 +256,7 @@ def _table(about: str, windows: Sequence[Window], found: Mapping[str, Sequence[M
         )
         means[name] = error
         normalised = np.concatenate([run.normalised[np.isfinite(run.normalised)] for run in of])
-        own = interval(clustered(cluster, [error, np.ones(error.size)]), mean)
+        own = mean_over(cluster, error)
         table.rows[name] = {
             "error": own.value,
             "error +-": own.half_width,
