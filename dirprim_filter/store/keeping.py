@@ -11,7 +11,7 @@ import numpy as np
 
 from dirprim_filter.store.files import Contents, Entry, File
 from dirprim_filter.store.rows import StoredRows
-from dirprim_filter.store.sampling import kept_of, turns_in
+from dirprim_filter.store.sampling import Recording, turns_of
 from dirprim_filter.store.store import Store
 
 VEHICLES = 100
@@ -22,7 +22,6 @@ class Kept(NamedTuple):
     """What was done to a month."""
 
     month: str
-    n_logs: int
     n_before: int  # vehicles
     n_after: int
 
@@ -52,18 +51,18 @@ def keep(
     for name in chosen:
         n_of: Counter[int] = Counter()
         for recording in {entry.recording: entry for entry in months[name]}.values():
-            n_of.update(turns_in(whole(store, recording)))
+            n_of.update(turns_of(whole(store, recording)).tolist())
         before = after = 0
         for entry in months[name]:
             rows = whole(store, entry)
-            left = kept_of(rows, entry.recording, n_of, n_vehicles)
+            left = Recording.of(entry.recording, rows).thinned(n_of, n_vehicles).weighed(n_of, n_vehicles)
             before, after = before + rows.first.size, after + left.first.size
             if not np.array_equal(left.weight, rows.weight):  # of those, too, of whom all happen to be drawn
                 _replace(store, entry, left)
             n_logs += 1
             if progress is not None:
                 progress(n_logs, of)
-        done.append(Kept(name, len(months[name]), before, after))
+        done.append(Kept(name, before, after))
     store.tidy()
     return done
 

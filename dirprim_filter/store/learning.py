@@ -27,13 +27,21 @@ from dirprim_filter.store.blocks import Block
 from dirprim_filter.store.files import Contents, File
 from dirprim_filter.store.folder import FITS
 from dirprim_filter.store.joining import joined
-from dirprim_filter.store.rows import StoredRows
+from dirprim_filter.store.rows import LATEST_MS, StoredRows
 from dirprim_filter.store.sampling import MOST_ROWS, Ageing, Hours, Recording, drawn, sample_of
 from dirprim_filter.store.store import DamagedFileError, GoneError, Store
 from dirprim_filter.store.workers import Workers
 from tessellation import GridTessellation
 
-CODE = ("arrays.py", "config.py", "tracks.py", "course.py", "distributions", "primitives", "store")
+CODE = (
+    "arrays.py",
+    "config.py",
+    "tracks.py",
+    "course.py",
+    "distributions/**/*.py",
+    "primitives/**/*.py",
+    "store/**/*.py",
+)
 """Of the package, what a block's map follows from, beside the tessellation."""
 MOST_RESTARTS = 20
 """Times that learning restarts while others take logs out."""
@@ -58,18 +66,9 @@ class Recipe(NamedTuple):
 
     options: dict[str, Any]  # of `learn_primitives`
     min_vehicles: int
-    half_life_s: float | None
-    now_ms: int | None
+    ageing: Ageing | None
     hours: Hours | None
     seed: int
-
-    def key(self, block: Block, files: tuple[File, ...]) -> str:
-        """Of all that a block's map follows from."""
-        values = [asdict(value) if isinstance(value, LearningConfig) else value for value in self.options.values()]
-        holds = [(file.recording, file.digest, file.halo) for file in files]
-        chosen = (self.min_vehicles, self.half_life_s, self.now_ms, self.hours)
-        text = json.dumps([block, holds, list(self.options), values, chosen, self.seed, MOST_ROWS, code_version()])
-        return hashlib.sha256(text.encode()).hexdigest()
 
 
 class Task(NamedTuple):
@@ -78,7 +77,15 @@ class Task(NamedTuple):
     block: Block
     files: tuple[File, ...]  # of one recording after the other
     recipe: Recipe
-    key: str
+
+    @property
+    def key(self) -> str:
+        """Of all that the block's map follows from."""
+        options, *chosen = self.recipe
+        values = [asdict(value) if isinstance(value, LearningConfig) else value for value in options.values()]
+        holds = [(file.recording, file.digest, file.halo) for file in self.files]
+        text = json.dumps([self.block, holds, list(options), values, chosen, MOST_ROWS, code_version()])
+        return hashlib.sha256(text.encode()).hexdigest()
 
 
 class Done(NamedTuple):
@@ -115,7 +122,8 @@ def learn_from_store(
     """
     if min_vehicles < 1:
         raise ValueError(f"min_vehicles: expected at least 1, got {min_vehicles}")
-    recipe = Recipe(options, min_vehicles, half_life_s, None if now_ns is None else now_ns // 1_000_000, hours, seed)
+    now_ms = LATEST_MS if now_ns is None else now_ns // 1_000_000
+    recipe = Recipe(options, min_vehicles, None if half_life_s is None else Ageing(half_life_s, now_ms), hours, seed)
     for _ in range(MOST_RESTARTS):
         contents = store.contents()
         try:
@@ -142,7 +150,7 @@ def _learned(store: Store, contents: Contents, recipe: Recipe, workers: Workers,
 
     def task_of(block: Block) -> Task:
         own = _recipe_of(recipe, by_block[block], n_rows[block] / sum(n_rows.values()))
-        return Task(block, by_block[block], own, own.key(block, by_block[block]))
+        return Task(block, by_block[block], own)
 
     chosen = recipe.options.get("tessellation") == "grid" and len(blocks) > 1
     if chosen and recipe.options.get("n_cells") is not None:
@@ -177,12 +185,11 @@ def _learned(store: Store, contents: Contents, recipe: Recipe, workers: Workers,
 
 def _recipe_of(recipe: Recipe, files: tuple[File, ...], share: float) -> Recipe:
     """Of a block that has such a share of all rows."""
-    n_cells, now_ms = recipe.options.get("n_cells"), None
-    if recipe.half_life_s is not None:
-        end_ms = max(file.end_ms for file in files)
-        now_ms = end_ms if recipe.now_ms is None else min(end_ms, recipe.now_ms)
+    n_cells, ageing = recipe.options.get("n_cells"), recipe.ageing
+    if ageing is not None:
+        ageing = ageing._replace(now_ms=min(ageing.now_ms, max(file.end_ms for file in files)))
     options = recipe.options if n_cells is None else recipe.options | {"n_cells": max(1, round(n_cells * share))}
-    return recipe._replace(options=options, now_ms=now_ms)
+    return recipe._replace(options=options, ageing=ageing)
 
 
 def files_of_blocks(contents: Contents) -> dict[Block, tuple[File, ...]]:
@@ -207,13 +214,12 @@ def fitted(task: Task, *, store: Store, calls: dict[str, Any]) -> Done:
         return Done(task.block, known[32:], False, [])
     damaged: list[str] = []
     recipe = task.recipe
-    ageing = None if recipe.half_life_s is None else Ageing(recipe.half_life_s, recipe.now_ms or 0)
-    left, n_vehicles = drawn(_recordings(store, task.files, recipe.hours, damaged))
-    sample = sample_of(left, n_vehicles, min_vehicles=recipe.min_vehicles, ageing=ageing)
+    left = drawn(_recordings(store, task.files, recipe.hours, damaged))
+    tracks, weight = sample_of(left, min_vehicles=recipe.min_vehicles, ageing=recipe.ageing)
     data = b""
-    if len(sample.tracks):
+    if len(tracks):
         rng = np.random.default_rng(recipe.seed)
-        data = _file_of(learn_primitives(sample.tracks, weight=sample.weight, rng=rng, **recipe.options, **calls))
+        data = _file_of(learn_primitives(tracks, weight=weight, rng=rng, **recipe.options, **calls))
     if not damaged:
         store.put(path, hashlib.sha256(data).digest() + data)
     return Done(task.block, data, True, damaged)
@@ -230,7 +236,7 @@ def _recordings(store: Store, files: tuple[File, ...], hours: Hours | None, dama
         except DamagedFileError as error:
             damaged.append(str(error))
         else:
-            yield Recording(name, rows if hours is None else hours.of(rows))
+            yield Recording.of(name, rows if hours is None else hours.of(rows))
 
 
 def _file_of(primitive_map: PrimitiveMap) -> bytes:
@@ -251,12 +257,8 @@ def _map_of(data: bytes) -> PrimitiveMap:
 def code_version() -> str:
     """A hash of the code that a block's map follows from."""
     digest = hashlib.sha256()
-    for package, names in ((dirprim_filter, CODE), (tessellation, (".",))):
+    for package, names in ((dirprim_filter, CODE), (tessellation, ("**/*.py",))):
         (root,) = package.__path__
-        for path in sorted(each for name in names for each in _sources(Path(root) / name)):
+        for path in sorted(each for name in names for each in Path(root).glob(name)):
             digest.update(path.read_bytes())
     return digest.hexdigest()
-
-
-def _sources(path: Path) -> list[Path]:
-    return [path] if path.is_file() else list(path.rglob("*.py"))

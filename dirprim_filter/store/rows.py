@@ -149,6 +149,11 @@ class StoredRows:
         """(n_vehicles,) the first row of each vehicle."""
         return np.flatnonzero(np.diff(self.track, prepend=-1))
 
+    @property
+    def vehicle(self) -> IntArray:
+        """(n,) which of the vehicles each row is of."""
+        return np.cumsum(np.diff(self.track, prepend=-1) > 0) - 1
+
     def tracks(self, track: IntArray, group: IntArray) -> Tracks:
         """As learning takes them, by numbers of vehicles and groups (n,) that are of all recordings."""
         return Tracks(

@@ -19,7 +19,7 @@ from zoneinfo import ZoneInfo
 import numpy as np
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
-from dirprim_filter.distributions._random import UIntArray
+from dirprim_filter.distributions._random import UIntArray, mixed
 from dirprim_filter.store.rows import StoredRows
 from dirprim_filter.tracks import Tracks
 
@@ -34,13 +34,8 @@ SUPPORT_M, SUPPORT_COURSES = 8.0, 8
 """Side of the squares, and number of the courses, that vehicles are counted in for the minimum support."""
 QUARTER_S = 900
 """Of an hour: clocks of all zones differ by some of these."""
-
-
-class Recording(NamedTuple):
-    """StoredRows of a recording."""
-
-    name: str  # `StoredRows.digest`
-    rows: StoredRows
+GOLDEN = np.uint64(0x9E3779B97F4A7C15)
+"""From one state of splitmix64 to the next."""
 
 
 class Ageing(NamedTuple):
@@ -80,57 +75,61 @@ class Hours(NamedTuple):
 
     def of(self, rows: StoredRows) -> StoredRows:
         """Those of the vehicles that come in these hours."""
-        first, clocks = rows.first, ZoneInfo(self.zone)
-        quarter, at = np.unique(rows.t_ms[first] // (1000 * QUARTER_S), return_inverse=True)
+        clocks = ZoneInfo(self.zone)
+        quarter, at = np.unique(rows.t_ms[rows.first] // (1000 * QUARTER_S), return_inverse=True)
         hour = np.array([datetime.fromtimestamp(q * QUARTER_S, clocks).hour for q in quarter.tolist()], np.int64)
         lasts = (self.last - self.first) % 24 or 24
         inside = ((hour - self.first) % 24 < lasts)[at]
-        return rows.some(np.repeat(inside, np.diff(np.append(first, len(rows)))))
+        return rows.some(inside[rows.vehicle])
 
 
-class Sample(NamedTuple):
-    """What is learned from."""
+class Recording(NamedTuple):
+    """Vehicles of a recording, of whom some are drawn."""
 
-    tracks: Tracks
-    weight: FloatArray  # (n_tracks,)
-    n_vehicles: int  # of which they were drawn
-
-
-class _Part(NamedTuple):
-    """What is left of a recording."""
-
-    recording: Recording
+    name: str  # `StoredRows.digest` of all
+    rows: StoredRows
     turn: IntArray  # (n_vehicles,)
     number: FloatArray  # (n_vehicles,) in [0, 1)
 
     @classmethod
-    def of(cls, recording: Recording) -> _Part:
-        """All of it."""
-        return cls(recording, _turns(recording.rows), _numbers(recording))
+    def of(cls, name: str, rows: StoredRows) -> Self:
+        """All that the store has of it."""
+        seed, track = np.uint64(int(name[:16], 16)), rows.track[rows.first].astype(np.uint64)
+        number = (_mixed(_mixed(track) ^ seed) >> np.uint64(11)).astype(np.float64) * 2.0**-53
+        # Who was drawn before is among those below the inverse of its weight.
+        return cls(name, rows, turns_of(rows), number * rows.weight[rows.first])
 
-    def some(self, kept: BoolArray) -> _Part:
-        """Some vehicles."""
-        rows = self.recording.rows
-        of_row = np.repeat(kept, np.diff(np.append(rows.first, len(rows))))
-        return _Part(self.recording._replace(rows=rows.some(of_row)), self.turn[kept], self.number[kept])
+    def thinned(self, n_of: Counter[int], most: int) -> Self:
+        """Those vehicles that are kept if at most so many of a turn are, of all that take it."""
+        kept = self.number < self._shares(n_of, most)
+        return self._replace(
+            rows=self.rows.some(kept[self.rows.vehicle]), turn=self.turn[kept], number=self.number[kept]
+        )
+
+    def weighed(self, n_of: Counter[int], most: int) -> StoredRows:
+        """The rows of those who were kept so, by how many each stands for."""
+        share = self._shares(n_of, most)[self.rows.vehicle]
+        return replace(self.rows, weight=self.rows.weight / share)
+
+    def _shares(self, n_of: Counter[int], most: int) -> FloatArray:
+        """(n_vehicles,) with which probability each is kept."""
+        n = np.array([n_of[turn] for turn in self.turn.tolist()], np.float64)
+        return np.asarray(np.minimum(1.0, most / np.maximum(n, 1.0)))
 
 
-def drawn(recordings: Iterable[Recording], *, most_rows: int = MOST_ROWS) -> tuple[list[Recording], int]:
-    """At most so many rows of vehicles, weighed by how many each stands for.
+def drawn(recordings: Iterable[Recording], *, most_rows: int = MOST_ROWS) -> list[StoredRows]:
+    """At most so many rows of vehicles, weighed by how many each stands for, in the order of the recordings' names.
 
     Args:
         recordings: each once, in any order; read one after the other.
         most_rows: to keep.
-
-    Returns:
-        Recordings in the order of their names, and how many vehicles there were.
     """
-    parts: list[_Part] = []
+    parts: list[Recording] = []
     n_of = Counter[int]()
     most, held = MOST_OF_A_TURN, 0
     for recording in recordings:
-        n_of.update(turns_in(recording.rows))
-        parts.append(_Part.of(recording))
+        n_of.update(recording.turn.tolist())
+        parts.append(recording)
         held += len(recording.rows)
         while held > SLACK * most_rows and most > 1:
             most //= 2
@@ -139,49 +138,35 @@ def drawn(recordings: Iterable[Recording], *, most_rows: int = MOST_ROWS) -> tup
     while held > most_rows and most > 1:
         most //= 2
         parts, held = _thinned(parts, n_of, most)
-    parts.sort(key=lambda part: part.recording.name)
-    return [_weighed(part, n_of, most) for part in parts], sum(n_of.values())
+    return [part.weighed(n_of, most) for part in sorted(parts, key=lambda part: part.name)]
 
 
-def kept_of(rows: StoredRows, name: str, n_of: dict[int, int], most: int) -> StoredRows:
-    """Of a recording, the vehicles that are drawn where `n_of` take each turn in all, weighed; see `turns_in`."""
-    (part,), _ = _thinned([_Part.of(Recording(name, rows))], n_of, most)
-    return _weighed(part, n_of, most).rows
+def _thinned(parts: list[Recording], n_of: Counter[int], most: int) -> tuple[list[Recording], int]:
+    left = [part.thinned(n_of, most) for part in parts]
+    return left, sum(len(part.rows) for part in left)
 
 
-def turns_in(rows: StoredRows) -> dict[int, int]:
-    """How many vehicles take each turn."""
-    turn, n = np.unique(_turns(rows), return_counts=True)
-    return dict(zip(turn.tolist(), n.tolist(), strict=True))
-
-
-def sample_of(recordings: list[Recording], n_vehicles: int, *, min_vehicles: int, ageing: Ageing | None) -> Sample:
-    """As learning takes them.
+def sample_of(recordings: list[StoredRows], *, min_vehicles: int, ageing: Ageing | None) -> tuple[Tracks, FloatArray]:
+    """As learning takes them: tracks, and (n_tracks,) their weights.
 
     Args:
         recordings: see `drawn`.
-        n_vehicles: of which they were drawn.
         min_vehicles: rows where fewer vehicles passed the same way are left out.
         ageing: how older ones count less; None where all count alike.
     """
-    tracks, weights, before, group = [], [], 0, 0
-    for _, rows in recordings:
-        if not len(rows):
-            continue
-        first, n = rows.first, np.diff(np.append(rows.first, len(rows)))
+    tracks, counted, weights, before, group = [Tracks.none()], [np.empty(0)], [np.empty(0)], 0, 0
+    for rows in recordings:
         _, own_group = np.unique(rows.group, return_inverse=True)
-        tracks.append(rows.tracks(before + np.repeat(np.arange(n.size), n), group + own_group))
-        weights.append(rows.weight[first] * (1.0 if ageing is None else ageing.weight(rows.t_ms[first])))
-        before, group = before + n.size, group + int(own_group.max()) + 1
-    if not tracks:
-        return Sample(Tracks.none(), np.empty(0), n_vehicles)
+        tracks.append(rows.tracks(before + rows.vehicle, group + own_group))
+        counted.append(rows.weight[rows.first])
+        weights.append(counted[-1] * (1.0 if ageing is None else ageing.weight(rows.t_ms[rows.first])))
+        before, group = before + rows.first.size, group + int(own_group.max(initial=-1)) + 1
     together, weight = Tracks.concatenate(tracks), np.concatenate(weights)
     if min_vehicles > 1:
-        counted = np.concatenate([rows.weight[rows.first] for _, rows in recordings])
-        supported = _supported(together, counted, min_vehicles)
+        supported = _supported(together, np.concatenate(counted), min_vehicles)
         weight = weight[np.unique(together.track_id[supported])]
         together = together[supported]
-    return Sample(together, weight, n_vehicles)
+    return together, weight
 
 
 def _supported(tracks: Tracks, weight: FloatArray, least: int) -> BoolArray:
@@ -194,49 +179,16 @@ def _supported(tracks: Tracks, weight: FloatArray, least: int) -> BoolArray:
     return np.asarray(n[way_of] >= least - 1e-3)  # weights have seven digits
 
 
-def _turns(rows: StoredRows) -> IntArray:
+def turns_of(rows: StoredRows) -> IntArray:
     """(n_vehicles,) a number of the squares that each comes from and goes to."""
-    if not len(rows):
-        return np.empty(0, np.int64)
-    first = rows.first
-    last = np.append(first[1:], len(rows)) - 1
+    last = np.flatnonzero(np.diff(rows.track, append=-1))
     square = np.floor(rows.position / SQUARE_M).astype(np.int64)
-    number: UIntArray = np.zeros(first.size, np.uint64)
-    for column in (*square[first].T, *square[last].T):
+    number: UIntArray = np.zeros(last.size, np.uint64)
+    for column in (*square[rows.first].T, *square[last].T):
         number = _mixed(number ^ column.astype(np.uint64))
     return number.astype(np.int64)
 
 
-def _numbers(recording: Recording) -> FloatArray:
-    """(n_vehicles,) uniform in [0, 1), each vehicle's for good."""
-    rows = recording.rows
-    seed, track = np.uint64(int(recording.name[:16], 16)), rows.track[rows.first].astype(np.uint64)
-    number = (_mixed(_mixed(track) ^ seed) >> np.uint64(11)).astype(np.float64) * 2.0**-53
-    return number * rows.weight[rows.first]  # who was drawn before is among those below the inverse of its weight
-
-
 def _mixed(number: UIntArray) -> UIntArray:
-    """The finaliser of SplitMix64 (Steele, Lea and Flood 2014). (n,) uint64."""
-    with np.errstate(over="ignore"):
-        one = number + np.uint64(0x9E3779B97F4A7C15)
-        two = (one ^ (one >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-        three = (two ^ (two >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-        return np.asarray(three ^ (three >> np.uint64(31)), np.uint64)
-
-
-def _shares(part: _Part, n_of: dict[int, int], most: int) -> FloatArray:
-    """(n_vehicles,) with which probability each is kept."""
-    n = np.array([n_of[turn] for turn in part.turn.tolist()], np.float64)
-    return np.asarray(np.minimum(1.0, most / np.maximum(n, 1.0)))
-
-
-def _thinned(parts: list[_Part], n_of: dict[int, int], most: int) -> tuple[list[_Part], int]:
-    """Those vehicles that are kept if at most so many of a turn are, and how many rows they have."""
-    left = [part.some(part.number < _shares(part, n_of, most)) for part in parts]
-    return left, sum(len(part.recording.rows) for part in left)
-
-
-def _weighed(part: _Part, n_of: dict[int, int], most: int) -> Recording:
-    rows = part.recording.rows
-    share = np.repeat(_shares(part, n_of, most), np.diff(np.append(rows.first, len(rows))))
-    return part.recording._replace(rows=replace(rows, weight=rows.weight / share))
+    """The next draw of splitmix64 from each state. (n,) uint64."""
+    return np.asarray(mixed.py_func(number + GOLDEN), np.uint64)

@@ -10,14 +10,14 @@ from streets import GRID, rows_stored, street
 from dirprim_filter.store import keep, learn_from_store
 from dirprim_filter.store.keeping import whole
 from dirprim_filter.store.rows import StoredRows
-from dirprim_filter.store.sampling import Recording, drawn, sample_of, turns_in
+from dirprim_filter.store.sampling import Recording, drawn, sample_of, turns_of
 
 ERRORS = norm.isf(1e-4 / 2)
 """Standard errors: one test of ten thousand is further off by chance; seeds are fixed."""
 
 
 def recordings_of(*tracks):
-    return [Recording(rows.digest, rows) for rows in map(StoredRows.of, tracks)]
+    return [Recording.of(rows.digest, rows) for rows in map(StoredRows.of, tracks)]
 
 
 def counted(rows):
@@ -31,16 +31,15 @@ def test_a_sample_counts_as_all_do_in_whatever_order_and_quiet_streets_are_whole
         street(0, n_vehicles=2000, length=60.0), street(1, n_vehicles=50, length=60.0, north=500.0)
     )
     n_rows = sum(len(recording.rows) for recording in recordings)
-    left, n_vehicles = drawn(recordings, most_rows=n_rows // 4)
-    assert n_vehicles == 2050
-    assert sum(len(recording.rows) for recording in left) <= n_rows // 4
-    (busy, n_busy), quiet = sorted((counted(recording.rows) for recording in left), reverse=True)
+    left = drawn(recordings, most_rows=n_rows // 4)
+    assert sum(len(rows) for rows in left) <= n_rows // 4
+    (busy, n_busy), quiet = sorted(map(counted, left), reverse=True)
     assert quiet == (50.0, 50)
     share = n_busy / busy
     assert abs(busy - 2000) < ERRORS * np.sqrt(2000 * (1 - share) / share)
     assert n_busy < 2000 / 4  # and by numbers alone the quiet street would be a fourth of itself: the control
-    again, _ = drawn(recordings[::-1], most_rows=n_rows // 4)
-    assert [(r.name, r.rows.digest) for r in again] == [(r.name, r.rows.digest) for r in left]
+    again = drawn(recordings[::-1], most_rows=n_rows // 4)
+    assert [rows.digest for rows in again] == [rows.digest for rows in left]
 
 
 def test_shares_are_kept_by_weights_and_not_by_numbers():
@@ -48,11 +47,11 @@ def test_shares_are_kept_by_weights_and_not_by_numbers():
     on, off = street(1, n_vehicles=800, back=0.0), street(2, n_vehicles=200, back=0.0)
     turn = np.clip(off.position[:, 0], 0.0, None)
     off = dataclasses.replace(off, position=np.column_stack([off.position[:, 0] - turn, off.position[:, 1] + turn]))
-    left, _ = drawn(recordings_of(on, off), most_rows=16_000)
-    sample = sample_of(left, 1000, min_vehicles=1, ageing=None)
-    end = np.array([sample.tracks[sample.tracks.vehicle == v].position[-1, 1] for v in range(sample.tracks.n_tracks)])
+    left = drawn(recordings_of(on, off), most_rows=16_000)
+    tracks, weight = sample_of(left, min_vehicles=1, ageing=None)
+    end = np.array([tracks[tracks.vehicle == v].position[-1, 1] for v in range(tracks.n_tracks)])
     turned = end > 20.0
-    share = sample.weight[turned].sum() / sample.weight.sum()
+    share = weight[turned].sum() / weight.sum()
     error = ERRORS * np.sqrt(0.2 * 0.8 * (1 / turned.sum() + 1 / (~turned).sum()))
     assert abs(share - 0.2) < error
     assert abs(turned.mean() - 0.2) > error  # the negative control
@@ -89,6 +88,6 @@ def test_logs_of_which_nothing_is_kept_stay_known(tmp_path):
     keep(store, n_vehicles=1)
     entries = store.contents().entries
     assert entries.keys() == {*one, "last"}
-    assert turns_in(whole(store, min(entries.values(), key=lambda entry: entry.n_rows))) == {}
+    assert not turns_of(whole(store, min(entries.values(), key=lambda entry: entry.n_rows))).size
     with pytest.raises(ValueError, match="20 vehicles passed the same way"):
         learn_from_store(store, min_vehicles=20, **GRID)

@@ -28,7 +28,7 @@ from dirprim_filter.store import add_logs, adding, find_logs, keep, learn_from_s
 from dirprim_filter.store.forgetting import forget, merge
 from dirprim_filter.store.keeping import month_of, whole
 from dirprim_filter.store.rows import StoredRows
-from dirprim_filter.store.sampling import kept_of, turns_in
+from dirprim_filter.store.sampling import Recording, turns_of
 from dirprim_filter.store.store import Store
 
 ONE = street(3)
@@ -167,8 +167,9 @@ class StoreModel(RuleBasedStateMachine):
         month = {name: month_of(entries[self.path[name]].start_ms) for name in self.holds}
         ours = sorted((name for name in self.holds if month[name] == "1970-01"), key=self.path.get)
         once = {self.recording[name]: self.holds[name] for name in ours}
-        n_of = sum((Counter(turns_in(rows)) for rows in once.values()), Counter())
-        left = {name: kept_of(self.holds[name], self.recording[name], n_of, n_vehicles) for name in ours}
+        n_of = sum((Counter(turns_of(rows).tolist()) for rows in once.values()), Counter())
+        of = {name: Recording.of(self.recording[name], self.holds[name]) for name in ours}
+        left = {name: of[name].thinned(n_of, n_vehicles).weighed(n_of, n_vehicles) for name in ours}
         with killed_at(kill):
             keep(self.store, n_vehicles=n_vehicles, month="1970-01")
         done = [self.holds | {name: left[name] for name in ours[:n]} for n in range(len(ours) + 1)]
