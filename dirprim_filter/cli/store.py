@@ -43,7 +43,7 @@ def add(
     Example: dirprim store add fleet recordings/roundabout_learn.mcap
     """
     from dirprim_filter.cli.progress import step_progress
-    from dirprim_filter.store.adding import add_logs, failures
+    from dirprim_filter.store.adding import add_logs
     from dirprim_filter.store.config import StoreConfig
     from dirprim_filter.store.delta import shown
     from dirprim_filter.store.logs import find_logs
@@ -57,7 +57,7 @@ def add(
     with step_progress(f"adding to {shown(folder)}", "logs") as progress:
         workers_ = Workers.of(len(found), workers, scheduler)
         added = add_logs(folder, found, config=config, workers=workers_, progress=progress)
-    say(*(f"error: {line}" for line in failures(added)), err=True)
+    say(*(f"error: {line}" for line in added.failures), err=True)
     done = [receipt for receipt in added.receipts if not receipt.error]
     origin = f"; origin {added.store.origin}" if added.store and added.store.origin else ""
     say(

@@ -65,6 +65,11 @@ class Added(NamedTuple):
     known: int
     receipts: list[Receipt]
 
+    @property
+    def failures(self) -> list[str]:
+        """Why logs could not be added, a line each."""
+        return [receipt.error for receipt in self.receipts if receipt.error]
+
 
 def add_logs(
     path: str | Path,
@@ -96,8 +101,9 @@ def add_logs(
     _ = config.reading  # that logs can be read so is asked before anything is made
     known = store.contents().entries if store is not None else {}
     new = [log for log in logs if log.name not in known or known[log.name].mark != log.version]
-    splits, receipts = _splits(logs), list[Receipt]()
+    splits = _splits(logs)
     tasks = [(log, splits[log.url]) for log in new]
+    receipts: list[Receipt] = []
     fresh: list[Receipt] = []
     last_s = time.monotonic()
     for receipt in _receipts(path, store, config, tasks, workers or Workers()):
@@ -147,13 +153,14 @@ def _receipts(
     """Of all logs, as they are done; those of this process come until one could be read, and says the frame."""
     there, rest = store or Store(address_of(path), config, ""), list(tasks)
     while rest and store is None:
-        receipt = _written(rest.pop(0), store=there, reading=config.reading)
+        receipt = _written(rest.pop(0), store=there)
         yield receipt
         if receipt.files:
             there = replace(there, frame=receipt.frame)
             break
-    work = partial(_written, store=there, reading=there.reading)
-    yield from workers.each(work, rest, [f"add-{log.name}-{log.version}-{time.time_ns()}" for log, _ in rest])
+    yield from workers.each(
+        partial(_written, store=there), rest, [f"add-{log.name}-{log.version}-{time.time_ns()}" for log, _ in rest]
+    )
 
 
 def _splits(logs: Sequence[FoundLog]) -> dict[str, list[str]]:
@@ -164,7 +171,7 @@ def _splits(logs: Sequence[FoundLog]) -> dict[str, list[str]]:
     return {url: [bag[0], *bag[max(i - 1, 0) : i + 2]] for bag in bags.values() for i, url in enumerate(bag)}
 
 
-def _written(task: Task, *, store: Store, reading: ReadOptions) -> Receipt:
+def _written(task: Task, *, store: Store) -> Receipt:
     """The files of a log, beside which others may be read; what is wrong with it, the receipt says, and stops no other.
 
     Raises:
@@ -173,7 +180,7 @@ def _written(task: Task, *, store: Store, reading: ReadOptions) -> Receipt:
     log, beside = task
     try:
         with copied_once():
-            read = _read(log, reading, beside)
+            read = _read(log, store.reading, beside)
         rows = StoredRows.of(read.tracks)
     except (RecordingError, OSError, ValueError) as error:
         reason = without_secrets(" ".join(str(error).split())) or type(error).__name__
@@ -188,8 +195,3 @@ def _read(log: FoundLog, reading: ReadOptions, beside: Sequence[str]) -> TrackRe
     if not len(read.tracks):
         raise RecordingError(f"{log.url}: expected moving objects, got none; left out: {read.losses}")
     return read
-
-
-def failures(added: Added) -> Iterator[str]:
-    """Why logs could not be added, a line each."""
-    return (receipt.error for receipt in added.receipts if receipt.error)

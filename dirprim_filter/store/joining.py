@@ -7,28 +7,18 @@ from the block with the most rows.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_array
 
-from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
+from dirprim_filter.arrays import AnyArray, IntArray
 from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.primitives.motion import FLOATS, Motion
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.store.blocks import Block
 from tessellation import GridTessellation, Tessellation, VoronoiTessellation
 
-FILLERS = {
-    "weight": 0.0,
-    "mean_direction": 0.0,
-    "concentration": 0.0,
-    "shape": 1.0,
-    "rate": 1.0,
-    "bend": 0.0,
-    "gain": 0.0,
-}
-"""Of modes that a cell does not have."""
 COURSE, LOG_PACE = 0.2, 0.25
 """Radians, and of log(speed + 0.3 m/s): by so much manoeuvres are about as far apart."""
 
@@ -45,21 +35,18 @@ def joined(parts: dict[Block, PrimitiveMap]) -> PrimitiveMap:
     own = [np.flatnonzero(block.holds(m.tessellation.centers)) for block, m in parts.items()]
     cells, order = _tessellation(maps, own)
     of_most = maps[int(np.argmax([m.n_rows[-1] for m in maps]))]
-    columns = _Columns.of(maps, own, of_most)
-    numbers = np.argsort(order)
-    begin = np.concatenate([[0], np.cumsum([cell.size for cell in own])])
-    homes = [numbers[begin[i] : begin[i + 1]] for i in range(len(maps))]
+    n_own, n_free = (max(getattr(m, name) for m in maps) for name in ("n_own_modes", "n_background_modes"))
+    homes = np.split(np.argsort(order), np.cumsum([cell.size for cell in own])[:-1])
     rows = np.append(order, order.size)
-    c = {name: column[rows] for name, column in columns.column.items()}
-    n_rows = columns.n_rows[rows]
-    n_rows[-1] = n_rows[:-1].sum()
+    c = {name: column[rows] for name, column in _columns(maps, own, of_most, n_own=n_own, n_free=n_free).items()}
+    c["n_rows"][-1] = c["n_rows"][:-1].sum()
     return PrimitiveMap(
-        tessellation=cells, n_rows=n_rows, n_background_modes=columns.n_free,
+        tessellation=cells, n_rows=c["n_rows"], n_background_modes=n_free,
         direction=VonMisesMixture(
             weight=c["weight"], mean_direction=c["mean_direction"], concentration=c["concentration"]
         ),
         speed=Gamma(shape=c["shape"], rate=c["rate"]), bend=c["bend"], gain=c["gain"],
-        motion=_motion(maps, own, homes, cells=cells, of_most=of_most, n_own=columns.n_own),
+        motion=_motion(maps, own, homes, cells=cells, of_most=of_most, n_own=n_own),
     )  # fmt: skip
 
 
@@ -77,32 +64,26 @@ def _tessellation(maps: list[PrimitiveMap], own: list[IntArray]) -> tuple[Tessel
     return VoronoiTessellation(generators=centers, region=region), np.arange(len(centers))
 
 
-class _Columns(NamedTuple):
+def _columns(
+    maps: list[PrimitiveMap], own: list[IntArray], of_most: PrimitiveMap, *, n_own: int, n_free: int
+) -> dict[str, AnyArray]:
     """Of all primitives, one block's cells after the other's, and last of no place."""
-
-    column: dict[str, FloatArray]
-    n_rows: IntArray
-    n_own: int
-    n_free: int
-
-    @classmethod
-    def of(cls, maps: list[PrimitiveMap], own: list[IntArray], of_most: PrimitiveMap) -> _Columns:
-        n_own, n_free = (max(getattr(m, name) for m in maps) for name in ("n_own_modes", "n_background_modes"))
-        parts: dict[str, list[FloatArray]] = {name: [] for name in FILLERS}
-        n_rows = []
-        for m, cells in [*zip(maps, own, strict=True), (of_most, np.array([-1]))]:
-            d, s = m.direction, m.speed
-            values = (d.weight, d.mean_direction, d.concentration, s.shape, s.rate, m.bend, m.gain)
-            moves = m.n_own_modes - 1
-            free = n_own + np.arange(n_free - m.n_background_modes, n_free)
-            at = np.concatenate([np.arange(moves), [n_own - 1], free])  # in motion, standing, background
-            for (name, filler), value in zip(FILLERS.items(), values, strict=True):
-                column = np.full((cells.size, n_own + n_free, *value.shape[2:]), filler)
-                column[:, at] = value[cells]
-                parts[name].append(column)
-            n_rows.append(m.n_rows[cells])
-        together = {name: np.concatenate(some) for name, some in parts.items()}
-        return cls(together, np.concatenate(n_rows), n_own, n_free)
+    parts: list[dict[str, AnyArray]] = []
+    for m, cells in [*zip(maps, own, strict=True), (of_most, np.array([-1]))]:
+        d, s = m.direction, m.speed
+        values = {
+            "weight": d.weight, "mean_direction": d.mean_direction, "concentration": d.concentration,
+            "shape": s.shape, "rate": s.rate, "bend": m.bend, "gain": m.gain,
+        }  # fmt: skip
+        free = n_own + np.arange(n_free - m.n_background_modes, n_free)
+        at = np.concatenate([np.arange(m.n_own_modes - 1), [n_own - 1], free])  # in motion, standing, background
+        part: dict[str, AnyArray] = {"n_rows": m.n_rows[cells]}
+        for name, value in values.items():  # a mode that a cell does not have weighs nothing
+            filler = 1.0 if name in {"shape", "rate"} else 0.0
+            part[name] = np.full((cells.size, n_own + n_free, *value.shape[2:]), filler)
+            part[name][:, at] = value[cells]
+        parts.append(part)
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 def _motion(
@@ -111,7 +92,7 @@ def _motion(
 ) -> Motion:  # fmt: skip
     """Manoeuvres in order of their cells, and transitions between them; `homes` are the numbers of the own cells."""
     columns: list[dict[str, AnyArray]] = []
-    kept = []
+    kept: list[IntArray] = []
     for m, mine, home in zip(maps, own, homes, strict=True):
         motion = m.motion
         at = np.full(m.tessellation.n_cells, -1)
@@ -125,14 +106,12 @@ def _motion(
     free = of_most.motion.without_places()
     placed = {name: np.concatenate([column[name] for column in columns]) for name in columns[0]}
     order = np.argsort(placed["cell"], kind="stable")
-    begin = np.concatenate([[0], np.cumsum([chosen.size for chosen in kept])])
     placed = {name: column[order] for name, column in placed.items()}
     z = order.size
-    number = np.argsort(order)
+    numbers = np.split(np.argsort(order), np.cumsum([chosen.size for chosen in kept])[:-1])
     count = [csr_array((free.count, free.following + z, np.concatenate([np.zeros(z, np.int64), free.first])),
                        shape=(z + len(free), z + len(free)))]  # fmt: skip
-    for i, (m, chosen) in enumerate(zip(maps, kept, strict=True)):
-        known = number[begin[i] : begin[i + 1]]
+    for m, chosen, known in zip(maps, kept, numbers, strict=True):
         target = _targets(m, placed, cells, n_own)
         target[chosen] = known
         source = np.repeat(np.arange(len(m.motion)), np.diff(m.motion.first))

@@ -29,19 +29,12 @@ class FoundLog:
     Attributes:
         url: its URL, or its absolute path, by which it is read.
         name: what a store calls it, see `name_of`.
-        size: bytes.
-        mark: its ETag or time of change; empty where it is unknown.
+        version: its size, and its ETag or time of change where that is known: the same for as long as the log is.
     """
 
     url: str
     name: str
-    size: int
-    mark: str
-
-    @property
-    def version(self) -> str:
-        """The same for as long as the log is the same; without a mark, of its size alone."""
-        return f"{self.size} {self.mark}"
+    version: str
 
 
 def find_logs(patterns: Iterable[str]) -> list[FoundLog]:
@@ -88,7 +81,7 @@ def _local(pattern: str) -> list[FoundLog]:
         if path.is_file():
             stat = path.stat()
             name = name_of(str(path))
-            logs.append(FoundLog(url=name, name=name, size=stat.st_size, mark=str(stat.st_mtime_ns)))
+            logs.append(FoundLog(url=name, name=name, version=f"{stat.st_size} {stat.st_mtime_ns}"))
     return logs
 
 
@@ -97,13 +90,13 @@ def _remote(pattern: str) -> list[FoundLog]:
         import fsspec  # noqa: PLC0415 (an extra)
     except ImportError as error:
         raise MissingExtraError(pattern, library="fsspec", extra="fleet") from error
+    # A query of http, as of a signed URL, is no pattern.
+    is_pattern = glob.has_magic(pattern.partition("?")[0] if pattern.startswith("http") else pattern)
     try:
         files, path = fsspec.core.url_to_fs(pattern)
         files.invalidate_cache()  # of an earlier listing in this process
         # All at once: each asked for by itself, s3fs goes through all of its listing.
-        about: dict[str, dict[str, Any]] = (
-            files.glob(path, detail=True) if _is_pattern(pattern) else {path: files.info(path)}
-        )
+        about: dict[str, Any] = files.glob(path, detail=True) if is_pattern else {path: files.info(path)}
     except FileNotFoundError as error:
         raise FileNotFoundError(errno.ENOENT, "No such file", pattern) from error
     except Exception as error:  # of the scheme's own package
@@ -112,10 +105,5 @@ def _remote(pattern: str) -> list[FoundLog]:
     for own, info in about.items():
         if info.get("type") != "directory":
             url, mark = files.unstrip_protocol(own), next((str(info[name]) for name in MARKS if info.get(name)), "")
-            logs.append(FoundLog(url=url, name=name_of(url), size=int(info.get("size") or 0), mark=mark))
+            logs.append(FoundLog(url=url, name=name_of(url), version=f"{info.get('size') or 0} {mark}"))
     return logs
-
-
-def _is_pattern(url: str) -> bool:
-    """Whether it stands for several; a query of http, as of a signed URL, does not."""
-    return glob.has_magic(url.partition("?")[0] if url.startswith("http") else url)

@@ -98,10 +98,7 @@ class StoredRows:
 
     def to_parquet(self) -> bytes:
         """A file of them, that any tool reads: see `docs/fleet.md` for how many bytes a row takes."""
-        table = pa.table(
-            [pa.array(np.asarray(getattr(self, f.name)), f.type, safe=True) for f in SCHEMA], schema=SCHEMA
-        )
-        file = io.BytesIO()
+        table, file = pa.table({name: getattr(self, name) for name in SCHEMA.names}, schema=SCHEMA), io.BytesIO()
         pq.write_table(
             table, file, compression="zstd", compression_level=12, use_dictionary=False, column_encoding=ENCODING,
             write_page_checksum=True, write_statistics=["t_ms", "x_cm", "y_cm"], store_schema=False,
@@ -124,9 +121,7 @@ class StoredRows:
             raise ValueError(f"expected Parquet: {error}") from error
         if not table.schema.equals(SCHEMA) or any(column.null_count for column in table.columns):
             raise ValueError(f"expected the columns {', '.join(SCHEMA.names)}, of their types and without nulls")
-        columns = [column.to_numpy() for column in table.columns]
-        rows = cls(*(column.astype(np.float64 if f.name == "weight" else np.int64)
-                     for column, f in zip(columns, SCHEMA, strict=True)))  # fmt: skip
+        rows = cls(*(table[n].to_numpy().astype(np.float64 if n == "weight" else np.int64) for n in SCHEMA.names))
         rows._check()
         return rows
 

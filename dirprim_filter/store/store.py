@@ -117,7 +117,9 @@ class Store(Folder):
     @property
     def reading(self) -> ReadOptions:
         """How its logs are read, on the plane of its positions, if it has an origin."""
-        return replace(self.config.reading, origin=self.origin, meets="" if self.config.origin else str(self))
+        options = self.config.reading
+        meets = str(self) if self.frame and not self.config.origin else ""
+        return replace(options, origin=self.origin or options.origin, meets=meets)
 
     @property
     def origin(self) -> Origin | None:

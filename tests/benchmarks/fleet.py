@@ -150,7 +150,7 @@ def known(n_logs: int) -> None:
         for i in range(0, n_logs, 100):
             files = [file._replace(log=url, path=f"rows/{n}-{file.digest}.parquet") for url, n in every[i : i + 100]]
             store.commit(lambda _, files=files: (files, []))
-        asked = [type(log)(url=url, size=log.size, mark=log.mark) for url, _ in every]
+        asked = [type(log)(url=url, name=url, version=log.version) for url, _ in every]
         began_s, began = time.monotonic(), processor_s()
         assert add_logs(where, asked).known == n_logs
         print(

@@ -20,7 +20,7 @@ from dirprim_filter.recording.container import remote_file, source
 from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.reader import read_track_logs
 from dirprim_filter.recording.scan import scan
-from dirprim_filter.store.adding import add_logs, failures
+from dirprim_filter.store.adding import add_logs
 from dirprim_filter.store.logs import find_logs
 from situations import ring_traffic
 
@@ -153,7 +153,7 @@ def test_a_connection_that_breaks_is_said_in_one_line_and_the_next_read_goes_on(
         monkeypatch.setattr(Counting, "most_bytes", 1 << 12)
         with pytest.raises(RecordingError, match="no answer; try again"):
             list(log)
-        (line,) = failures(add_logs(tmp_path / "store", find_logs([URL])))
+        (line,) = add_logs(tmp_path / "store", find_logs([URL])).failures
         assert line.startswith("counting://log.mcap: ")
         assert "no answer" in line
         monkeypatch.setattr(Counting, "most_bytes", 1 << 30)

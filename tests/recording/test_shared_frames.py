@@ -10,7 +10,6 @@ from dirprim_filter.cli.main import run
 from dirprim_filter.recording.errors import MissingTransformError
 from dirprim_filter.recording.reader import read_track_logs, read_tracks, stream_detections
 from dirprim_filter.store import add_logs, find_logs
-from dirprim_filter.store.adding import failures
 
 N = 20
 SPEED = 12.0
@@ -76,7 +75,7 @@ def test_a_store_reads_each_split_with_the_transforms_of_its_recording(tmp_path)
     log(tmp_path / "other.mcap", *parked(frame="lidar"), *moving())
     added = add_logs(tmp_path / "store", find_logs([str(tmp_path / "*.mcap")]))
     assert [receipt.n_rows > 0 for receipt in added.receipts] == [True, True, False, False]
-    _, line = failures(added)
+    _, line = added.failures
     assert "other.mcap: expected a transform from frame 'lidar' to frame 'map'" in line
 
 

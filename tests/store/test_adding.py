@@ -13,7 +13,6 @@ from streets import logs_of, store_of, street
 from dirprim_filter import Tracks, read_tracks
 from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.store import Store, add_logs, find_logs
-from dirprim_filter.store.adding import failures
 from dirprim_filter.store.config import StoreConfig
 from dirprim_filter.store.delta import shown
 from dirprim_filter.store.forgetting import forget, merge
@@ -60,11 +59,11 @@ def test_logs_that_do_not_fit_are_named_and_stop_no_other(tmp_path):
     assert not Store.is_at(tmp_path / "none")
     added = add_logs(tmp_path / "store", find_logs([str(tmp_path / "*.mcap")]))
     assert list(added.store.contents().entries) == [path["b"], path["d"]]
-    no_log, too_far = failures(added)
+    no_log, too_far = added.failures
     assert "a.mcap" in no_log
     assert "far.mcap: position, speed: expected at most 2e+07 m from the origin" in too_far
     odom = Store.create(tmp_path / "odom", StoreConfig(), "odom")
-    (line,) = failures(add_logs(odom.path, find_logs([path["b"]])))
+    (line,) = add_logs(odom.path, find_logs([path["b"]])).failures
     assert "b.mcap: expected positions in frame 'odom' as in the rest of the store, got 'map'" in line
     by_publish = StoreConfig(time_source="publish")
     published = add_logs(tmp_path / "published", find_logs([path["b"]]), config=by_publish).store
