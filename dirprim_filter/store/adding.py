@@ -107,9 +107,9 @@ def add_logs(
     fresh: list[Receipt] = []
     last_s = time.monotonic()
     for receipt in _receipts(path, store, config, tasks, workers or Workers()):
-        if receipt.files and store is None:
-            store = Store.create(path, config, receipt.frame)
-        fresh.append(_in_frame(receipt, store))
+        if receipt.files:
+            store = store or Store.create(path, config, receipt.frame)
+        fresh.append(_in_frame(receipt, store) if receipt.files and store else receipt)
         receipts.append(fresh[-1])
         if store is not None and (time.monotonic() - last_s > EVERY_S):
             commit(store, fresh)
@@ -136,10 +136,8 @@ def commit(store: Store, receipts: list[Receipt]) -> None:
     store.commit(change)
 
 
-def _in_frame(receipt: Receipt, store: Store | None) -> Receipt:
+def _in_frame(receipt: Receipt, store: Store) -> Receipt:
     """The receipt; an error where the rest of the store is in another frame."""
-    if not receipt.files or store is None:
-        return receipt
     try:
         store.check_frame(receipt.log.name, receipt.frame)
     except ValueError as error:

@@ -50,8 +50,8 @@ def places_of(position: FloatArray) -> IntArray:
     return np.floor(position / BLOCK_M + 0.5).astype(np.int64)
 
 
-def blocks_near(position: FloatArray) -> Iterator[tuple[Block, BoolArray, BoolArray]]:
-    """The blocks that positions are in or around, in order, and (n,) which are in each, and which in its halo."""
+def blocks_near(position: FloatArray) -> Iterator[tuple[Block, bool, BoolArray]]:
+    """The blocks that positions are in or around, in order: (n,) which are in each, then which are in its halo."""
     own, low, high = places_of(position), places_of(position - HALO_M), places_of(position + HALO_M)
     corners = [low, high, np.column_stack([low[:, 0], high[:, 1]]), np.column_stack([high[:, 0], low[:, 1]])]
     near = np.concatenate([own, *corners])
@@ -59,4 +59,5 @@ def blocks_near(position: FloatArray) -> Iterator[tuple[Block, BoolArray, BoolAr
         east = (number + NORTHS // 2) // NORTHS
         block = Block(east, number - east * NORTHS)
         inside = (own == block).all(axis=1)
-        yield block, inside, ((low <= block) & (high >= block)).all(axis=1) & ~inside
+        around = ((low <= block) & (high >= block)).all(axis=1) & ~inside
+        yield from ((block, halo, some) for halo, some in ((False, inside), (True, around)) if some.any())

@@ -109,8 +109,8 @@ def _motion(
     placed = {name: column[order] for name, column in placed.items()}
     z = order.size
     numbers = np.split(np.argsort(order), np.cumsum([chosen.size for chosen in kept])[:-1])
-    count = [csr_array((free.count, free.following + z, np.concatenate([np.zeros(z, np.int64), free.first])),
-                       shape=(z + len(free), z + len(free)))]  # fmt: skip
+    first = np.concatenate([np.zeros(z, np.int64), free.first])
+    total = csr_array((free.count, free.following + z, first), shape=(z + len(free), z + len(free)))
     for m, chosen, known in zip(maps, kept, numbers, strict=True):
         target = _targets(m, placed, cells, n_own)
         target[chosen] = known
@@ -119,8 +119,7 @@ def _motion(
         of[chosen] = known
         there = (of[source] >= 0) & (target[m.motion.following] >= 0)
         pair = of[source[there]], target[m.motion.following[there]]
-        count.append(csr_array((m.motion.count[there], pair), shape=count[0].shape))
-    total = csr_array(sum(count[1:], count[0]))
+        total = total + csr_array((m.motion.count[there], pair), shape=total.shape)
     total.sum_duplicates()
     total.sort_indices()
     joint: dict[str, Any] = {name: np.concatenate([column, getattr(free, name)]) for name, column in placed.items()}

@@ -11,6 +11,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, replace
 from functools import cache, partial
+from itertools import groupby
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -173,9 +174,8 @@ def _learned(store: Store, contents: Contents, recipe: Recipe, workers: Workers,
             f"{store}: expected places that {recipe.min_vehicles} vehicles passed the same way, got none; add logs, or "
             "ask for fewer vehicles or other hours"
         )
-    entries = contents.recordings()
-    digest = hashlib.sha256(json.dumps([[entry.recording, *sorted(f.digest for f in entry.files)] for entry in entries])
-                            .encode()).hexdigest()  # fmt: skip
+    holds = [[entry.recording, *sorted(file.digest for file in entry.files)] for entry in contents.recordings()]
+    digest = hashlib.sha256(json.dumps(holds).encode()).hexdigest()
     return Learned(
         replace(joined(maps), origin=store.origin), len(blocks), sum(each.fitted for each in done),
         len(contents.entries), sum(n_rows.values()), digest,
@@ -227,10 +227,7 @@ def fitted(task: Task, *, store: Store, calls: dict[str, Any]) -> Done:
 
 def _recordings(store: Store, files: tuple[File, ...], hours: Hours | None, damaged: list[str]) -> Iterator[Recording]:
     """The rows of each recording, inside and around a block; one that is damaged is left out, and named."""
-    by_name: defaultdict[str, list[File]] = defaultdict(list)
-    for file in files:
-        by_name[file.recording].append(file)
-    for name, own in by_name.items():
+    for name, own in groupby(files, key=lambda file: file.recording):
         try:
             rows = StoredRows.together([store.read(file) for file in own])
         except DamagedFileError as error:

@@ -76,13 +76,8 @@ def _local(pattern: str) -> list[FoundLog]:
     paths = [pattern] if Path(pattern).exists() else glob.glob(pattern, recursive=True)  # noqa: PTH207 (Path has no absolute patterns)
     if not paths and not glob.has_magic(pattern):
         raise FileNotFoundError(errno.ENOENT, "No such file", pattern)
-    logs = []
-    for path in map(Path, paths):
-        if path.is_file():
-            stat = path.stat()
-            name = name_of(str(path))
-            logs.append(FoundLog(url=name, name=name, version=f"{stat.st_size} {stat.st_mtime_ns}"))
-    return logs
+    found = ((name_of(path), Path(path).stat()) for path in paths if Path(path).is_file())
+    return [FoundLog(url=name, name=name, version=f"{stat.st_size} {stat.st_mtime_ns}") for name, stat in found]
 
 
 def _remote(pattern: str) -> list[FoundLog]:

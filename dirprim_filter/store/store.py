@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Self
 from uuid import uuid4
@@ -189,7 +190,7 @@ class Store(Folder):
             there = self.listed("rows")
             known = set(pa.table(self._table().get_add_actions())["path"].to_pylist())
             since_ns = time.time_ns() - ORPHANS_NS
-            old = (each.path for each in there if each.mtime_ns is not None and each.mtime_ns < since_ns)
+            old = (each.path for each in there if (each.mtime_ns or since_ns) < since_ns)
             self.delete(path for path in old if path not in known)
 
     def write(
@@ -210,20 +211,17 @@ class Store(Folder):
             RecordingError: they cannot be written.
         """
         recording, added, files = recording or rows.digest, f"{time.time_ns():020d}-{uuid4().hex}", []
-        near = blocks_near(rows.position) if len(rows) else [(Block(0, 0), np.ones(0, np.bool_), np.ones(0, np.bool_))]
-        for block, inside, around in near:
-            for halo, chosen in ((False, inside), (True, around)):
-                if halo if not len(rows) else not chosen.any():
-                    continue
-                some = rows.some(chosen)
-                data = some.to_parquet()
-                path = f"rows/{uuid4().hex}-{hashlib.sha256(data).hexdigest()}.parquet"
-                self.put(path, data)
-                times = some.t_ms if len(some) else np.array(span)
-                files.append(File(
-                    path, len(data), log, mark, recording, added, status, block, halo, len(some),
-                    int(some.track.max(initial=-1)), int(times.min()), int(times.max()),
-                ))  # fmt: skip
+        near = blocks_near(rows.position) if len(rows) else [(Block(0, 0), False, np.ones(0, np.bool_))]
+        for block, halo, chosen in near:
+            some = rows.some(chosen)
+            data = some.to_parquet()
+            path = f"rows/{uuid4().hex}-{hashlib.sha256(data).hexdigest()}.parquet"
+            self.put(path, data)
+            times = some.t_ms if len(some) else np.array(span)
+            files.append(File(
+                path, len(data), log, mark, recording, added, status, block, halo, len(some),
+                int(some.track.max(initial=-1)), int(times.min()), int(times.max()),
+            ))  # fmt: skip
         return files
 
     def read(self, file: File) -> StoredRows:
@@ -250,13 +248,10 @@ class Store(Folder):
 
     def _committed(self, table: Any, added: list[File], removed: list[File]) -> bool:
         """Whether nothing else was, that contradicts it."""
-        from deltalake.exceptions import CommitFailedError  # noqa: PLC0415 (an extra)
-        from deltalake.transaction import RemoveAction  # noqa: PLC0415
-
         now = time.time_ns() // 1_000_000
-        actions: list[Any] = [added_action(file, now) for file in added]
-        actions += [RemoveAction(path=file.path, data_change=True, deletion_timestamp=now) for file in removed]
-        with asking(self.path) as delta, suppress(CommitFailedError):
+        with asking(self.path) as delta, suppress(delta.exceptions.CommitFailedError):
+            remove = partial(delta.transaction.RemoveAction, data_change=True, deletion_timestamp=now)
+            actions = [*(added_action(file, now) for file in added), *(remove(path=file.path) for file in removed)]
             table.create_write_transaction(actions, "append", delta.Schema.from_arrow(COLUMNS), list(PARTITIONS))
             return True
         return False
