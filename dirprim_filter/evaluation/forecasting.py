@@ -104,16 +104,12 @@ def by_trajectory_memory(
 def by_constant_velocity(
     train: Tracks, horizons_s: tuple[float, ...], _rng: np.random.Generator
 ) -> dict[str, Forecaster]:
-    """On as now, with errors as large as the training vehicles'."""
-    return {"constant velocity": Forecaster(straight_on_as(Cases.of(train, horizons_s=horizons_s), horizons_s))}
-
-
-def straight_on_as(known: Cases, horizons_s: tuple[float, ...]) -> SampleRollouts:
-    """On as now, with Gaussian errors along the course and across it as large as those of known cases at each horizon.
+    """On as now, with Gaussian errors along the course and across it as large as training vehicles' at each horizon.
 
     Fitted to each horizon by itself, not to the changes from one row to the next: those are smooth, and white
     acceleration fitted to them falls short at once.
     """
+    known = Cases.of(train, horizons_s=horizons_s)
     error = _turned(known.later - _straight_on(known, horizons_s), -known.direction)
     seen = np.maximum(np.isfinite(error).sum(axis=0), 1)
     std = np.sqrt(np.nansum(error**2, axis=0) / seen)  # (n_horizons, 2)
@@ -122,7 +118,7 @@ def straight_on_as(known: Cases, horizons_s: tuple[float, ...]) -> SampleRollout
         drawn = std * rng.standard_normal((cases.speed.size, n_samples, *std.shape))
         return np.asarray(_straight_on(cases, horizons_s)[:, None] + _turned(drawn, cases.direction))
 
-    return sample
+    return {"constant velocity": Forecaster(sample)}
 
 
 def _straight_on(cases: Cases, horizons_s: Sequence[float]) -> FloatArray:

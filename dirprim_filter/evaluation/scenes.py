@@ -32,19 +32,16 @@ LEAST_SIDE_M = 1.0
 
 def gaps(tracks: Tracks, *, gap_s: float, rng: np.random.Generator) -> BoolArray:
     """(n,) rows in which a vehicle is out of sight: once each, for `gap_s`, away from the ends of its track."""
-    hidden = np.zeros(len(tracks), np.bool_)
     if gap_s <= 0:
-        return hidden
-    vehicle = tracks.vehicle
-    _, first = np.unique(vehicle, return_index=True)
+        return np.zeros(len(tracks), np.bool_)
+    vehicle, first = tracks.vehicle, tracks.first_rows
     where = rng.random(first.size)  # drawn for all, so that no vehicle's gap depends on another's length
     last_ns = np.full(first.size, NO_TIME)
     np.maximum.at(last_ns, vehicle, tracks.time_ns)
     since_s = (tracks.time_ns - tracks.time_ns[first][vehicle]) * 1e-9
     room_s = (last_ns - tracks.time_ns[first]) * 1e-9 - gap_s - 2.0 * MARGIN_S
     start_s = (MARGIN_S + where * room_s)[vehicle]
-    hidden[:] = (room_s[vehicle] >= 0) & (since_s > start_s) & (since_s <= start_s + gap_s)
-    return hidden
+    return np.asarray((room_s[vehicle] >= 0) & (since_s > start_s) & (since_s <= start_s + gap_s))
 
 
 def honest_tracking(tracks: Tracks, experiment: TrackingExperiment) -> TrackingConfig:

@@ -76,8 +76,7 @@ def thinned(tracks: Tracks, *, interval_s: float) -> Tracks:
     if not interval_s > 0:
         raise ValueError(f"interval_s: expected a positive time in seconds, got {interval_s}")
     vehicle = tracks.vehicle
-    _, first = np.unique(vehicle, return_index=True)  # rows are in order of time
-    interval = (tracks.time_ns - tracks.time_ns[first][vehicle]) // max(round(interval_s * 1e9), 1)
+    interval = (tracks.time_ns - tracks.time_ns[tracks.first_rows][vehicle]) // max(round(interval_s * 1e9), 1)
     _, kept = np.unique(np.column_stack([vehicle, interval]), axis=0, return_index=True)
     return tracks[np.sort(kept)]
 

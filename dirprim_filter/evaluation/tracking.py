@@ -26,6 +26,7 @@ from dirprim_filter.evaluation.splits import held_out, honest_split, steps
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
 from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
 from dirprim_filter.evaluation.tracking_report import TrackingReport
+from dirprim_filter.evaluation.without_map import MOST_FITTED
 from dirprim_filter.filtering import ConstantVelocityKalman
 from dirprim_filter.filtering.particle_filter import bayes_filter_of
 from dirprim_filter.primitives.learning import learn_primitives
@@ -38,8 +39,6 @@ SMOOTHED_SUFFIX = " smoothed"
 """Ends the name of what a method's smoother wrote."""
 SAID = {"prior": "the map", "place-free": "the same filter without the map"}
 """What sentences call methods."""
-MOST_FITTED = 20
-"""Training vehicles that the Kalman filter is fitted to, drawn at random."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -228,7 +227,10 @@ class TrackingComparison(NamedTuple):
         ]
         if parts:
             return f"{of_both}: error {', '.join(parts)}"
-        return f"{of_both}: HOTA {_difference(self.hota)}" if self.hota is not None else ""
+        if self.hota is None:
+            return ""
+        value, low, high, _ = self.hota
+        return f"{of_both}: HOTA {value:+.3f} ({low:+.3f} to {high:+.3f}){_chance(self.hota)}"
 
 
 def comparisons(table: TrackingTable) -> list[TrackingComparison]:
@@ -243,25 +245,21 @@ def comparisons(table: TrackingTable) -> list[TrackingComparison]:
 def compared(table: TrackingTable, first: str, other: str) -> TrackingComparison:
     """Two methods of a table, over all its seeds."""
     a, b = (next(of for of in table.methods if of.name == name) for name in (first, other))
-    errors = list(zip(a.errors, b.errors, strict=True)) if table.experiment.with_ids else []
-    return TrackingComparison(
-        first=first, other=other, in_sight=_nearer(errors, is_hidden=False), in_gaps=_nearer(errors, is_hidden=True),
-        hota=None if table.experiment.with_ids else _hota(table, a, b),
-    )  # fmt: skip
+    if not table.experiment.with_ids:
+        hota = paired(_hota_clusters(table), _hotas(a), _hotas(b), difference_of_means)
+        return TrackingComparison(first, other, in_sight=None, in_gaps=None, hota=hota)
+    in_sight, in_gaps = (_nearer(a, b, is_hidden=is_hidden) for is_hidden in (False, True))
+    return TrackingComparison(first, other, in_sight, in_gaps, hota=None)
 
 
-def _nearer(seeds: Sequence[tuple[RowErrors, RowErrors]], *, is_hidden: bool) -> Interval | None:
-    rows = [a.is_hidden == is_hidden for a, _ in seeds]
-    columns = [(a.cluster[of], a.squared[of], b.squared[of]) for (a, b), of in zip(seeds, rows, strict=True)]
-    cluster, first, other = (
-        (np.concatenate(column) for column in zip(*columns, strict=True)) if seeds else [np.empty(0)] * 3
-    )
-    found = paired(cluster, first, other, reduction_of_rmse)
+def _nearer(first: MethodResult, other: MethodResult, *, is_hidden: bool) -> Interval | None:
+    columns = [
+        (a.cluster[rows], a.squared[rows], b.squared[rows])
+        for a, b in zip(first.errors, other.errors, strict=True) for rows in [a.is_hidden == is_hidden]
+    ]  # fmt: skip
+    cluster, own, others = (np.concatenate(column) for column in zip(*columns, strict=True))
+    found = paired(cluster, own, others, reduction_of_rmse)
     return found if found.n_clusters else None
-
-
-def _hota(table: TrackingTable, a: MethodResult, b: MethodResult) -> Interval:
-    return paired(_hota_clusters(table), _hotas(a), _hotas(b), difference_of_means)
 
 
 def hota_of(table: TrackingTable, method: MethodResult) -> Interval:
@@ -289,10 +287,6 @@ def _percent(found: Interval) -> str:
     sign, word = (1.0, "smaller") if found.value >= 0 else (-1.0, "larger")
     low, high = sorted((sign * found.low, sign * found.high))
     return f"{sign * found.value:.0%} {word} ({low:.0%} to {high:.0%}){_chance(found)}"
-
-
-def _difference(found: Interval) -> str:
-    return f"{found.value:+.3f} ({found.low:+.3f} to {found.high:+.3f}){_chance(found)}"
 
 
 def _chance(found: Interval) -> str:

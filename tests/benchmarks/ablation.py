@@ -52,7 +52,12 @@ class Mechanism:
     filter: Mapping[str, Any] = field(default_factory=dict)
     tracking: Mapping[str, Any] = field(default_factory=dict)
     learning: Mapping[str, Any] = field(default_factory=dict)
-    strip: Callable[[Any], None] | None = None
+    strip: Callable[[Any], None] = lambda _: None
+
+    def stripped(self, bayes: Any) -> Any:
+        """A filter without it."""
+        self.strip(bayes)
+        return bayes
 
 
 def without_births(bayes: Any) -> None:
@@ -72,8 +77,6 @@ def without_draws(bayes: Any) -> None:
 
 UNNAMED = ("dense intersection", "dense highway", "autoferry")
 LEARNED = ("roundabout", "intersection", "Lankershim")
-WITHOUT_TAILS = LearningConfig(broad_share=0.0)
-ONE_MODE = LearningConfig(max_modes=1)
 MECHANISMS: dict[str, Mechanism] = {
     "innovation outliers": Mechanism(filter={"innovation_outlier_rate": 0.0}),
     "draws given measurements": Mechanism(strip=without_draws),
@@ -86,9 +89,9 @@ MECHANISMS: dict[str, Mechanism] = {
     "departures": Mechanism(scenes=UNNAMED, tracking={"departure_rate": 0.0}),
     "curved primitives": Mechanism(learning={"primitive": "flat"}),
     "joint cells (even ones instead)": Mechanism(learning={"tessellation": "voronoi"}),
-    "several modes of a cell": Mechanism(learning={"config": ONE_MODE}),
+    "several modes of a cell": Mechanism(learning={"config": LearningConfig(max_modes=1)}),
     "modes by BIC (by DBSCAN instead)": Mechanism(learning={"modes": "dbscan"}),
-    "tails of modes": Mechanism(learning={"config": WITHOUT_TAILS}),
+    "tails of modes": Mechanism(learning={"config": LearningConfig(broad_share=0.0)}),
 }  # fmt: skip
 STATISTICS = {
     "in sight": reduction_of_rmse, "in gaps": reduction_of_rmse, "energy at 1 s": reduction_of_mean,

@@ -8,7 +8,10 @@ from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import autoferry_scenarios as ferry
+import mcity_drives as mcity
 import numpy as np
+from paired_errors import RowErrors, true_rows
 
 from dirprim_filter.arrays import AnyArray, FloatArray
 from dirprim_filter.config import FilterConfig, from_table
@@ -24,6 +27,7 @@ from dirprim_filter.filtering.particle_filter import bayes_filter_of
 from dirprim_filter.primitives.learning import learn_primitives
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording.tables import read_named
+from dirprim_filter.simulation.traffic import simulate
 from dirprim_filter.tracks import Tracks
 
 DATA = Path(__file__).parents[2] / "../shared/data"
@@ -94,7 +98,7 @@ class Simulated:
         scenes = [scene._replace(tracking=replace(scene.tracking, **off.tracking)) for scene in self.scenes]
 
         def make() -> Any:
-            return stripped(bayes_filter_of(learned, experiment.filter, None), off)
+            return off.stripped(bayes_filter_of(learned, experiment.filter, None))
 
         tracked = followed(scenes, make, experiment, seed=self.seed).filtered
         return errors_of(tracked, with_ids=experiment.with_ids, experiment=experiment)
@@ -114,13 +118,6 @@ class Simulated:
             **{f"energy at {h:g} s": Figure(names, energy[:, i]) for i, h in enumerate(HORIZONS_S)},
             "density": Figure(whose, log_p),
         }
-
-
-def stripped(bayes: Any, off: Any) -> Any:
-    """A filter without a mechanism."""
-    if off.strip is not None:
-        off.strip(bayes)
-    return bayes
 
 
 def errors_of(scenes: list[TrackedScene], *, with_ids: bool, experiment: TrackingExperiment) -> Outcome:
@@ -158,8 +155,8 @@ def town(name: str) -> Callable[[int], Simulated]:
 
 def at_once(tracks: Tracks) -> Tracks:
     """The same vehicles, each from time 0 on."""
-    _, first = np.unique(tracks.vehicle, return_index=True)
-    return Tracks.concatenate([replace(tracks, time_ns=tracks.time_ns - tracks.time_ns[first][tracks.vehicle])])
+    first_ns = tracks.time_ns[tracks.first_rows]
+    return Tracks.concatenate([replace(tracks, time_ns=tracks.time_ns - first_ns[tracks.vehicle])])
 
 
 def lankershim(seed: int) -> Simulated:
@@ -178,8 +175,6 @@ DENSE = from_table(
 @cache
 def dense_map(name: str, demand: float) -> PrimitiveMap:
     """Of five minutes of other traffic there."""
-    from dirprim_filter.simulation.traffic import simulate
-
     other = simulate(name, duration_s=300.0, seed=1, rate_hz=5.0, demand=demand)
     return learn_primitives(other, rng=np.random.default_rng(0))
 
@@ -188,8 +183,6 @@ def dense(name: str, demand: float) -> Callable[[int], Simulated]:
     """Dense traffic, without ids, other traffic for each seed."""
 
     def make(seed: int) -> Simulated:
-        from dirprim_filter.simulation.traffic import simulate
-
         traffic = simulate(name, duration_s=20.0, seed=2 + seed, rate_hz=10.0, demand=demand)
         return Simulated(traffic, traffic, traffic, traffic, DENSE, seed, dense_map(name, demand))
 
@@ -205,14 +198,12 @@ class Drives:
 
     def tracked(self, _: None, off: Any) -> Outcome:
         """Errors of the true positions that have an estimate."""
-        import mcity_drives as mcity
-
         parts = []
         for drive in mcity.with_truth():
             sensor = mcity.calibrated(drive)
             config, tracking = mcity.configured(sensor)
             config = replace(config, **off.filter)
-            model = stripped(bayes_filter_of(mcity.fair_map(drive, self.seed), config, sensor), off)
+            model = off.stripped(bayes_filter_of(mcity.fair_map(drive, self.seed), config, sensor))
             tracker = Tracker(
                 model, config=config, sensor=sensor,
                 tracking=replace(tracking, **off.tracking), rng=np.random.default_rng(self.seed),
@@ -231,15 +222,13 @@ class Harbour:
 
     def tracked(self, _: None, off: Any) -> Outcome:
         """HOTA of each scenario, and errors of the true positions that have an estimate."""
-        import autoferry_scenarios as ferry
-
         parts, hotas = [], []
         for number in ferry.SCENARIOS:
-            scenario = ferry.Scenario.of(number, ferry.SENSORS["both"])
+            scenario = ferry.Scenario.of(number, ("radar", "lidar"))
             scenario = scenario._replace(
                 config=replace(scenario.config, **off.filter), tracking=replace(scenario.tracking, **off.tracking)
             )
-            model = stripped(bayes_filter_of(ferry.learned(number, self.seed), scenario.config, None), off)
+            model = off.stripped(bayes_filter_of(ferry.learned(number, self.seed), scenario.config, None))
             found = ferry.nearby(scenario.tracked(model, self.seed), number)
             hotas.append(ferry.hota_of(found, number, scenario.instants))
             parts.append(_of_keys(found, ferry.true(number), scenario.instants, ferry.SIMILARITY_M, number))
@@ -249,10 +238,7 @@ class Harbour:
 
 def _of_keys(found: Any, truth: Tracks, time_ns: AnyArray, gate_m: float, cluster: int) -> Figure:
     """Errors of every true position at some instants, NaN where no estimate is near."""
-    from paired_errors import RowErrors as Near
-    from paired_errors import true_rows
-
-    keys, near = true_rows(truth, time_ns)[1], Near.of(found, truth, gate_m=gate_m)
+    keys, near = true_rows(truth, time_ns)[1], RowErrors.of(found, truth, gate_m=gate_m)
     squared = np.full(keys.size, np.nan)
     _, at, of = np.intersect1d(keys, near.key, return_indices=True)
     squared[at] = near.squared[of]

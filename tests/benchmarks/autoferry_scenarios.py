@@ -7,6 +7,7 @@ learned from their true tracks. Detections have no ids.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -27,7 +28,6 @@ from dirprim_filter.filtering import BayesFilter, Tracker
 
 DATA = Path(__file__).parents[2] / "../shared/data/autoferry"
 SCENARIOS = (2, 3, 4, 5, 6)
-SENSORS: dict[str, tuple[str, ...]] = {"radar": ("radar",), "lidar": ("lidar",), "both": ("radar", "lidar")}
 GATE_M = 15.0
 """From a boat to its detection."""
 SIMILARITY_M = 20.0
@@ -115,13 +115,9 @@ class Scenario(NamedTuple):
         covariance = np.concatenate(
             [np.tile(s**2 * np.eye(2), (len(part), 1, 1)) for part, s in zip(seen, spread, strict=True)]
         )
-        both = Detections.concatenate(seen)
         boats = float(np.mean([of.boat_density for of in known]))
         return cls(
-            seen=Detections(
-                track_id=both.track_id, time_ns=both.time_ns, position=both.position, covariance=covariance,
-                group=both.group,
-            ),
+            seen=replace(Detections.concatenate(seen), covariance=covariance),
             instants=np.unique(np.concatenate(frames)),
             config=FilterConfig(noise_m=max(spread), max_gap_s=MAX_GAP_S),
             tracking=TrackingConfig(
@@ -134,10 +130,9 @@ class Scenario(NamedTuple):
         """All estimates, at frames in which nothing was seen as well."""
         tracker = Tracker(model, config=self.config, tracking=self.tracking, rng=np.random.default_rng(seed))
         frames = {int(frame.time_ns[0]): frame for frame in self.seen.frames()}
-        kept = []
-        for time_ns in self.instants.tolist():
-            kept.append(tracker.step(frames.get(time_ns, Detections.none()), time_ns=time_ns))
-        return Estimates.concatenate(kept)
+        return Estimates.concatenate([
+            tracker.step(frames.get(time_ns, Detections.none()), time_ns=time_ns) for time_ns in self.instants.tolist()
+        ])  # fmt: skip
 
 
 def nearby(estimates: Estimates, scenario: int) -> Estimates:

@@ -85,9 +85,6 @@ class Reported:
         return Tracked(rows, seconds)
 
 
-# --- Ours ----------------------------------------------------------------------------------------------
-
-
 def ours(fold: Fold, learned: PrimitiveMap) -> dict[str, Peer]:
     """Our tracker on the map, on that without its places, and on a Kalman filter of constant velocity.
 
@@ -124,9 +121,6 @@ def _followed(
     if sensor is not None and isinstance(model, ConstantVelocityKalman):
         found = without_own_bias(found, sensor)
     return Tracked(TrackedRows.of(found), time.process_time() - since)
-
-
-# --- motpy and norfair ---------------------------------------------------------------------------------
 
 
 def motpy(fold: Fold) -> dict[str, Peer]:

@@ -31,10 +31,8 @@ from dirprim_filter.recording import save_map
 from dirprim_filter.recording.scan import scan
 from situations import ring_traffic
 
-RUNS = 15
 
-
-def least_ms(*works: Callable[[], object], runs: int = RUNS) -> list[float]:
+def least_ms(*works: Callable[[], object], runs: int) -> list[float]:
     """The least milliseconds of each, taking turns, after a run that compiles."""
     found = [np.inf] * len(works)
     for i in range(runs + 1):
@@ -61,7 +59,7 @@ def step(n: int = 100_000, n_vehicles: int = 100, seconds: float = 60.0) -> None
         ours.weigh(slot, measured)
         ours.resample(slot)
 
-    print(f"whole step {least_ms(whole)[0]:.2f} ms")
+    print(f"whole step {least_ms(whole, runs=15)[0]:.2f} ms")
     traffic = ring_traffic(np.random.default_rng(1), n_vehicles=n_vehicles, n_rows=round(10 * seconds))
     with tempfile.TemporaryDirectory() as folder:
         log, of, out = (str(Path(folder) / name) for name in ("log.mcap", "map.mcap", "out.mcap"))

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -102,14 +103,13 @@ def self_calibrate(detections: Detections, *, rng: np.random.Generator) -> SelfC
     pieces = pieces_of(named, n_most=MOST_PIECES, rng=rng)
     n = pieces.length.size
     errors = [_likeliest_error(pieces, position) for position in (pieces.along, pieces.across)] if n else []
+    found = partial(SelfCalibration, n_pieces=n, n_detections=int(pieces.length.sum()))
     if any(of[SHARE] > np.log(1.0 / LEAST_WHITE - 1.0) for of in errors):
-        return SelfCalibration(
-            sensor=SMOOTH, n_pieces=n, n_detections=int(pieces.length.sum()),
-            unknown=(
-                "all errors: these detections are as smooth as ways are, as a filter leaves them; bias and latency are "
-                "taken to be of usual sizes, and are in every covariance",
-            ),
-        )  # fmt: skip
+        unknown = (
+            "all errors: these detections are as smooth as ways are, as a filter leaves them; bias and latency are "
+            "taken to be of usual sizes, and are in every covariance"
+        )
+        return found(sensor=SMOOTH, unknown=(unknown,))
     if n < FEWEST_PIECES:
         raise ValueError(
             f"expected at least {FEWEST_PIECES} pieces of track of moving vehicles, got {n}: state the noise, or "
@@ -117,9 +117,8 @@ def self_calibrate(detections: Detections, *, rng: np.random.Generator) -> SelfC
         )
     along, across = errors
     too_long = [name for name, at in (("along", along), ("across", across)) if _lasts_too_long(at)]
-    return SelfCalibration(
+    return found(
         sensor=Sensor(along=_axis(along), across=_axis(across)),
-        n_pieces=n, n_detections=int(pieces.length.sum()),
         unknown=(
             "latency_s, along.bias_m, across.bias_m: detections that are all late or off look as if vehicles were "
             "there, and no covariance of an estimate contains that",

@@ -11,12 +11,11 @@ from typing import NamedTuple
 import numpy as np
 
 from dirprim_filter.arrays import FloatArray, IntArray
-from dirprim_filter.evaluation.metrics.comparison import Comparison, Pairs
+from dirprim_filter.evaluation.metrics.comparison import EPSILON, Comparison, Pairs
 from dirprim_filter.filtering.association import best_pairs
 
 MATCH_FROM = 0.5
 """Similarity from which a vehicle and an estimate may be matched."""
-EPSILON = float(np.finfo(np.float64).eps)
 UNMATCHED = -1
 
 

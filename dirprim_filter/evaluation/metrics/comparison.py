@@ -17,6 +17,9 @@ from dirprim_filter.tracks import Tracks
 SIMILARITY_M = 5.0
 """Metres: similarity is max(0, 1 - distance / SIMILARITY_M), and GOSPA's cut-off. Of cars; others say theirs."""
 
+EPSILON = float(np.finfo(np.float64).eps)
+"""By which a similarity may be below a threshold that it reaches."""
+
 
 class Pairs(NamedTuple):
     """Rows of the truth and rows of the estimates of the same instant.

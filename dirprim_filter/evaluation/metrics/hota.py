@@ -10,12 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dirprim_filter.evaluation.metrics.comparison import Comparison
+from dirprim_filter.evaluation.metrics.comparison import EPSILON, Comparison
 from dirprim_filter.filtering.association import best_pairs
 
 THRESHOLDS = np.arange(0.05, 0.99, 0.05)
 """Similarities from which a pair is a match; every score is the mean over them."""
-EPSILON = float(np.finfo(np.float64).eps)
 LEAST = 1e-10
 """In place of 0 over 0: where nothing matches, what matches is well localised."""
 
