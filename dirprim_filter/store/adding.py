@@ -28,7 +28,6 @@ SPLIT = re.compile(r"_\d+(?=\.[\w.]+$)")
 EVERY_S = 1.0
 """A commit: what was read since is read again if this process is killed."""
 
-
 Task = tuple[FoundLog, Sequence[str]]
 """A log, and by their URLs those whose transforms serve it."""
 
@@ -93,10 +92,10 @@ def add_logs(
         RecordingError: the store cannot be read or written; what is done counts.
     """
     store = Store.open(path) if Store.is_at(path) else None
-    if store is not None and config is not None:
-        store.check_config(config)
     if store is None:
         Folder(address_of(path)).require_room()
+    elif config is not None:
+        store.check_config(config)
     config = store.config if store is not None else config or StoreConfig()
     _ = config.reading  # that logs can be read so is asked before anything is made
     known = store.contents().entries if store is not None else {}
@@ -111,7 +110,7 @@ def add_logs(
             store = store or Store.create(path, config, receipt.frame)
         fresh.append(_in_frame(receipt, store) if receipt.files and store else receipt)
         receipts.append(fresh[-1])
-        if store is not None and (time.monotonic() - last_s > EVERY_S):
+        if store is not None and time.monotonic() - last_s > EVERY_S:
             commit(store, fresh)
             fresh, last_s = [], time.monotonic()
         if progress is not None:
@@ -156,9 +155,8 @@ def _receipts(
         if receipt.files:
             there = replace(there, frame=receipt.frame)
             break
-    yield from workers.each(
-        partial(_written, store=there), rest, [f"add-{log.name}-{log.version}-{time.time_ns()}" for log, _ in rest]
-    )
+    keys = [f"add-{log.name}-{log.version}-{time.time_ns()}" for log, _ in rest]
+    yield from workers.each(partial(_written, store=there), rest, keys)
 
 
 def _splits(logs: Sequence[FoundLog]) -> dict[str, list[str]]:

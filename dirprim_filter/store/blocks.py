@@ -40,10 +40,6 @@ class Block(NamedTuple):
         east, north = text.split("_")
         return cls(int(east), int(north))
 
-    def holds(self, position: FloatArray) -> BoolArray:
-        """(n,) which of (n, 2) positions it has, metres."""
-        return np.asarray((places_of(position) == self).all(axis=1), np.bool_)
-
 
 def places_of(position: FloatArray) -> IntArray:
     """(n, 2) the block of each position. (n, 2) metres."""

@@ -16,7 +16,7 @@ from dirprim_filter.arrays import AnyArray, IntArray
 from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.primitives.motion import FLOATS, Motion
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.store.blocks import Block
+from dirprim_filter.store.blocks import Block, places_of
 from tessellation import GridTessellation, Tessellation, VoronoiTessellation
 
 COURSE, LOG_PACE = 0.2, 0.25
@@ -32,7 +32,7 @@ def joined(parts: dict[Block, PrimitiveMap]) -> PrimitiveMap:
     if len(parts) == 1:
         return next(iter(parts.values()))
     maps = list(parts.values())
-    own = [np.flatnonzero(block.holds(m.tessellation.centers)) for block, m in parts.items()]
+    own = [np.flatnonzero((places_of(m.tessellation.centers) == block).all(axis=1)) for block, m in parts.items()]
     cells, order = _tessellation(maps, own)
     of_most = maps[int(np.argmax([m.n_rows[-1] for m in maps]))]
     n_own, n_free = (max(getattr(m, name) for m in maps) for name in ("n_own_modes", "n_background_modes"))
@@ -58,9 +58,8 @@ def _tessellation(maps: list[PrimitiveMap], own: list[IntArray]) -> tuple[Tessel
         grid = GridTessellation.covering(centers, cell_size=grids[0].cell_size)
         return grid, np.argsort(grid.cell_of(centers), kind="stable")
     regions = [m.tessellation.region for m in maps if isinstance(m.tessellation, VoronoiTessellation)]
-    region = GridTessellation.covering(
-        np.concatenate([region.centers for region in regions]), cell_size=regions[0].cell_size
-    )
+    extent = np.concatenate([region.centers for region in regions])
+    region = GridTessellation.covering(extent, cell_size=regions[0].cell_size)
     return VoronoiTessellation(generators=centers, region=region), np.arange(len(centers))
 
 

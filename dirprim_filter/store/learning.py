@@ -76,7 +76,7 @@ class Task(NamedTuple):
     """A block to learn."""
 
     block: Block
-    files: tuple[File, ...]  # of one recording after the other
+    files: list[File]  # of one recording after the other
     recipe: Recipe
 
     @property
@@ -183,7 +183,7 @@ def _learned(store: Store, contents: Contents, recipe: Recipe, workers: Workers,
     )  # fmt: skip
 
 
-def _recipe_of(recipe: Recipe, files: tuple[File, ...], share: float) -> Recipe:
+def _recipe_of(recipe: Recipe, files: list[File], share: float) -> Recipe:
     """Of a block that has such a share of all rows."""
     n_cells, ageing = recipe.options.get("n_cells"), recipe.ageing
     if ageing is not None:
@@ -192,13 +192,13 @@ def _recipe_of(recipe: Recipe, files: tuple[File, ...], share: float) -> Recipe:
     return recipe._replace(options=options, ageing=ageing)
 
 
-def files_of_blocks(contents: Contents) -> dict[Block, tuple[File, ...]]:
+def files_of_blocks(contents: Contents) -> dict[Block, list[File]]:
     """Of each block, one recording after the other."""
     found: defaultdict[Block, list[File]] = defaultdict(list)
     for entry in contents.recordings():
         for file in entry.files:
             found[file.block].append(file)
-    return {block: tuple(files) for block, files in found.items()}
+    return found
 
 
 def fitted(task: Task, *, store: Store, calls: dict[str, Any]) -> Done:
@@ -225,7 +225,7 @@ def fitted(task: Task, *, store: Store, calls: dict[str, Any]) -> Done:
     return Done(task.block, data, True, damaged)
 
 
-def _recordings(store: Store, files: tuple[File, ...], hours: Hours | None, damaged: list[str]) -> Iterator[Recording]:
+def _recordings(store: Store, files: list[File], hours: Hours | None, damaged: list[str]) -> Iterator[Recording]:
     """The rows of each recording, inside and around a block; one that is damaged is left out, and named."""
     for name, own in groupby(files, key=lambda file: file.recording):
         try:

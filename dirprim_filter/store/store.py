@@ -190,8 +190,8 @@ class Store(Folder):
             there = self.listed("rows")
             known = set(pa.table(self._table().get_add_actions())["path"].to_pylist())
             since_ns = time.time_ns() - ORPHANS_NS
-            old = (each.path for each in there if (each.mtime_ns or since_ns) < since_ns)
-            self.delete(path for path in old if path not in known)
+            old = {each.path for each in there if (each.mtime_ns or since_ns) < since_ns}
+            self.delete(old - known)
 
     def write(
         self, rows: StoredRows, *, log: str, mark: str, status: str, recording: str | None = None,
