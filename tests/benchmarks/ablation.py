@@ -134,7 +134,8 @@ def without(name: str, seeds: list[dict[str, Outcome]], figure: str) -> dict[str
             columns.append((named, own.value, other.value))
     if not columns:
         return None
-    change = paired(*(np.concatenate(column) for column in zip(*columns, strict=True)), STATISTICS[figure])
+    cluster, first, second = (np.concatenate(column) for column in zip(*columns, strict=True))
+    change = paired(cluster, first, second, STATISTICS[figure])
     if not change.n_clusters:
         return None
     return {"value": -change.value, "low": -change.high, "high": -change.low, "n_clusters": change.n_clusters}

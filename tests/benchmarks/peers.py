@@ -154,10 +154,8 @@ def figures(ran: Sequence[Ran], first: Sequence[Ran]) -> Row:
         "switches": float(np.sum([report.switches for report in reports])),
     } | {
         name: float(np.mean([getattr(report, of) for report in reports]))
-        for name, of in (
-            ("rmse", "rmse"), ("seen_rmse", "seen_rmse"), ("hidden_rmse", "hidden_rmse"), ("nees", "seen_nees"),
-            ("hidden_nees", "hidden_nees"), ("reported", "reported"),
-        )
+        for of in ("rmse", "seen_rmse", "hidden_rmse", "seen_nees", "hidden_nees", "reported")
+        for name in ["nees" if of == "seen_nees" else of]
     }  # fmt: skip
 
 
