@@ -479,7 +479,7 @@ PACKAGES_BESIDE = (
     ("ours, constant velocity", "constant velocity", "boats and boxes of video"),
     ("[Stone Soup](https://stonesoup.rtfd.io) GNN", "Stone Soup GNN", "many sensors and algorithms to choose from"),
     ("[norfair](https://github.com/tryolabs/norfair)", "norfair",
-     "boxes in video; a tracker in ten lines; five times as fast"),
-    ("[motpy](https://github.com/wmuron/motpy)", "motpy", "boxes in video; four times as fast"),
+     "a tracker in ten lines; five times as fast"),
+    ("[motpy](https://github.com/wmuron/motpy)", "motpy", "four times as fast"),
 )  # fmt: skip
 """Its rows: what a tracker is called there, its name in the tables, and what it is better at."""
