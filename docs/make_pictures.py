@@ -114,7 +114,7 @@ def draw_gaps(primitives: PrimitiveMap, tracks: Tracks, n_shown: int, path: Path
             ("filter", "smoother"),
             strict=True,
         ):
-            found = tracked.estimates
+            found = tracked.rows
             own = (found.track_id == truth.track_id[rows][0]) & (found.time_ns >= from_ns) & (found.time_ns <= to_ns)
             of = found[own]
             axes.plot(*of.position.T, color=color, linewidth=width, label=name)
