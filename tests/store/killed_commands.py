@@ -58,7 +58,7 @@ def _run(folder, command, step, after_s):
                 os.kill(os.getpid(), signal.SIGKILL)
             elif seen == step:
                 sys.setprofile(None)
-                signal.setitimer(signal.ITIMER_PROF, after_s)  # SIGPROF, which nobody handles, ends it as SIGKILL does
+                signal.setitimer(signal.ITIMER_PROF, after_s)  # SIGPROF, which nothing handles, ends it as SIGKILL does
 
     sys.setprofile(watch if step else None)
     code = run(command.split())

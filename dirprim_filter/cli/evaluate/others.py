@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 DETECTIONS, INSTANTS, ESTIMATES, SEED = "{detections}", "{instants}", "{estimates}", "{seed}"
 """What stands in a command for its files, and in either for the seed of the run."""
 BEGINS = {b"\x89MCAP": ".mcap", b"PAR1": ".parquet"}
-"""Of files that are no .csv, whatever the command was told to call them."""
+"""Of files that are no .csv, whatever name the command was given for them."""
 LAST_BYTES = 4096
 """Of what a command reports, where its last line is."""
 

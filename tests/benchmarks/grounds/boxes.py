@@ -116,12 +116,12 @@ class Scene(NamedTuple):
 
 
 def _alike(
-    one: IntArray, other: IntArray, likeness: Callable[[IntArray, IntArray], FloatArray], *, least: float
+    one: IntArray, other: IntArray, similarity: Callable[[IntArray, IntArray], FloatArray], *, least: float
 ) -> Iterator[tuple[IntArray, IntArray]]:
     """Of each frame the rows that belong together, each to one at most, as alike as this at least."""
     for frame in np.intersect1d(one, other):
         mine, own = np.flatnonzero(one == frame), np.flatnonzero(other == frame)
-        alike = np.maximum(likeness(mine, own), least)
+        alike = np.maximum(similarity(mine, own), least)
         a, b = linear_sum_assignment(-alike)
         near = alike[a, b] > least
         yield mine[a[near]], own[b[near]]
