@@ -24,7 +24,9 @@ from dirprim_filter.sensor import AxisError, Sensor
 from dirprim_filter.track_ids import qualified_names
 
 EVEN = 0.01
-"""Change of velocity between rows, as a share of the usual one of all rows, below which a track runs on by itself."""
+"""Change of velocity between rows, as a share of the usual one of all rows, below which it is none."""
+MOST_ALONE = 0.1
+"""Of changes of velocity, the share that vanishes along one axis alone: by noise 2 % do, of rounded positions many."""
 CORRELATED_SHARE, CORRELATION_S = 0.8, 0.5
 """Of a tracker's error, and seconds: a Kalman filter's, of cars at 10 Hz."""
 
@@ -32,20 +34,28 @@ CORRELATED_SHARE, CORRELATION_S = 0.8, 0.5
 def is_measured(rows: Detections) -> BoolArray:
     """(n,) whether a tracker measured its vehicle, or coasted: moved it on at an even velocity, to the last digit.
 
+    Vehicles that stand, that drive evenly in a log without noise, or whose positions were rounded move evenly too. So
+    rows count as coasted only of vehicles in motion, in a log whose changes of velocity are noise, each as different
+    from the one before as they are large, and hardly ever vanish along one axis alone.
+
     Args:
         rows: of named vehicles, in any order.
     """
     order = np.lexsort((rows.time_ns, rows.track_id, rows.group))
-    place, time_s = rows.position[order], rows.time_ns[order] * 1e-9
-    names = np.unique(rows.track_id, return_inverse=True)[1][order]
-    velocity = np.diff(place, axis=0) / np.maximum(np.diff(time_s), 1e-9)[:, None]
-    change = np.hypot(*np.diff(velocity, axis=0).T)
-    same = (names[2:] == names[:-2]) & (rows.group[order][2:] == rows.group[order][:-2])
-    even = same & (change < EVEN * np.median(change[same])) if same.any() else same
-    coasted = np.zeros(len(rows), np.bool_)
-    coasted[order[2:]] |= even
-    coasted[order[1:-1]] |= even  # it is the first that shows no change of its own
-    return ~coasted
+    vehicle = np.unique(qualified_names(rows.track_id, rows.group), return_inverse=True)[1][order]
+    dt_s = np.maximum(np.diff(rows.time_ns[order]) * 1e-9, 1e-9)
+    velocity = np.diff(rows.position[order], axis=0) / dt_s[:, None]
+    moves = (vehicle[2:] == vehicle[:-2]) & velocity[1:].any(axis=1)
+    change, measured = np.diff(velocity, axis=0), np.ones(len(rows), np.bool_)
+    usual = np.median(np.hypot(*change[moves].T)) if moves.any() else 0.0
+    is_even = np.abs(change) < EVEN * usual
+    even, alone = moves & is_even.all(axis=1), moves & (is_even[:, 0] != is_even[:, 1])
+    uneven = moves & ~even
+    apart = np.hypot(*np.diff(change, axis=0)[uneven[1:] & uneven[:-1]].T)
+    if alone.sum() <= MOST_ALONE * uneven.sum() and apart.size and np.median(apart) > usual:
+        measured[order[2:][even]] = False
+        measured[order[1:-1][even]] = False  # it is the first that shows no change of its own
+    return measured
 
 
 def refine(

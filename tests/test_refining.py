@@ -58,6 +58,22 @@ def test_rows_in_which_a_tracker_coasts_are_told_from_measured_ones_in_any_order
     np.testing.assert_array_equal(is_measured(rows[shuffled]), measured[shuffled])
     standing = replace(rows, position=np.random.default_rng(1).normal(0.0, 0.1, (len(rows), 2)))
     assert is_measured(standing).mean() > 0.98  # it stands, but it is measured
+    late = replace(rows, time_ns=rows.time_ns + 1_700_000_000 * 10**9)  # of these seconds float64 keeps 0.2 us
+    np.testing.assert_array_equal(is_measured(late), measured)
+
+
+def test_who_stands_exactly_still_drives_exactly_evenly_or_is_rounded_is_measured():
+    tracks = ring_traffic(np.random.default_rng(1), n_vehicles=4, n_rows=60)
+    rows, _ = other_tracker(tracks, seed=0)
+    assert is_measured(replace(rows, position=rows.position.round(1))).all()
+    is_first = tracks.track_id == tracks.track_id[0]
+    place = tracks.position + np.random.default_rng(2).normal(0.0, 0.3, tracks.position.shape)
+    place[is_first] = place[is_first][0]
+    exact = Detections(track_id=tracks.track_id, time_ns=tracks.time_ns, position=place)
+    assert is_measured(exact).all()
+    later_s = np.maximum(tracks.time_ns * 1e-9 - 3.0, 0.0)
+    straight = np.column_stack([tracks.time_ns * 1e-8, later_s**2])
+    assert is_measured(replace(exact, position=straight)).all()
 
 
 def test_the_map_makes_another_trackers_errors_smaller_and_fills_what_it_did_not_see(ring_map):
