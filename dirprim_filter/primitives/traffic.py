@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, eye_array
+from scipy.sparse.linalg import splu
 from scipy.special import gammaincinv
 
 from dirprim_filter.arrays import FloatArray, IntArray
@@ -15,6 +16,8 @@ from tessellation import Tessellation
 
 STEP_S = 0.1
 """Seconds, the longest step; visits that were shorter count as long: then no step empties a manoeuvre twice."""
+PAUSE_S, N_LONG_STEPS = 100.0, 100
+"""What lasts longer takes so many implicit steps instead, which may be of any length."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,6 +70,12 @@ class Traffic:
 
     def later(self, share: FloatArray, dt_s: float) -> FloatArray:
         """(z,) -> (z,) vehicles in each manoeuvre after `dt_s`, those that began their trip since included."""
+        if dt_s > PAUSE_S:
+            step_s = dt_s / N_LONG_STEPS
+            implicit = splu(eye_array(share.size, format="csc") - step_s * self.flow.tocsc())
+            for _ in range(N_LONG_STEPS):
+                share = implicit.solve(share + step_s * self.begins)
+            return np.maximum(share, 0.0)
         n_steps = int(np.ceil(dt_s / STEP_S))
         for _ in range(n_steps):
             share = share + dt_s / n_steps * (self.begins + self.flow @ share)

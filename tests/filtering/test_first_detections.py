@@ -1,5 +1,7 @@
 """Where first detections are expected: against the chain's exact solution, counted vehicles, and what was made."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -76,6 +78,29 @@ def test_who_is_not_detected_passes_on_by_the_chains_exact_solution_and_is_thinn
         undetected.advance(0.2, 5.0)
     assert share[0] > 5.0 * share[-1]  # the first cell is where trajectories begin
     assert expected_at(undetected, centers + 1e3) == pytest.approx(config.birth_density)
+
+
+class Counted(csr_array):
+    """A matrix that knows how often it was multiplied."""
+
+    times = 0
+
+    def __matmul__(self, other):
+        Counted.times += 1
+        return super().__matmul__(other)
+
+
+def test_a_pause_of_many_minutes_costs_no_thousands_of_steps():
+    slow = road()
+    slow = replace(slow, flow=Counted(slow.flow / 100.0), begins=slow.begins / 100.0)  # who stays 200 s in each square
+    generator = np.block([[slow.flow.toarray(), slow.begins[:, None]], [np.zeros((1, 5))]])
+    empty = np.zeros(4)
+    for dt_s in (30.0, 99.0, 101.0, 600.0, 3600.0):  # buses send their place each ten minutes
+        exact = (expm(generator * dt_s) @ np.append(empty, 1.0))[:4]
+        np.testing.assert_allclose(slow.later(empty, dt_s), exact, atol=0.01 * slow.present[0])
+    Counted.times = 0
+    slow.later(empty, 3600.0)
+    assert Counted.times <= 1000
 
 
 def expected_at(undetected, places):
