@@ -1,5 +1,14 @@
 """Learn from MCAP logs how vehicles move at each place, and track vehicles with what was learned.
 
+In the order of use; `help(dirprim_filter.NAME)` says more, docs/guides shows each at work:
+
+    read_tracks, write_tracks          the vehicles of logs and tables, as Tracks
+    learn_primitives, LearningConfig   how they move at each place, as a PrimitiveMap
+    save_map, load_map                 the map as a file
+    forecast                           where a vehicle may go next
+    Detections, Tracker, FilterConfig  what a sensor reports, tracked frame by frame
+    read_estimates                     what `dirprim track` wrote, as Estimates
+
 Names are looked up when they are first used: importing the package costs nothing, so the command line answers at once.
 """
 
@@ -23,22 +32,36 @@ if TYPE_CHECKING:
     from dirprim_filter.recording import write_tracks as write_tracks
     from dirprim_filter.tracks import Tracks as Tracks
 
+    __version__: str
+
 _HOME = {
-    "Detections": "detections",
-    "Estimates": "estimates",
-    "FilterConfig": "config",
+    "read_tracks": "recording",
+    "Tracks": "tracks",
+    "write_tracks": "recording",
+    "learn_primitives": "primitives.learning",
     "LearningConfig": "config",
     "PrimitiveMap": "primitives.primitive_map",
-    "Tracker": "filtering",
-    "Tracks": "tracks",
-    "forecast": "forecasting",
-    "learn_primitives": "primitives.learning",
-    "load_map": "recording",
-    "read_estimates": "recording",
-    "read_tracks": "recording",
     "save_map": "recording",
-    "write_tracks": "recording",
+    "load_map": "recording",
+    "forecast": "forecasting",
+    "Detections": "detections",
+    "Tracker": "filtering",
+    "FilterConfig": "config",
+    "read_estimates": "recording",
+    "Estimates": "estimates",
 }
 
 __all__ = list(_HOME)
-__getattr__ = _late(__name__, _HOME)
+_find = _late(__name__, _HOME)
+
+
+def __getattr__(name: str) -> object:
+    if name == "__version__":
+        from importlib.metadata import version  # noqa: PLC0415 - of those who ask
+
+        return version("dirprim-filter")
+    return _find(name)
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__version__"]

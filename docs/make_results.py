@@ -67,7 +67,7 @@ def call(command: str, folder: Path, *, minutes: float) -> str:
         RuntimeError: it failed, or took too long.
     """
     program, *arguments = shlex.split(command)
-    ours = ["-m", "dirprim_filter.cli"] if program == "dirprim" else []
+    ours = ["-m", "dirprim_filter"] if program == "dirprim" else []
     if program == "python":
         arguments[0] = str(ROOT / arguments[0])
     try:

@@ -1,25 +1,38 @@
-"""How kernels are compiled: once per installation, and without unused wrappers."""
+"""How kernels are compiled: once per installation, which is logged, and without unused wrappers."""
 
-import os
-from contextlib import suppress
-from pathlib import Path
+import logging
+from multiprocessing import parent_process
 from typing import Any
 
+from numba.core import event
 
-def has_a_place() -> bool:
-    """Whether what is compiled can be kept: numba refuses to compile where it cannot, as for users without a home."""
-    if os.access(Path(__file__).parent, os.W_OK):
-        return True
-    from numba.misc.appdirs import AppDirs  # noqa: PLC0415 - of installations that others own
+from tessellation._cache import has_a_place
 
-    own: str = AppDirs(appname="numba", appauthor=False).user_cache_dir  # type: ignore[no-untyped-call]
-    for folder in (os.environ.get("NUMBA_CACHE_DIR") or own, own):
-        with suppress(OSError):
-            Path(folder).mkdir(parents=True, exist_ok=True)
-            if os.access(folder, os.W_OK | os.X_OK):
-                return True
-    return False
+logger = logging.getLogger(__name__)
 
+UNNOTICED_S = 1.0
+"""Seconds of compiling without a message; a run that finds most kernels in the cache has compiled the rest by then."""
+NOTICE = (
+    "compiling, which takes up to a minute: once per installation, the next run starts at once; "
+    "`dirprim doctor --compile` does it beforehand"
+)
+
+
+class Notice(event.TimingListener):
+    """Adds up what compiling takes, a kernel that compiles those it calls once; and says it, once."""
+
+    has_said = False
+
+    def on_end(self, event: event.Event) -> None:
+        """Of a kernel."""
+        super().on_end(event)  # type: ignore[no-untyped-call]
+        if self.done and self.duration > UNNOTICED_S and not self.has_said and parent_process() is None:
+            self.has_said = True
+            logger.warning(NOTICE)
+
+
+LISTENER = Notice()  # type: ignore[no-untyped-call]
+event.register("numba:compile", LISTENER)  # type: ignore[no-untyped-call]
 
 COMPILED: dict[str, Any] = {"cache": has_a_place(), "no_cfunc_wrapper": True, "fastmath": False}
 """Options of numba's `njit`. The wrapper for C callbacks would take a tenth of the time that compiling takes.

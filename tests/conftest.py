@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dirprim_filter import learn_primitives, read_tracks, write_tracks
-from dirprim_filter.cli.compiling import warm_up
+from dirprim_filter.cli.compiling import quiet_unless_watched, warm_up
 from dirprim_filter.detections import Detections
 from dirprim_filter.recording.reader import stream_detections
 from situations import ring_traffic
@@ -18,6 +18,7 @@ SECONDS = {"learn": 40.0, "track": 15.0}
 
 def pytest_sessionstart(session):
     """Where kernels are not compiled yet, two workers compile different ones first, not both the same."""
+    quiet_unless_watched()
     worker = getattr(session.config, "workerinput", {}).get("workerid", "")
     if any((ROOT / "dirprim_filter" / "filtering" / "__pycache__").glob("*.nbi")):
         return

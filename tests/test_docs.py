@@ -46,7 +46,7 @@ def test_every_block_of_a_page_runs(page, beside_recordings, monkeypatch, capsys
         if language == "python":
             exec(compile(body, page.name, "exec"), names)  # noqa: S102 (our own text)
         elif language == "sh":
-            for line in body.splitlines():
+            for line in body.replace("\\\n", " ").splitlines():
                 follow(line)
         else:
             assert file, f"{page.name}: a block of {language} that is no file"

@@ -7,6 +7,7 @@ of its files are which.
 from __future__ import annotations
 
 import inspect
+import logging
 import os
 import re
 import sys
@@ -14,12 +15,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext, redirect_stdout, suppress
 from functools import wraps
 from pathlib import Path
-from typing import Any, TypeVar, get_type_hints
+from typing import Annotated, Any, TypeVar, get_type_hints
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from dirprim_filter.cli.compiling import compiling_notice, mend_cache
+from dirprim_filter.cli.compiling import mend_cache, quiet_unless_watched
 from dirprim_filter.cli.options import WRITTEN
 from dirprim_filter.cli.reading import OPTIONS
 from dirprim_filter.partial_file import PartialFile
@@ -27,9 +28,33 @@ from dirprim_filter.partial_file import PartialFile
 Result = TypeVar("Result")
 
 
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Say more on stderr; show where errors come from.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Only errors on stderr.")]
+
+
+def say_more_or_less(verbose: bool, quiet: bool) -> None:
+    """What is logged, as asked for."""
+    if verbose or quiet:
+        logging.getLogger().setLevel(logging.INFO if verbose else logging.ERROR)
+
+
 def register(app: typer.Typer, command: Callable[..., Any]) -> None:
-    """Add a command, whose outputs are checked before its work."""
-    app.command(cls=_Grouped)(checked(command))
+    """Add a command, whose outputs are checked before its work, and which takes the options of verbosity too."""
+    work = checked(command)
+
+    @wraps(command)
+    def run(*, verbose: bool, quiet: bool, **given: Any) -> Any:
+        say_more_or_less(verbose, quiet)
+        return work(**given)
+
+    hints = get_type_hints(command, include_extras=True) | {"verbose": Verbose, "quiet": Quiet}
+    own, named = inspect.signature(command).parameters.values(), inspect.Parameter.KEYWORD_ONLY
+    run.__signature__ = inspect.Signature([  # type: ignore[attr-defined]
+        *(parameter.replace(annotation=hints[parameter.name]) for parameter in own),
+        *(inspect.Parameter(name, named, default=False, annotation=hints[name]) for name in ("verbose", "quiet")),
+    ])  # fmt: skip
+    run.__annotations__ = hints
+    app.command(cls=_Grouped)(run)
 
 
 class _Grouped(TyperCommand):
@@ -80,9 +105,10 @@ def checked(command: Callable[..., Result]) -> Callable[..., Result]:
                 known, got = ", ".join(ends), path.suffix or "no suffix"
                 raise ValueError(f"{path}: expected a name that ends in {known}, got {got}")
         mend_cache()
+        quiet_unless_watched()
         from dirprim_filter.recording.container.source import copied_once  # not for `--help`
 
-        with compiling_notice(), copied_once(), _beside(list(written.values())):
+        with copied_once(), _beside(list(written.values())):
             return command(*positional, **given)
 
     return check

@@ -1,44 +1,17 @@
-"""Compiled kernels: the line that says that they are compiled, which takes long; their cache; filling it."""
+"""Compiled kernels: whether it is said that they are compiled, which takes long; their cache; filling it."""
 
 from __future__ import annotations
 
+import logging
 import os
 import pickle
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from numba.core.event import Event
-
-UNNOTICED_S = 1.0
-"""Seconds of compiling without a message; a run that finds most kernels in the cache has compiled the rest by then."""
-NOTICE = "compiling, which takes up to a minute: once per installation, the next run starts at once\n"
 
 
-@contextmanager
-def compiling_notice() -> Iterator[None]:
-    """Within, a line on stderr says once that kernels are compiled, on a terminal only."""
-    if not sys.stderr.isatty():
-        yield
-        return
-    from numba.core.event import TimingListener, install_listener
-
-    class Clock(TimingListener):
-        """Adds up what compiling takes; a kernel that compiles those it calls is counted once."""
-
-        has_said = False
-
-        def on_end(self, event: Event) -> None:
-            super().on_end(event)  # type: ignore[no-untyped-call]
-            if self.done and self.duration > UNNOTICED_S and not self.has_said:
-                self.has_said = True
-                sys.stderr.write(NOTICE)
-
-    with install_listener("numba:compile", Clock()):  # type: ignore[no-untyped-call]
-        yield
+def quiet_unless_watched() -> None:
+    """That kernels are compiled is said on a terminal only."""
+    logging.getLogger("tessellation._compiling").setLevel(logging.NOTSET if sys.stderr.isatty() else logging.ERROR)
 
 
 def mend_cache() -> None:
@@ -46,7 +19,7 @@ def mend_cache() -> None:
 
     Where there is no place for a cache that is said too.
     """
-    from tessellation._compiling import COMPILED
+    from tessellation._cache import has_a_place
 
     broken = [path for folder in cache_folders() for path in folder.rglob("*.nb[ic]") if not _is_pickled(path)]
     for path in broken:
@@ -55,7 +28,7 @@ def mend_cache() -> None:
         sys.stderr.write(
             f"warning: {len(broken)} of the compiled kernels' files were damaged and are removed; compiling anew\n"
         )
-    if not COMPILED["cache"]:
+    if not has_a_place():
         sys.stderr.write("warning: every run compiles, up to a minute: set NUMBA_CACHE_DIR to a folder of yours\n")
 
 

@@ -76,7 +76,7 @@ def _table(path: Path, reading: Reading, *, as_json: bool) -> int:
     from dirprim_filter.recording.tables.as_log import read_table, summary_of
 
     table = read_table(path, reading.options())
-    summary, faults = summary_of(table), table.losses.faults
+    summary, faults = summary_of(table), table.losses.remarks
     faults += [f"left out {table.losses}"] if table.losses.dropped else []
     if as_json:
         columns_of = {"columns": list(table.used), "unused": list(table.unused)}

@@ -15,7 +15,7 @@ from itertools import chain
 import typer
 
 from dirprim_filter.cli import exit_codes
-from dirprim_filter.cli.commands import register, titled
+from dirprim_filter.cli.commands import Quiet, Verbose, register, say_more_or_less, titled
 from dirprim_filter.cli.texts import Shown, hold_standard_streams
 
 COMMANDS = {
@@ -63,14 +63,14 @@ def _print_version(wanted: bool) -> None:
 
 @app.callback()
 def _every_command(
-    verbose: bool = typer.Option(False, "--verbose", "-v", help="Say more on stderr; show where errors come from."),
-    quiet: bool = typer.Option(False, "--quiet", "-q", help="Only errors on stderr."),
+    verbose: Verbose = False,
+    quiet: Quiet = False,
     version: bool = typer.Option(
         False, "--version", is_eager=True, callback=_print_version, help="Print the version and exit."
     ),
 ) -> None:
-    level = logging.INFO if verbose else logging.ERROR if quiet else logging.WARNING
-    logging.basicConfig(level=level, stream=sys.stderr, force=True)
+    logging.basicConfig(level=logging.WARNING, stream=sys.stderr, force=True)
+    say_more_or_less(verbose, quiet)
     for handler in logging.getLogger().handlers:
         handler.setFormatter(_Shown("%(levelname)s: %(message)s"))
 

@@ -34,6 +34,9 @@ from dirprim_filter.recording.transforms.geodesy import check_kind, needing_pypr
 from dirprim_filter.track_ids import as_texts
 from dirprim_filter.tracks import Tracks
 
+EXACT_NS = 1 << 52
+"""Up to here, 52 days, the float nearest to a time is nearer to it than to any other."""
+
 
 def write_estimates(estimates: Estimates | Assignments, path: str | Path, *, force: bool = False) -> None:
     """Write estimates, or what detections were assigned to, as a table, in the format of the path's suffix.
@@ -58,7 +61,7 @@ def write_estimates(estimates: Estimates | Assignments, path: str | Path, *, for
             if name in ("track_id", "assigned"):
                 texts = as_texts(getattr(estimates, name)).tolist()
                 table = table.set_column(i, name, pa.array(map(_guarded, texts), pa.string()))
-        table = table.set_column(0, "time_s", _decimal_seconds(estimates.time_ns))
+        table = table.set_column(0, "time_s", _exact_seconds(estimates.time_ns))
     with PartialFile(path, force=force) as file:
         buffered = BufferedWriter(file)
         if form == ".parquet":
@@ -82,8 +85,11 @@ def check_table_format(path: str | Path) -> str:
     return suffix
 
 
-def _decimal_seconds(time_ns: IntArray) -> Any:
-    """Arrow's decimals are whole numbers of 16 bytes, here of nanoseconds."""
+def _exact_seconds(time_ns: IntArray) -> Any:
+    """Floats as long as each nanosecond has its own, for of decimals Arrow writes 0 as 0E-9."""
+    if np.abs(time_ns).max(initial=0) < EXACT_NS:
+        return pa.array(time_ns / 1e9)
+    # Arrow's decimals are whole numbers of 16 bytes, here of nanoseconds.
     words = np.column_stack([time_ns, time_ns >> 63]).astype("<i8")
     return pa.Array.from_buffers(pa.decimal128(28, 9), time_ns.size, [None, pa.py_buffer(words.tobytes())])
 

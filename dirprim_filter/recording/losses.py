@@ -84,6 +84,11 @@ class Losses:
         why = "; ".join(f"{n} x {reason}" for reason, n in self.why.most_common(3))
         return (", ".join(counts) or "nothing") + (f" ({why})" if why else "")
 
+    @property
+    def remarks(self) -> list[str]:
+        """A line for each fault and each note."""
+        return [*self.faults, *(f"{n} {what}" for what, n in self.notes.items())]
+
     def log(self, path: Path | str) -> None:
         """A warning for what of a file could not be read, for what was left out, for each fault and each note."""
         if self.damage:
@@ -91,5 +96,5 @@ class Losses:
             logger.warning("%s: damaged, the rest is read: %s%s", path, self.damage[0], more)
         if self.dropped:
             logger.warning("%s: left out %s", path, self)
-        for line in (*self.faults, *(f"{n} {what}" for what, n in self.notes.items())):
+        for line in self.remarks:
             logger.warning("%s: %s", path, line)

@@ -44,13 +44,14 @@ def matching(text: str, *, of: str) -> Callable[[str], bool]:
     return lambda name: name == text or pattern.fullmatch(name) is not None
 
 
-def named_values(text: str, known: Collection[str], *, of: str) -> dict[str, str]:
+def named_values(text: str, known: Collection[str], *, of: str, emptied: bool = False) -> dict[str, str]:
     """Of `name=value,name=value,...` the values by name.
 
     Args:
         text: what the user wrote.
         known: the names that there are, each once at most.
         of: what has them; stands in the error.
+        emptied: `name=` is taken too, of any name.
 
     Raises:
         ValueError: names the part that is none.
@@ -58,7 +59,8 @@ def named_values(text: str, known: Collection[str], *, of: str) -> dict[str, str
     values: dict[str, str] = {}
     for part in text.split(","):
         name, _, value = (word.strip() for word in part.partition("="))
-        if name not in known or not value or name in values:
+        is_fine = (name in known and value) or (emptied and name and not value and "=" in part)
+        if not is_fine or name in values:
             raise ValueError(f"{of}: expected NAME=VALUE, each of {', '.join(known)} once, got {part!r}")
         values[name] = value
     return values

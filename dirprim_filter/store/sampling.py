@@ -65,8 +65,8 @@ class Hours(NamedTuple):
             ValueError: it is no part of a day, or there is no such zone.
         """
         first, _, last = text.partition("-")
-        if not (first.isdecimal() and last.isdecimal() and max(int(first), int(last)) <= 24):
-            raise ValueError(f"--hours: expected full hours such as 7-10 or 22-5, got {text!r}")
+        if not (first.isdecimal() and last.isdecimal() and int(first) < 24 >= int(last) != int(first)):
+            raise ValueError(f"--hours: expected full hours such as 7-10 or 22-5, or 0-24 for all, got {text!r}")
         try:
             ZoneInfo(zone)
         except (ValueError, OSError, KeyError) as error:  # ZoneInfoNotFoundError is a KeyError

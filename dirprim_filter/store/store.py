@@ -137,7 +137,9 @@ class Store(Folder):
             ours, theirs = getattr(self.config, field.name), getattr(config, field.name)
             same = field.name == "origin" and theirs and Origin.parse(theirs).is_of(self.origin)
             if ours != theirs and not same:
-                raise ValueError(f"{self}: expected {field.name} {ours}, as its logs are read, got {theirs}")
+                expected, got = (f"no {field.name}" if of is None else f"{field.name}={of}" for of in (ours, theirs))
+                way = "leave it out, or use another store" if ours is None else "read it so, or use another store"
+                raise ValueError(f"{self}: expected {expected}, as its logs were read, got {got}; {way}")
 
     def check_frame(self, log: str, frame: str) -> None:
         """Whether a log's positions are in the frame of the others.

@@ -65,7 +65,7 @@ def step(n: int = 100_000, n_vehicles: int = 100, seconds: float = 60.0) -> None
         log, of, out = (str(Path(folder) / name) for name in ("log.mcap", "map.mcap", "out.mcap"))
         write_tracks(traffic, log, detections=Detections.of(traffic))
         save_map(learned, of)
-        command = [sys.executable, "-m", "dirprim_filter.cli", "track", log, "--map", of, "-o", out, "--force"]
+        command = [sys.executable, "-m", "dirprim_filter", "track", log, "--map", of, "-o", out, "--force"]
         taken = []
         for _ in range(3):
             began = time.perf_counter()

@@ -1,6 +1,7 @@
 """The command line: results on stdout, one line for an error, exit codes that say how it ended."""
 
 import json
+import logging
 import re
 import subprocess
 import sys
@@ -11,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import dirprim_filter
 from cli.commands import DONE, GRID, dirprim
 from dirprim_filter import load_map, read_estimates, read_tracks, save_map, write_tracks
 from dirprim_filter.cli.main import COMMANDS
@@ -22,7 +24,7 @@ GROUPS = {
 }
 NAMES = [name for commands in COMMANDS.values() for name in commands]
 LEAVES = [*(name for name in NAMES if name not in GROUPS), *(f"{g} {name}" for g, of in GROUPS.items() for name in of)]
-MOST_OPTIONS = {"track": 24, "evaluate tracking": 22, "learn": 16}
+MOST_OPTIONS, OF_ALL = {"track": 24, "evaluate tracking": 22, "learn": 16}, {"--verbose", "--quiet", "--help"}
 
 
 @pytest.mark.parametrize("command", LEAVES)
@@ -33,13 +35,27 @@ def test_the_help_of_a_command_has_a_first_screen_and_an_example(command, capsys
     head, _, options = said.partition("\nOptions:")
     assert f"Example: dirprim {command} " in " ".join(head.split()) or command == "doctor"
     listed = re.findall(r"^  (?:-\w, )?(--[a-z-]+)", options, flags=re.MULTILINE)
-    assert len(listed) - 1 <= MOST_OPTIONS.get(command, 22)  # --help is one
+    assert {*listed} >= OF_ALL
+    assert len({*listed} - OF_ALL) <= MOST_OPTIONS.get(command, 22)
     assert max(map(len, said.splitlines())) <= 80
 
 
 def test_the_version(capsys):
     assert dirprim("--version") == DONE
     assert capsys.readouterr().out == f"dirprim {version('dirprim-filter')}\n"
+    assert dirprim_filter.__version__ == version("dirprim-filter")
+
+
+@pytest.mark.parametrize("before", [True, False], ids=["before", "behind"])
+def test_options_of_verbosity_stand_before_a_command_or_behind_it(before, here, capsys):
+    Path("late.csv").write_text("time_s,track_id,x_m,y_m\n1,a,0,0\n0,a,1,0\n")
+    command = "{1} {0} late.csv -o o.mcap --force" if before else "{0} late.csv -o o.mcap --force {1}"
+    said = []
+    for option in ("-q", "", "--verbose"):
+        assert dirprim(command.format("convert", option)) == DONE
+        said.append(logging.getLogger().level)
+        assert ("sorted" in capsys.readouterr().err) == (option != "-q")
+    assert said == [logging.ERROR, logging.WARNING, logging.INFO]
 
 
 @pytest.mark.parametrize("group", ["", *GROUPS])
@@ -134,7 +150,7 @@ def test_a_bug_keeps_its_traceback(monkeypatch, here):
 
 
 def test_a_closed_pipe_is_no_error(here):
-    command = f"{sys.executable} -m dirprim_filter.cli info log.mcap map.mcap | head -n 1"
+    command = f"{sys.executable} -m dirprim_filter info log.mcap map.mcap | head -n 1"
     result = subprocess.run(["bash", "-o", "pipefail", "-c", command], capture_output=True, text=True, check=False)
     assert result.stderr == ""
     assert result.stdout.startswith("log.mcap")

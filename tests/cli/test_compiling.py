@@ -1,4 +1,4 @@
-"""The line about compiling: once, on a terminal, only where something is compiled for long; and the kernels' cache."""
+"""The line about compiling: once, only where something is compiled for long; and the kernels' cache."""
 
 import os
 import subprocess
@@ -8,7 +8,7 @@ import pytest
 from numba import njit
 
 from dirprim_filter.cli import compiling, demo
-from dirprim_filter.cli.compiling import compiling_notice
+from tessellation import _compiling
 
 RECORDING = demo.recordings_folder() / "roundabout_track.mcap"
 NOWHERE = "numba.core.caching._IPythonCacheLocator"
@@ -17,18 +17,24 @@ NOWHERE = "numba.core.caching._IPythonCacheLocator"
 
 @pytest.mark.parametrize(("is_terminal", "unnoticed_s", "n_lines"), [(True, 0.0, 1), (False, 0.0, 0), (True, 100.0, 0)])
 def test_it_is_said_once_on_a_terminal_where_compiling_is_noticed(
-    is_terminal, unnoticed_s, n_lines, monkeypatch, capsys
+    is_terminal, unnoticed_s, n_lines, monkeypatch, caplog
 ):
-    def compile_two():
-        for shift in (1.0, 2.0):
-            assert njit(lambda x, shift=shift: x + shift)(1.0) == 1.0 + shift
-
     monkeypatch.setattr(sys.stderr, "isatty", lambda: is_terminal)
-    monkeypatch.setattr(compiling, "UNNOTICED_S", unnoticed_s)
-    with compiling_notice():
-        compile_two()
-    compile_two()  # nothing is said to others
-    assert capsys.readouterr().err.count("once per installation") == n_lines
+    monkeypatch.setattr(_compiling, "UNNOTICED_S", unnoticed_s)
+    compiling.quiet_unless_watched()
+    monkeypatch.setattr(_compiling.LISTENER, "has_said", False)
+    for shift in (1.0, 2.0):
+        assert njit(lambda x, shift=shift: x + shift)(1.0) == 1.0 + shift
+    assert caplog.text.count("once per installation") == n_lines
+
+
+def test_programs_that_use_the_package_are_told_too():
+    code = (
+        "from tessellation import _compiling; _compiling.UNNOTICED_S = 0.0\n"
+        "from numba import njit; njit(lambda x: x)(1.0); njit(lambda x: x)(1)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stderr == f"{_compiling.NOTICE}\n"
 
 
 def test_damaged_kernels_are_compiled_again(tmp_path, monkeypatch, capsys):

@@ -13,6 +13,7 @@ HEAD = "time_s,track_id,x_m,y_m"
 SENSOR = "[along]\nspread_m = 0.4\n[across]\nspread_m = 0.2\n"
 FILES = {
     "no_y.csv": "time_s,track_id,x_m\n0,1,2\n", "kmh.csv": f"{HEAD},speed_kmh\n0,1,2,3,50\n",
+    "day.csv": "time,track_id,x_m,y_m\n31/12/2026 10:00,1,2,3\n",
     "two.csv": f"{HEAD}\n0,1,two,3\n", "early.csv": f"{HEAD}\n0,a,2,0\n-5,a,0,0\n-5.5,a,1,0\n",
     "degrees.csv": f"{HEAD},course_rad\n0,a,0,0,270\n1,a,1,0,270\n",
     "thousand.csv": f"{HEAD},speed_mps\n0,a,0,0,1_000\n",
@@ -96,6 +97,9 @@ CASES = [
     ("learn log.mcap ./log.mcap -o x", USAGE, "expected each file once"),
     ("score twice.csv --truth log.mcap --smoothed", USAGE, "tables have no smoothed estimates"),
     ("score twice.csv --truth log.mcap --set similarity=1", USAGE, "group, format, similarity_m"),
+    ("convert kmh.csv -o x --columns speed=", FAILED, "kmh.csv, line 1: expected column speed, got time_s"),
+    ("info kmh.csv", FAILED, "divide by 3.6, and name it speed_mps; or leave it out by --set format=csv,speed_kmh="),
+    ("info day.csv", FAILED, "got '31/12/2026 10:00'; write dates as 2026-12-31, year first"),
     ("convert two.csv -o x --columns ''", USAGE, "expected NAME=COLUMN, got nothing"),
     ("convert two.csv -o x --origin ''", FAILED, "origin: expected latitude,longitude"),
     (f"{TRACK} --as ros1", USAGE, "'ros1' is not one of 'foxglove', 'vision_msgs', 'autoware'"),
@@ -134,7 +138,7 @@ def test_it_is_one_line_with_its_code(command, code, said, here, capsys):
 
 
 def test_no_memory_and_a_name_of_odd_bytes_are_one_line_too(here, monkeypatch, capsys):
-    command = [sys.executable, "-m", "dirprim_filter.cli", "info", b"lo\xe9g.mcap"]
+    command = [sys.executable, "-m", "dirprim_filter", "info", b"lo\xe9g.mcap"]
     done = subprocess.run(command, capture_output=True, check=False)
     assert done.returncode == USAGE
     assert done.stderr.strip().endswith(b"'lo\\udce9g.mcap' does not exist.")

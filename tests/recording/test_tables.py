@@ -21,13 +21,14 @@ from dirprim_filter import read_tracks
 from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.recording.container import budget
 from dirprim_filter.recording.errors import RecordingError, TableError
-from dirprim_filter.recording.estimate_tables import write_estimates
+from dirprim_filter.recording.estimate_tables import EXACT_NS, write_estimates
 from dirprim_filter.recording.losses import FAR
 from dirprim_filter.recording.name_patterns import named_values
 from dirprim_filter.recording.reader import read_track_logs, stream_detections
 from dirprim_filter.recording.tables import read_named
 from dirprim_filter.recording.tables.files import cells_of
 from dirprim_filter.recording.tables.named_columns import COLUMNS
+from dirprim_filter.recording.tables.table import MINUS_ONE
 from situations import estimates_of
 
 DATA = Path(__file__).parents[2] / "../shared/data"
@@ -228,9 +229,10 @@ PLAIN = f"{HEADER},label\n0,a,1.5,-2,0.25,3,car\n0.5,a,2.5,-2,0.25,3,car\n0,b,7,
         lambda text: text.replace(",", ";"),
         lambda text: text.replace(",", ";").replace(".", ","),
         lambda text: text.replace(",", "\t"),
+        lambda text: "sep=;\r\n" + text.replace(",", ";"),
         lambda text: "\n" + text.replace("label", "class").replace(",", ", ").replace("\n", "\r\n"),
     ],
-    ids=["semicolons", "semicolons and decimal commas", "tabs", "spaces, a class and other line ends"],
+    ids=["semicolons", "semicolons and decimal commas", "tabs", "sep=;", "spaces, a class, other line ends"],
 )
 def test_a_table_reads_the_same_whatever_stands_between_its_cells(tmp_path, form):
     wanted = read_named(table(tmp_path, PLAIN))
@@ -254,6 +256,13 @@ def test_columns_of_other_names_are_mapped_and_what_is_not_used_is_named(tmp_pat
         read_named(path, columns=columns | {"x_m": "East"})
     with pytest.raises(TableError, match=r"--set format=csv,time_s=NAME"):
         read_named(path, columns={"track_id": "Id", "x_m": "Easting", "y_m": "Northing"})
+    assert read_named(path, columns=columns | {"x_m": "x_m", "Easting": "", "Lane": ""}).unused == []
+    with pytest.raises(TableError, match=r"expected column Breadth, got Id, Easting"):
+        read_named(path, columns=columns | {"Breadth": ""})
+    turned = table(tmp_path, PLACES + ",heading,speed_mps\n0,a,1,2,90,1\n1,a,2,2,90,1\n", "turned.csv")
+    with pytest.raises(TableError, match=r"name it heading_rad; or leave it out by --set format=csv,heading=$"):
+        read_tracks(turned)
+    assert read_tracks(turned, format="csv,heading=").speed.tolist() == [1.0, 1.0]
     for wrong in ("x=Easting", "x_m", "x_m=", "x_m=a,x_m=b", ""):
         with pytest.raises(ValueError, match=r"columns: expected NAME=VALUE, each of time_s, .*, got "):
             named_values(wrong, COLUMNS, of="columns")
@@ -385,6 +394,15 @@ def test_values_are_tables_that_read_back(tmp_path, ring):
     assert {"time_ns", "track_id", "x_m", "course_rad"} <= set(estimates_of(["a"]).to_arrow().column_names)
 
 
+@pytest.mark.parametrize(("first_ns", "cell"), [(0, "0"), (EXACT_NS - 2, "4503599.627370494"),
+                                                (1_700_000_000_000_000_001, "1700000000.000000001")])  # fmt: skip
+def test_exported_times_are_decimals_from_which_each_nanosecond_comes_back(tmp_path, first_ns, cell):
+    time_ns = first_ns + np.arange(3)
+    write_estimates(estimates_of(["a"] * 3, time_ns=time_ns), tmp_path / "e.csv")
+    assert (tmp_path / "e.csv").read_text().splitlines()[1].startswith(f"{cell},")
+    assert cells_of(tmp_path / "e.csv").nanoseconds("time_s", unit="s").tolist() == time_ns.tolist()
+
+
 @pytest.mark.parametrize("none", ["", "nan", "None", "NULL", "N/A", "<NA>", "-1"])
 def test_ids_that_stand_for_none_are_those_of_detections(tmp_path, none):
     rows = [f"{0.1 * k:.1f},{name},{k},{20 * n}" for k in range(20) for n, name in enumerate(("1", none, none))]
@@ -392,7 +410,8 @@ def test_ids_that_stand_for_none_are_those_of_detections(tmp_path, none):
     assert sorted({*seen.track_id}) == ["", "1"]
     assert (seen.track_id == "").sum() == 40
     honest = [f"{0.1 * k:.1f},{name},{k},{20 * n}" for k in range(20) for n, name in enumerate(("0", "-1", "5"))]
-    assert read(tmp_path, PLACES, honest).tracks.n_tracks == 3
+    found = read(tmp_path, PLACES, honest)
+    assert (found.tracks.n_tracks, found.losses.notes) == (3, {MINUS_ONE: 20})
 
 
 def test_ids_that_became_floats_are_whole_again_and_inexact_or_like_ones_are_refused(tmp_path):

@@ -68,9 +68,11 @@ def test_logs_that_do_not_fit_are_named_and_stop_no_other(tmp_path):
     by_publish = StoreConfig(time_source="publish")
     published = add_logs(tmp_path / "published", find_logs([path["b"]]), config=by_publish).store
     assert Store.open(published.path).config == by_publish
-    with pytest.raises(ValueError, match="expected time_source publish, as its logs are read, got header"):
+    with pytest.raises(ValueError, match="expected time_source=publish, as its logs were read, got time_source=header"):
         add_logs(published.path, find_logs([path["d"]]), config=StoreConfig())
-    for refuses, because in ((odom, "expected positions in frame 'odom'"), (published, "expected time_source publish")):
+    with pytest.raises(ValueError, match="expected no frame, as its logs were read, got frame=odom; leave it out"):
+        add_logs(odom.path, find_logs([path["d"]]), config=StoreConfig(frame="odom"))
+    for refuses, because in ((odom, "expected positions in frame 'odom'"), (published, "expected time_source=publish")):
         with pytest.raises(ValueError, match=because):
             merge(refuses, added.store)
 

@@ -110,7 +110,7 @@ def test_places_of_few_vehicles_are_left_out_and_what_cannot_be_learned_is_said(
         learn_from_store(rows_stored(tmp_path / "empty"), **GRID)
 
 
-@pytest.mark.parametrize(("hours", "days"), [("23-2", "ab"), ("2-23", "c"), ("0-24", "abc"), ("5-5", "abc")])
+@pytest.mark.parametrize(("hours", "days"), [("23-2", "ab"), ("2-23", "c"), ("0-24", "abc")])
 def test_a_map_of_some_hours_is_that_of_the_logs_of_these_hours(tmp_path, hours, days):
     """By the clocks of a zone: in Kathmandu it is 5:45 later, so that the first log comes at 23:45."""
     logs = {name: replace(of, time_ns=of.time_ns + hour * 3600 * 10**9)
@@ -121,7 +121,9 @@ def test_a_map_of_some_hours_is_that_of_the_logs_of_these_hours(tmp_path, hours,
     assert (of_hours == map_bytes(store, tmp_path)) == (days == "abc")
 
 
-@pytest.mark.parametrize(("hours", "zone"), [("7", "UTC"), ("7-25", "UTC"), ("a-b", "UTC"), ("7-9", "../etc/passwd")])
+@pytest.mark.parametrize(
+    ("hours", "zone"), [("7", "UTC"), ("7-25", "UTC"), ("5-5", "UTC"), ("a-b", "UTC"), ("7-9", "../etc/passwd")]
+)
 def test_what_is_no_part_of_a_day_is_refused(hours, zone):
     with pytest.raises(ValueError, match="expected"):
         Hours.parse(hours, zone)

@@ -27,7 +27,8 @@ def read_as(path: Path, stated: str | None = None, origin: Origin | None = None)
     Args:
         path: the file.
         stated: the format, and what the table does not contain, such as `trajnet,frames_per_second=25`; or what a table
-            of named columns calls them, such as `csv,x_m=Easting,track_id=Id`. Left out: as the name of the file ends.
+            of named columns calls them, such as `csv,x_m=Easting,track_id=Id`, and which not to read, such as
+            `heading=`. Left out: as the name of the file ends.
         origin: of the plane.
 
     Raises:
@@ -43,7 +44,8 @@ def read_as(path: Path, stated: str | None = None, origin: Origin | None = None)
     takes.pop("origin", None)
     if rest and not (takes or is_named):
         raise ValueError(f"format {form}: expected nothing more, got {rest!r}")
-    given: dict[str, Any] = named_values(rest, COLUMNS if is_named else takes, of=f"format {form}") if rest else {}
+    known = COLUMNS if is_named else takes
+    given: dict[str, Any] = named_values(rest, known, of=f"format {form}", emptied=is_named) if rest else {}
     if is_named:
         return READERS[form](path, columns=given, origin=origin)
     for name, parameter in takes.items():

@@ -22,6 +22,8 @@ MAX_SECONDS = 9e9
 MEND = "mend the cell, or empty it to drop the row"
 EXACT, FLOAT_OR_NONE = 2.0**53, re.compile(r"-?\d+\.0|(nan|NaN)?")
 """Whole numbers from here on are not all floats; and ids as pandas writes them where some rows have none."""
+NATIONAL_DATE = re.compile(r"\d{1,2}([/.-])\d{1,2}\1\d{2,4}\b")
+"""Such as 31/12/2026, of which nobody knows whether the day or the month comes first."""
 FORMULA, FORMULA_GUARD = frozenset("=+-@\t\r'"), "'"
 """How a cell begins that spreadsheets run as a formula, and what stands before such an id where it is text."""
 
@@ -86,7 +88,10 @@ class Cells:
         angle = self.floats(name)
         if (wrong := np.isfinite(angle) & (np.abs(angle) > LARGEST_ANGLE)).any():
             row = int(np.argmax(wrong))
-            way = "make it radians counter-clockwise from east, -pi to pi; degrees are multiplied by pi/180"
+            way = (
+                "make it radians counter-clockwise from east, -pi to pi; degrees are multiplied by pi/180; or leave it "
+                f"out by --set format=csv,{name}="
+            )
             raise self.error(row, f"radians, of one turn, as {name}", f"{angle[row]:g}", way)
         return angle
 
@@ -292,7 +297,8 @@ def instant(text: str) -> int | None:
 
 def _iso_time(text: str) -> int:
     if (time_ns := iso_nanoseconds(text)) is None:
-        raise ValueError(text, "name seconds time_s")
+        is_date = NATIONAL_DATE.match(text)
+        raise ValueError(text, "write dates as 2026-12-31, year first" if is_date else "name seconds time_s")
     if abs(time_ns) > MAX_SECONDS * NANOSECONDS:
         raise ValueError(text)
     return time_ns

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import gzip
 import io
+import re
 import zlib
 from collections.abc import Sequence
 from pathlib import Path
@@ -27,6 +28,8 @@ GZIP, PARQUET, ARROW = b"\x1f\x8b", b"PAR1", (b"ARROW1", b"FEA1")
 SUFFIXES = (".parquet", ".feather", ".arrow")
 DELIMITERS = ",;\t"
 """Between cells; where it is a semicolon, numbers may have a decimal comma."""
+STATED_DELIMITER = re.compile(rb"\s*sep=([,;\t])\r?\n")
+"""How spreadsheets state it, in a line before the names."""
 SAMPLE_BYTES = 1 << 16
 WORD = 8
 """Bytes of a number."""
@@ -50,8 +53,10 @@ def text_cells(path: str | Path, names: Sequence[str] = (), *, by_spaces: bool =
         data = b"\n".join(b"\t".join(line.replace(b'"', b"").split()) for line in data.splitlines())
     try:
         data.decode()
+        if stated := STATED_DELIMITER.match(data):
+            data = b"\n" * data[: stated.end()].count(b"\n") + data[stated.end() :]
         first = (data.lstrip(b"\r\n")[:SAMPLE_BYTES].splitlines() or [b""])[0].decode(errors="ignore")
-        delimiter = max("\t" if by_spaces else DELIMITERS, key=first.count)
+        delimiter = stated[1].decode() if stated else max("\t" if by_spaces else DELIMITERS, key=first.count)
         header = 0 if names else data[: data.find(first.encode())].count(b"\n") + 1
         names = names or [name.strip() for name in next(csv.reader([first], delimiter=delimiter, strict=True), ())]
         table = _parsed(path, data, names, header, delimiter)

@@ -65,6 +65,7 @@ REMEDY: Mapping[str, str] = {
     "degrees": "multiply by pi/180, and make it counter-clockwise from east", "knots": "multiply by 0.514444",
 }  # fmt: skip
 """By the unit that a name ends with."""
+UNREAD = "; or leave it out by --set format=csv,{}="
 TO_NS = {"s": "1e9", "ms": "1e6", "us": "1e3"}
 
 
@@ -78,7 +79,8 @@ def read_named(path: str | Path, *, columns: Mapping[str, str] | None = None, or
     Args:
         path: the file; between the cells of a csv, which gzip may compress, stand commas, semicolons or tabs.
         columns: how the table calls a column, by our name for it; left out, as we do. Its unit is ours all the same.
-            Of several columns for the group, with `+` between, each combination is a group.
+            Of several columns for the group, with `+` between, each combination is a group. A column that is called ""
+            is one of the table's that is not read.
         origin: of the plane; left out, the one that the table states, or else the median of the first latitudes and
             longitudes.
 
@@ -166,10 +168,12 @@ def _names(table: Cells, renamed: Mapping[str, str]) -> tuple[dict[str, str], li
     Raises:
         TableError: a column is missing, is there twice, or is in another unit.
     """
-    header, place = table.names, table.header
+    left_out = [name for name, column in renamed.items() if not column]
+    renamed = {name: column for name, column in renamed.items() if column}
+    header, place = [name for name in table.names if name not in left_out], table.header
     parts = [part for column in renamed.values() for part in ([column] if column in header else column.split("+"))]
-    if missing := [part for part in parts if part not in header]:
-        got = ", ".join(header) or "none"
+    if missing := [part for part in (*left_out, *parts) if part not in (table.names if part in left_out else header)]:
+        got = ", ".join(table.names) or "none"
         raise TableError(table.path, place, f"column {missing[0]}", got, "name one that is there")
     for name, column in renamed.items():
         _check_unit(table, name, column)
@@ -217,7 +221,8 @@ def check_header(table: Cells, names: Sequence[str], *, with_ids: bool = False) 
         units = {stem: "convert it where the unit differs"} if name not in SIZE else {}
         units |= {f"{stem}_{unit}": remedy for unit, remedy in REMEDY.items()}
         if name not in names and (other := [column for column in names if column in units]):
-            raise TableError(path, place, f"column {name}", other[0], f"{units[other[0]]}, and name it {name}")
+            way = f"{units[other[0]]}, and name it {name}" + UNREAD.format(other[0]) * (name in MEASURED)
+            raise TableError(path, place, f"column {name}", other[0], way)
     if missing := [name for name in required if name not in names]:
         between = ", with commas, semicolons or tabs between them" if len(names) < 2 else ""
         raise TableError(

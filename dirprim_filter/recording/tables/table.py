@@ -26,6 +26,8 @@ from dirprim_filter.tracks import Tracks
 
 logger = logging.getLogger(__name__)
 
+MINUS_ONE = "rows of id -1, taken for a vehicle; empty the cells where -1 stands for none"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Table:
@@ -92,6 +94,7 @@ def table_of(path: Path, rows: Rows, *, sensor: AnyArray | None = None, losses: 
     losses.drop("a number that is missing, not finite or too large", ~finite)
     rows = replace(rows, size=known_sizes(rows.size), message=np.arange(len(rows)))
     is_none = stand_for_none(rows.names, rows.track_id, rows.time_ns)
+    losses.note(MINUS_ONE, int(((rows.names == "-1") & ~is_none)[rows.track_id].sum()))
     rows = replace(rows, names=np.where(is_none, NO_ID, rows.names))
     is_named = good & ~is_none[rows.track_id]
     own = rows[is_named].by_group()  # without the empty id, all others may be numbers
