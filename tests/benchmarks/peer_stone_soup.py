@@ -27,7 +27,7 @@ def stone_soup(fold: Fold) -> dict[str, Peer]:
         import stonesoup  # noqa: F401
     except ImportError as error:
         raise UnavailableError("stonesoup is not installed: the extra `peers`") from error
-    acceleration, confirmed = Axis("acceleration", 1.0, HALF_DECADE), Axis("confirmed_after", 2.0, 1.5, 2.0)
+    acceleration, confirmed = Axis("acceleration", 1.0, HALF_DECADE), Axis("confirmed_after", 2.0, 1.5, 1.0)
     gate, deleted = Axis("gate", 4.0, 1.3), Axis("deleted_after", 10.0, 1.5, 1.0)
     first = "Stone Soup GNN"
     return {

@@ -182,7 +182,7 @@ def norfair(fold: Fold) -> dict[str, Peer]:
 
     axes = (
         Axis("acceleration", 10.0, HALF_DECADE), Axis("gate_m", 4.0, 1.5), Axis("deleted_after", 10.0, 1.5, 3.0),
-        Axis("confirmed_after", 3.0, 1.5, 1.0, 9.0),
+        Axis("confirmed_after", 3.0, 1.5, 1.0),
     )  # fmt: skip
     return {"norfair": Peer(track, axes)}
 
