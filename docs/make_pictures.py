@@ -16,17 +16,14 @@ from __future__ import annotations
 import io
 import os
 import shlex
-import socket
 import subprocess
 import tempfile
-import time
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.collections import EllipseCollection
 from PIL import Image
-from rerun.experimental import ViewerClient
 
 from dirprim_filter import PrimitiveMap, Tracks, load_map, read_tracks
 from dirprim_filter.cli.main import run
@@ -34,13 +31,12 @@ from dirprim_filter.drawing.shapes import covariance_axes
 from dirprim_filter.evaluation.scenes import Scene, followed
 from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
 from dirprim_filter.filtering import ParticleFilter
-from dirprim_filter.viewer.process import viewer_program
-from dirprim_filter.viewer.stream import TIMELINE
+from dirprim_filter.viewer.process import screenshot
 
 RECORDINGS = Path("recordings")
 SECOND_NS = 1_000_000_000
 WAYS = ("filter", "smoother")
-SHOWN_NS = 55_000_000_000
+SHOWN_S = 55.0
 """Vehicles turn, wait, and go straight on."""
 MENU = 36
 """Rows of the window's own bar, which says nothing."""
@@ -48,8 +44,6 @@ WIDTH = 1600
 FOXGLOVE_AT_S = 45.0
 FOXGLOVE_PANELS = (320, 44, 1600, 920)
 """Left, top, right and bottom of the panels in the window, pixels."""
-RESTING_S = 1.5
-MOST_LOOKS = 60
 
 
 def demo(folder: Path) -> None:
@@ -78,7 +72,7 @@ def viewer(folder: Path) -> None:
         "track", log, "--map", learned, "-o", folder / "tracks.mcap", "--save", folder / "tracks.rrd",
         "--set", f"truth={log}", "--no-ids", "--forecast", 4,
     )  # fmt: skip
-    window = Image.open(io.BytesIO(screenshot(folder / "tracks.rrd", SHOWN_NS))).convert("RGB")
+    window = Image.open(io.BytesIO(screenshot(folder / "tracks.rrd", SHOWN_S))).convert("RGB")
     shown = window.crop((0, MENU, *window.size))
     small = shown.resize((WIDTH, round(shown.height * WIDTH / shown.width)), Image.Resampling.LANCZOS)
     small.save(RECORDINGS / "viewer.png", optimize=True)
@@ -133,28 +127,6 @@ def draw_gaps(primitives: PrimitiveMap, tracks: Tracks, n_shown: int, path: Path
     panels[0].set_ylabel("north, m")
     panels[0].legend(frameon=False)
     figure.savefig(path, dpi=110)
-
-
-def screenshot(recording: Path, time_ns: int) -> bytes:
-    """The window at an instant, PNG, once two looks at it agree: notes of its own have gone, all data have come."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    client = ViewerClient.spawn(headless=True, port=port, executable_path=viewer_program())
-    try:
-        client.open(str(recording))
-        time.sleep(2 * RESTING_S)
-        client.set_time(TIMELINE, timestamp=np.datetime64(time_ns, "ns"), play_state="paused")
-        before = b""
-        for _ in range(MOST_LOOKS):
-            time.sleep(RESTING_S)
-            now = client.take_screenshot()
-            if now == before:
-                return now
-            before = now
-    finally:
-        client.quit()
-    raise TimeoutError(f"{recording}: the viewer's picture never came to rest")
 
 
 def succeed(*arguments: object) -> None:

@@ -6,12 +6,13 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from dirprim_filter.cli import exit_codes
-from dirprim_filter.cli.options import Connect, Files, Force, MaybeTruth, Save, Spawn
+from dirprim_filter.cli.options import WRITTEN, Connect, Files, Force, MaybeTruth, Save, Spawn
 from dirprim_filter.cli.reading import OF_TRUTH, Reading, reads_logs
 from dirprim_filter.cli.texts import counted, say
 
@@ -41,53 +42,93 @@ def view(
     ] = None,
     truth: MaybeTruth = None,
     focus: Annotated[str | None, typer.Option(help="Id of the vehicle to follow. Default: the least expected.")] = None,
+    screenshot: Annotated[
+        Path | None, typer.Option(help="Draw the window, without a screen."), WRITTEN, (".png",)
+    ] = None,
+    at: Annotated[float, typer.Option(help="Of --screenshot: seconds after the first frame.")] = 0.0,
     force: Force = False,
     *,
     reading: Reading,
 ) -> int:
     """Show maps, logs, tracks and recordings in rerun.
 
-    A map lies under its tracks. Recordings, .rrd, are opened together. Without --save or --connect a viewer
-    is started on this machine. With --rate the tracks of one log are played: the estimates that `dirprim track` wrote,
-    else the objects. Options of reading are about logs, times about estimates too.
+    A map lies under its tracks, which know the one they were tracked with. Several tracks, or recordings (.rrd), are
+    opened together, to compare them: the viewer keeps the time. With --truth there are errors of each vehicle, and
+    exchanges of ids. Without --save, --connect or --screenshot a viewer is started on this machine. With --rate the
+    tracks of one log are played: the estimates that `dirprim track` wrote, else the objects. Options of reading are
+    about logs, times about estimates too.
 
     Example: dirprim view map.mcap tracks.mcap --truth log.mcap
     """
     from dirprim_filter.recording.losses import Losses
 
-    is_elsewhere = save is not None or connect is not None
+    is_elsewhere = save is not None or connect is not None or screenshot is not None
     recordings = [file for file in files if file.suffix == ".rrd"]
+    if at and screenshot is None:
+        raise typer.BadParameter("it is of --screenshot; leave it out", param_hint="--at")
     if recordings:
-        from dirprim_filter.viewer.process import spawn_viewer
-
-        if len(recordings) < len(files) or is_elsewhere or any((rate, truth, focus, reading.given)):
+        if len(recordings) < len(files) or any((save, connect, rate, truth, focus, reading.given)):
             raise ValueError(f"{recordings[0]}: an .rrd opens beside other .rrd files alone, on a screen, as it is")
-        spawn_viewer(recordings)
-        return exit_codes.DONE
+        return _opened(recordings, at, screenshot, force=force)
     kinds, losses = _sorted(files), Losses()
     if not kinds[LOG] and (rate is None or "topics" not in reading.given):
         reading.require_acting(*OF_ESTIMATES * bool(kinds[RUN]), *(*OF_TRUTH, "group") * bool(truth))
     if focus is not None and not kinds[RUN] and rate is None:
         raise typer.BadParameter("there are no estimates in these files; leave it out", param_hint="--focus")
+    if len(kinds[RUN]) > 1 and (save or screenshot):
+        shown = ", ".join(map(str, kinds[RUN]))
+        raise ValueError(f"view: expected at most one run in a file, got {shown}; without --save they open together")
     maps, reading = _on_one_plane(kinds, reading)
-    playback, frames = (None, iter(())) if rate is None else _played(files, rate, reading)
-    shown = truth or (kinds[LOG][0] if kinds[LOG] and playback is None else None)
-    with open_viewer(
-        " ".join(file.stem for file in files), losses, save=save, spawn=spawn or not is_elsewhere, connect=connect,
-        force=force, focus=focus, truth=shown, reading=reading.of_truth(truth, "group") if truth else reading,
-        is_asked=truth is not None,
-    ) as viewer:  # fmt: skip
-        if playback is None:
-            losses += _together(maps, kinds, viewer, reading)
-        else:
-            n_frames = 0
-            for frame in frames:
-                viewer.write(frame)
-                n_frames += 1
-            reading.require_frames(n_frames, files[0], playback.losses)
-            losses += playback.losses
-            say(f"{files[0]}: {counted(n_frames, 'frame')} of {', '.join(sorted(playback.topics))}")
+    played = None if rate is None else _played(files, rate, reading)
+    with TemporaryDirectory() as work:
+        saved, address = save or (Path(work) / "shown.rrd" if screenshot else None), connect
+        for run in kinds[RUN] or [files[0]]:
+            with open_viewer(
+                " ".join(file.stem for file in files), losses, title=run.stem, save=saved,
+                spawn=(spawn or not is_elsewhere) and address is connect, connect=address, force=force, focus=focus,
+                truth=truth or (kinds[LOG][0] if kinds[LOG] and played is None else None),
+                reading=reading.of_truth(truth, "group") if truth else reading, is_asked=truth is not None,
+            ) as viewer:  # fmt: skip
+                if played is None:
+                    losses += _together(maps, kinds[LOG], run if kinds[RUN] else None, viewer, reading)
+                else:
+                    losses += _play(*played, files[0], viewer, reading)
+            address = viewer.stream.address
+        if screenshot is not None and saved is not None:
+            _draw(saved, at, screenshot, force=force)
     return exit_code(viewer, exit_codes.of_losses(losses))
+
+
+def _opened(recordings: list[Path], at_s: float, picture: Path | None, *, force: bool) -> int:
+    """Recordings as they are, on a screen or as a picture."""
+    from dirprim_filter.viewer.process import spawn_viewer
+
+    if picture is None:
+        spawn_viewer(recordings)
+    else:
+        _draw(recordings[-1], at_s, picture, force=force)
+    return exit_codes.DONE
+
+
+def _play(playback: Playback, frames: Iterator[TrackedFrame], log: Path, viewer: RerunSink, reading: Reading) -> Losses:
+    """Show frames as they come; what of them was lost."""
+    n_frames = 0
+    for frame in frames:
+        viewer.write(frame)
+        n_frames += 1
+    reading.require_frames(n_frames, log, playback.losses)
+    say(f"{log}: {counted(n_frames, 'frame')} of {', '.join(sorted(playback.topics))}")
+    return playback.losses
+
+
+def _draw(recording: Path, at_s: float, picture: Path, *, force: bool) -> None:
+    """The window with a recording."""
+    from dirprim_filter.partial_file import PartialFile
+    from dirprim_filter.viewer.process import screenshot
+
+    with PartialFile(picture, force=force) as file:
+        file.write(screenshot(recording, at_s))
+    typer.echo(f"{picture}")
 
 
 def open_viewer(
@@ -123,27 +164,24 @@ def exit_code(viewer: RerunSink | None, otherwise: int) -> int:
 
 
 def _sorted(files: Sequence[Path]) -> dict[str, list[Path]]:
-    """Files by what they are.
-
-    Raises:
-        ValueError: more than one run.
-    """
+    """Files by what they are; without a map of its own, runs have the one that the first was tracked with."""
     from dirprim_filter.recording.map_file import MAP as MAP_SCHEMA
     from dirprim_filter.recording.name_patterns import is_table
     from dirprim_filter.recording.scan import scan
     from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
 
     kinds: dict[str, list[Path]] = {MAP: [], RUN: [], LOG: []}
+    with_map = []
     for file in files:
         if is_table(file):
             kinds[LOG].append(file)
             continue
         with scan(file) as log:
             schemas = {channel.schema.name for channel in log.channels()}
-        kinds[RUN if ESTIMATES_SCHEMA in schemas else MAP if MAP_SCHEMA.name in schemas else LOG].append(file)
-    if len(runs := kinds[RUN]) > 1:
-        shown = ", ".join(map(str, runs))
-        raise ValueError(f"view: expected at most one run, got {shown}; `track --save` makes an .rrd of each instead")
+        is_run, is_map = ESTIMATES_SCHEMA in schemas, MAP_SCHEMA.name in schemas
+        kinds[RUN if is_run else MAP if is_map else LOG].append(file)
+        with_map += [file] * (is_run and is_map)
+    kinds[MAP] = kinds[MAP] or with_map[:1]
     return kinds
 
 
@@ -174,38 +212,49 @@ def _on_one_plane(kinds: dict[str, list[Path]], reading: Reading) -> tuple[list[
 
 
 def _together(
-    maps: list[PrimitiveMap], kinds: dict[str, list[Path]], viewer: RerunSink, reading: Reading
+    maps: list[PrimitiveMap], logs: list[Path], path: Path | None, viewer: RerunSink, reading: Reading
 ) -> Losses:  # fmt: skip
     """Maps, logs and at most one run in one view; what of them was lost."""
-    from dirprim_filter.detections import Detections
     from dirprim_filter.recording import topic_names
     from dirprim_filter.recording.container.log import Log, Scan
     from dirprim_filter.recording.losses import Losses
     from dirprim_filter.recording.playback import Playback
     from dirprim_filter.recording.reader import has_estimates
 
-    lost, frames = Losses(), list[Detections]()
+    lost = Losses()
     for shown_map in maps:
         viewer.log_map(shown_map)
-    for path in kinds[LOG]:
-        stream = reading.detections(path)
-        frames += stream
-        lost += stream.losses
-    detections = Detections.concatenate(frames)
-    if not kinds[RUN]:
-        viewer.log_detections(detections)
-    for path in kinds[RUN]:
-        with Log(path) as run:
-            viewer.log_run({key: value for _, entries in Scan(run).metadata for key, value in entries.items()})
-            shows = {topic_names.ESTIMATES: viewer.write, topic_names.SMOOTHED: viewer.write_smoothed}
-            for topic, show in shows.items():
-                if has_estimates(run, topic):
-                    options = reading.only(*OF_ESTIMATES).options()
-                    playback = Playback(run, options, seen=detections, smoothed=topic == topic_names.SMOOTHED)
-                    n_frames = 0
-                    for frame in playback:
-                        show(frame)
-                        n_frames += 1
-                    reading.require_frames(n_frames, path, playback.losses)
-                    lost += playback.losses
+    for log in logs:
+        lost += _detections(log, viewer, reading)
+    if path is None:
+        return lost
+    with Log(path) as run:
+        viewer.log_run({key: value for _, entries in Scan(run).metadata for key, value in entries.items()})
+        shows = {topic_names.ESTIMATES: viewer.write, topic_names.SMOOTHED: viewer.write_smoothed}
+        for topic, show in shows.items():
+            if has_estimates(run, topic):
+                options = reading.only(*OF_ESTIMATES).options()
+                playback = Playback(run, options, smoothed=topic == topic_names.SMOOTHED)
+                n_frames = 0
+                for frame in playback:
+                    show(frame)
+                    if topic == topic_names.ESTIMATES and (forecast := playback.forecast(frame)) is not None:
+                        viewer.write_forecast(forecast)
+                    n_frames += 1
+                reading.require_frames(n_frames, path, playback.losses)
+                lost += playback.losses
     return lost
+
+
+def _detections(log: Path, viewer: RerunSink, reading: Reading) -> Losses:
+    """Show what each sensor of a log reported; what of it was lost."""
+    from dirprim_filter.detections import Detections
+
+    stream = reading.detections(log)
+    if len(stream.topics) < 2:
+        viewer.log_detections(Detections.concatenate(stream))
+        return stream.losses
+    for topic in sorted(stream.topics):
+        one = replace(reading, given=reading.given | {"topics": topic}).detections(log)
+        viewer.log_detections(Detections.concatenate(one), topic.removeprefix("/detections"))
+    return one.losses

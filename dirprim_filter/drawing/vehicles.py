@@ -1,6 +1,9 @@
-"""What a picture shows of a vehicle: a short name; and in full no belief that coasts or has no known direction."""
+"""What a picture shows of a vehicle: a short name, a trail; in full no belief that coasts or has no known direction."""
 
 from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +18,9 @@ SURE_FROM = 0.5
 """Resultant of a belief's direction; below it a forecast spreads in all directions and is not drawn."""
 WIDEST_COASTING = 6.0
 """Metres, standard deviation; of a coasting vehicle that may be anywhere, no ellipse is drawn."""
+
+TRAIL_NS, TRAIL_POINTS = 5_000_000_000, 16
+"""How far back a trail goes, and by how many points it leads to the vehicle."""
 
 
 def may_be_anywhere(estimates: Estimates) -> BoolArray:
@@ -35,3 +41,24 @@ def short_name(name: str) -> str:
     """
     group, slash, own = name.rpartition("/")
     return name if len(own) <= LONGEST else f"{group}{slash}{own[:KEPT]}…{own[-KEPT:]}"
+
+
+class Trails:
+    """Where vehicles came by in the last seconds."""
+
+    def __init__(self) -> None:
+        self._of: dict[str, list[tuple[int, Any]]] = {}
+
+    def lead_on(self, names: Sequence[str], places: Iterable[Any], time_ns: int) -> list[list[Any]]:
+        """For each vehicle of an instant where it was at even times, oldest first, and is; others are forgotten."""
+        self._of = {name: self._led_on(name, place, time_ns) for name, place in zip(names, places, strict=True)}
+        return [[place for _, place in self._of[name]] for name in names]
+
+    def _led_on(self, name: str, place: Any, time_ns: int) -> list[tuple[int, Any]]:
+        trail = self._of.get(name) or [(time_ns, place)]
+        if len(trail) > 1 and trail[-1][0] - trail[-2][0] < TRAIL_NS // TRAIL_POINTS:
+            trail.pop()
+        while trail and time_ns - trail[0][0] > TRAIL_NS:
+            trail.pop(0)
+        trail.append((time_ns, place))
+        return trail

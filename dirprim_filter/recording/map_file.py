@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from dirprim_filter.arrays import AnyArray, require
+from dirprim_filter.arrays import AnyArray, FloatArray, require
 from dirprim_filter.columns import GLOBE
 from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.origin import Origin
@@ -65,12 +65,21 @@ def save_map(
     """
     require("primitive_map", primitive_map, PrimitiveMap)
     with LogWriter(path, metadata=metadata or {}, force=force) as log:
-        log.write_encoded(topic_names.MAP, MAP, encoded(primitive_map), 0)  # a map holds at no time of its own
-        log.end_chunk()  # damage to the drawing costs no cell
         origin = origin_of(view_of(primitive_map))
+        write_map(log, primitive_map, 0, origin)  # a map holds at no time of its own
         log.write(topic_names.TRANSFORM, scene_transform(0, origin), 0)
-        for drawn in map_scenes(primitive_map, 0, origin):
-            log.write(topic_names.MAP_SCENE, drawn, 0)
+
+
+def write_map(log: LogWriter, primitive_map: PrimitiveMap, time_ns: int, origin: FloatArray) -> None:
+    """Append a map, and its drawing in the scene's frame with this origin, (2,) metres.
+
+    Raises:
+        TypeError: as `encoded`.
+    """
+    log.write_encoded(topic_names.MAP, MAP, encoded(primitive_map), time_ns)
+    log.end_chunk()  # damage to the drawing costs no cell
+    for drawn in map_scenes(primitive_map, time_ns, origin):
+        log.write(topic_names.MAP_SCENE, drawn, time_ns)
 
 
 def load_map(path: str | Path) -> PrimitiveMap:

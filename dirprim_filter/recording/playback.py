@@ -8,16 +8,23 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from google.protobuf.message_factory import GetMessageClass
 
+from dirprim_filter.arrays import AnyArray
 from dirprim_filter.detections import NO_ID, Detections
-from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
+from dirprim_filter.estimates import Assignments, Estimates, Particles, TrackedFrame
+from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.recording import topic_names
 from dirprim_filter.recording.container.log import Log, LogSource, Scan
 from dirprim_filter.recording.decoding.field_columns import NANOSECONDS
+from dirprim_filter.recording.decoding.protobuf_plan import message_descriptor
+from dirprim_filter.recording.foxglove.scenes import forecasts_of
 from dirprim_filter.recording.losses import Losses
 from dirprim_filter.recording.objects.options import EVERYTHING, ReadOptions
 from dirprim_filter.recording.reader import estimate_messages, has_estimates, stream_detections
+from dirprim_filter.recording.schemas import ASSIGNMENTS_SCHEMA
 
+NOTHING_ASSIGNED: AnyArray = np.empty(0, np.str_)
 LONGEST_S = 86_400.0
 """No frame is waited for longer than a day."""
 
@@ -25,14 +32,14 @@ LONGEST_S = 86_400.0
 class Playback:
     """Iterates the frames of a log, ascending in time; then knows what was lost.
 
-    Where the log has estimates on `/dirprim/tracks`, these, at the log times of their messages; else its objects, with
+    Where the log has estimates on `/dirprim/tracks`, these, at the log times of their messages, with the detections and
+    what they were assigned to; else its objects, with
     the direction and the speed that it states; those without a name are shown as detected and no more.
 
     Args:
         source: the log, which may be open.
         options: as for `read_tracks`. If topics are named, the log's estimates are passed over; of estimates only the
             wanted times and `strict` matter.
-        seen: what was reported when the estimates were made; of times without estimates there is no frame.
         smoothed: of the estimates those that a smoother wrote, on `/dirprim/smoothed`.
         changes: as for `read_tracks`.
 
@@ -50,16 +57,16 @@ class Playback:
         source: LogSource,
         options: ReadOptions = EVERYTHING,
         *,
-        seen: Detections | None = None,
         smoothed: bool = False,
         **changes: Any,
     ) -> None:
         self._log = log = source if isinstance(source, Log) else Log(source)
         self._options = options = replace(options, **changes).of_log(log.start_ns)
         self._losses, self._stream = Losses(), None
-        self._seen = {int(frame.time_ns[0]): frame for frame in seen.frames()} if seen is not None else {}
         self._topic = topic_names.SMOOTHED if smoothed else topic_names.ESTIMATES
         self.topics = frozenset({self._topic})
+        self._forecasts: dict[int, Any] | None = None
+        self._origin = np.zeros(2)
         self.end_ns = Scan(log, end_ns=options.end_ns).end_ns
         if options.topics not in (None, self._topic) or not has_estimates(log, self._topic):
             self._stream = stream_detections(log, options, motion=True)
@@ -81,9 +88,35 @@ class Playback:
                 seen = reported.in_one_group()
                 yield _frame(int(seen.time_ns[0]), seen, _reported(seen[seen.track_id != NO_ID]))
             return
-        self._losses = Losses()
+        self._losses, other = Losses(), replace(self._options, strict=False)
+        assigned: dict[int, Assignments] = {}
+        if self._topic == topic_names.ESTIMATES:
+            assigned |= estimate_messages(
+                self._log, topic_names.ASSIGNED, Losses(), other, schema=ASSIGNMENTS_SCHEMA
+            )  # fmt: skip
         for time_ns, estimates in estimate_messages(self._log, self._topic, self._losses, self._options):
-            yield _frame(time_ns, self._seen.get(time_ns, Detections.none()), estimates)
+            of = assigned.pop(time_ns, Assignments.none())
+            known = {name: getattr(of, name) for name in ("track_id", "time_ns", "position", "group", "origin")}
+            yield _frame(time_ns, Detections(**known), estimates, of.assigned)
+
+    def forecast(self, frame: TrackedFrame) -> Forecasts | None:
+        """The forecast that was drawn of a frame of estimates; None where there is none."""
+        if self._forecasts is None:
+            topics = (topic_names.FORECAST, topic_names.TRANSFORM)
+            kinds = {of.topic: GetMessageClass(message_descriptor(of.schema.name, of.schema.data))
+                     for of in self._log.channels() if of.topic in topics}  # fmt: skip
+            self._forecasts = {}
+            for message in Scan(self._log, kinds.__contains__):  # the transform stands at the beginning
+                drawn: Any = kinds[message.topic].FromString(message.data)
+                if message.topic == topic_names.FORECAST:
+                    self._forecasts[message.log_time_ns] = drawn
+                else:
+                    self._origin = np.array([drawn.translation.x, drawn.translation.y])
+        update = self._forecasts.pop(frame.time_ns, None)
+        if update is None:
+            return None
+        start = dict(zip(frame.names, frame.estimates.position, strict=True))
+        return forecasts_of(update, frame.time_ns, self._origin, start)
 
 
 def paced(
@@ -132,5 +165,10 @@ def _reported(seen: Detections) -> Estimates:
     )  # fmt: skip
 
 
-def _frame(time_ns: int, detections: Detections, estimates: Estimates) -> TrackedFrame:
-    return TrackedFrame(time_ns=time_ns, detections=detections, estimates=estimates, particles=Particles.none())
+def _frame(
+    time_ns: int, detections: Detections, estimates: Estimates, assigned: AnyArray = NOTHING_ASSIGNED
+) -> TrackedFrame:  # fmt: skip
+    particles = Particles.none()
+    return TrackedFrame(
+        time_ns=time_ns, detections=detections, estimates=estimates, particles=particles, assigned=assigned
+    )  # fmt: skip

@@ -24,10 +24,10 @@ from dirprim_filter.recording.foxglove.scenes import (
     EstimatesScene,
     detection_cloud,
     forecast_scene,
-    map_scenes,
     particle_cloud,
 )
 from dirprim_filter.recording.log_writer import LogWriter
+from dirprim_filter.recording.map_file import write_map
 from dirprim_filter.recording.ros_estimates import RosEstimates
 from dirprim_filter.recording.schemas.dirprim import encode_assignments, encode_estimates, encode_observations
 from dirprim_filter.recording.topic_names import RosMessages
@@ -166,7 +166,10 @@ class EstimateWriter:
         self._later(lambda: self._append_smoothed(frame))
 
     def write_map_scene(self, primitive_map: PrimitiveMap | None) -> None:
-        """Draw the map's cells and roses, if there is one: at the next message's time, as a map has none of its own."""
+        """Write the map, if there is one, and draw it: at the next message's time, as a map has none of its own.
+
+        So `load_map` reads from the log of a run what it was tracked with.
+        """
         self._wait()
         self._map = primitive_map
 
@@ -222,7 +225,6 @@ class EstimateWriter:
             self._origin = origin_of(position if self._map is None else view_of(self._map))
             self._log.write(topic_names.TRANSFORM, scene_transform(time_ns, self._origin), time_ns)
         if self._map is not None:
-            for drawn in map_scenes(self._map, time_ns, self._origin):
-                self._log.write(topic_names.MAP_SCENE, drawn, time_ns)
+            write_map(self._log, self._map, time_ns, self._origin)
             self._map = None
         return self._origin

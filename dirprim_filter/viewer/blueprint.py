@@ -4,21 +4,26 @@ Two-dimensional views of rerun count y downwards, which would mirror the map; so
 view whose eye looks straight down.
 """
 
+from __future__ import annotations
+
+from itertools import pairwise
+
 import numpy as np
+import rerun as rr
 import rerun.blueprint as rrb
 from rerun.encodings import TimeRangeBoundary
 
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.viewer.curves import PLOTS
-from dirprim_filter.viewer.stream import TIMELINE
+from dirprim_filter.viewer.process import ELAPSED
 
-TRAIL_S = 5.0
 BACKGROUND = rrb.Background(color=(16, 19, 26))
 LAYERS = (
-    "/map/**", "/detections/**", "/truth/**", "/tracks/**", "/smoothed/**", "/forecasts/**", "/focus/ring",
+    "/map/**", "/detections/**", "/assigned", "/truth/**", "/tracks/**", "/smoothed/**", "/particles", "/forecasts/**",
+    "/focus/ring", "/events/marks",
 )  # fmt: skip
 """Entities of the map view: each can be switched off by its path."""
-TRAILS = ("/tracks/trails", "/smoothed/trails", "/truth/trails")
+ON_EARTH = ("/map/earth", "/truth/**", "/tracks/**")
 EYE_HEIGHT = 1.02
 """Height of the eye as a share of the depth of ground to be seen; the view's opening angle is fixed."""
 VIEW_ASPECT = 1.15
@@ -26,29 +31,39 @@ VIEW_ASPECT = 1.15
 POLAR_EXTENT = (-1.45, 1.45)
 
 
-def blueprint(box: FloatArray, *, live: bool, tracked: bool) -> rrb.Blueprint:
+def blueprint(
+    box: FloatArray, *, live: bool, tracked: bool, with_truth: bool = False, on_earth: bool = False
+) -> rrb.Blueprint:
     """What the viewer's window shows.
 
     Args:
         box: (2, 2) metres, south-west and north-east corner of what is looked at.
         live: keep the cursor at the newest frame; a file is played from its start instead.
         tracked: there are frames, or will be; a map alone needs no plots.
+        with_truth: there are true vehicles, and so errors.
+        on_earth: it is known where the plane lies on the Earth.
     """
     legend = rrb.TextDocumentView(origin="/legend", name="Legend")
+    above: rrb.View | rrb.Container = _above(box)
+    if on_earth:
+        earth = rrb.MapView(origin="/", contents=[f"+ {layer}" for layer in ON_EARTH], name="On the Earth")
+        above = rrb.Vertical(above, earth, row_shares=[2, 1])
     if tracked:
         panel = rrb.Spatial2DView(
             origin="/polar", name="Direction of the ringed vehicle (Eq. 4)", background=BACKGROUND,
             visual_bounds=rrb.VisualBounds2D(x_range=POLAR_EXTENT, y_range=POLAR_EXTENT),
         )  # fmt: skip
-        read = rrb.Tabs(legend, rrb.TextLogView(origin="/events", name="Events"))
+        events = rrb.TextLogView(origin="/events", name="Events")
+        read = rrb.Tabs(*((events, legend) if with_truth else (legend, events)))
         top = rrb.Horizontal(panel, read, column_shares=[1, 1.25])
-        right = rrb.Vertical(top, *map(_plot, PLOTS), row_shares=[2.4, 1.5, 1.2, 1.5])
-        whole = rrb.Horizontal(_above(box), right, column_shares=[6, 4])
+        plots = [_plots(*pair, with_truth=with_truth) for pair in list(pairwise(PLOTS))[::2]]
+        right = rrb.Vertical(top, *plots, row_shares=[2.0, 1.5, 1.5, 1.2])
+        whole = rrb.Horizontal(above, right, column_shares=[6, 4])
     else:
-        whole = rrb.Horizontal(_above(box), legend, column_shares=[7, 2])
+        whole = rrb.Horizontal(above, legend, column_shares=[7, 2])
     return rrb.Blueprint(
         whole,
-        rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="following" if live else "playing"),
+        rrb.TimePanel(state="collapsed", timeline=ELAPSED, play_state="following" if live else "playing"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.BlueprintPanel(state="collapsed"),
         auto_views=False,
@@ -58,11 +73,6 @@ def blueprint(box: FloatArray, *, live: bool, tracked: bool) -> rrb.Blueprint:
 
 def _above(box: FloatArray) -> rrb.View:
     """An eye that looks straight down on the box."""
-    trail = rrb.VisibleTimeRanges(
-        timeline=TIMELINE,
-        start=TimeRangeBoundary.cursor_relative(seconds=-TRAIL_S),
-        end=TimeRangeBoundary.cursor_relative(),
-    )
     x, y = box.mean(axis=0)
     width, depth = box[1] - box[0]
     height = EYE_HEIGHT * float(np.maximum(width / VIEW_ASPECT, depth))
@@ -73,14 +83,21 @@ def _above(box: FloatArray) -> rrb.View:
         background=BACKGROUND,
         line_grid=False,
         eye_controls=rrb.EyeControls3D(position=(x, y, height), look_target=(x, y, 0.0), eye_up=(0.0, 1.0, 0.0)),
-        overrides=dict.fromkeys(TRAILS, trail),
     )
 
 
-def _plot(path: str) -> rrb.View:
-    return rrb.TimeSeriesView(
-        origin=path,
-        name=PLOTS[path].title,
-        plot_legend=rrb.PlotLegend(visible=False),
-        axis_y=rrb.ScalarAxis(range=PLOTS[path].range) if PLOTS[path].range else None,
-    )
+def _plots(*paths: str, with_truth: bool) -> rrb.View | rrb.Container:
+    """Plots that share a place, from the log's beginning to its end; those of the truth only with one."""
+    whole_log = rr.TimeRange(start=TimeRangeBoundary.infinite(), end=TimeRangeBoundary.infinite())
+    views = [
+        rrb.TimeSeriesView(
+            origin=path,
+            name=PLOTS[path].title,
+            plot_legend=rrb.PlotLegend(corner="LeftTop"),
+            axis_x=rrb.TimeAxis(view_range=whole_log),
+            axis_y=rrb.ScalarAxis(range=PLOTS[path].range) if PLOTS[path].range else None,
+        )
+        for path in paths
+        if with_truth or not PLOTS[path].of_truth
+    ]
+    return views[0] if len(views) == 1 else rrb.Tabs(*views)

@@ -1,24 +1,26 @@
 """How each kind of thing is drawn in rerun: its shape, colour, size and height above the ground.
 
-What moves comes as columns, one row for each thing, of any number of instants one after the other: a message costs more
-than what one frame puts in it. What all of a kind share is in `STYLES`, said once for the whole log.
+What moves comes as columns of any number of instants one after the other: a message costs more than what one frame puts
+in it. A vehicle is one entity, of a dot, an arrow, an ellipse and a trail: to be hidden, picked and found at once.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import rerun as rr
 
-from dirprim_filter.arrays import FloatArray
+from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from dirprim_filter.distributions.highest_density import Region
 from dirprim_filter.drawing import shapes
 from dirprim_filter.drawing.colors import ByteArray, direction_color, fan_opacity, track_color
 from dirprim_filter.drawing.vehicles import may_be_anywhere, short_name
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.forecasting import REGION_SHARES
+from dirprim_filter.origin import Origin
 from dirprim_filter.tracks import Tracks
 from tessellation import Tessellation
 
@@ -30,8 +32,8 @@ FANS = tuple(f"/forecasts/region_{100 * share:.0f}" for share in REGION_SHARES)
 """Entities of the fans of forecasts."""
 
 FROM_BELOW = (
-    "cells", "roses", "region_90", "region_50", "forecasts", "trails", "truth",
-    "particles", "covariance", "motion", "ring", "estimates", "detections", "ids",
+    "cells", "roses", "region_90", "region_50", "forecasts", "trails", "truth", "particles", "covariance", "motion",
+    "ring", "estimates", "assigned", "detections", "ids",
 )  # fmt: skip
 HEIGHT: Mapping[str, float] = {name: 0.1 * place for place, name in enumerate(FROM_BELOW)}
 """Metres above the ground: what lies in one plane would flicker."""
@@ -51,32 +53,56 @@ RING_RADIUS = 0.045
 ID_OFFSET = 0.035
 """Of the depth of ground in view, northwards; a label on the vehicle would hide what it names."""
 
-GREY, TRUTH_GREY = (70, 80, 100), (150, 155, 165)
+GREY, TRUTH_GREY, RED = (70, 80, 100), (150, 155, 165), (255, 80, 60)
 WHITE = (255, 255, 255)
+SENSORS = ((255, 255, 255), (255, 200, 80), (120, 230, 160), (150, 190, 255), (255, 150, 200), (200, 160, 255))
+"""Colours of detections, by sensor."""
 
 
-def _points(radius: float) -> npt.ArrayLike:
-    """A size on the screen, the same at every zoom."""
+def _points(*radius: float) -> npt.ArrayLike:
+    """Sizes on the screen, the same at every zoom."""
     return rr.Radius.ui_points(radius)
 
 
 STYLES: Mapping[str, rr.AsComponents] = {
-    "/truth": rr.LineStrips3D.from_fields(colors=WHITE, radii=_points(0.75)),
-    "/truth/trails": rr.Points3D.from_fields(colors=TRUTH_GREY, radii=_points(0.5)),
-    "/detections": rr.Points3D.from_fields(colors=WHITE, radii=_points(2.5)),
+    "/assigned": rr.LineStrips3D.from_fields(radii=_points(1.0)),
     "/forecasts/paths": rr.LineStrips3D.from_fields(radii=_points(0.5)),
     "/focus/ring": rr.LineStrips3D.from_fields(colors=WHITE, radii=_points(1.0)),
-    "/tracks/particles": rr.Points3D.from_fields(radii=_points(1.0)),
-    "/tracks/estimates": rr.Points3D.from_fields(radii=_points(3.0)),
-    "/tracks/trails": rr.Points3D.from_fields(radii=_points(1.5)),
-    "/tracks/motion": rr.Arrows3D.from_fields(radii=_points(1.5)),
-    "/tracks/covariance": rr.Ellipsoids3D.from_fields(line_radii=_points(0.75)),
-    "/tracks/unseen": rr.Ellipsoids3D.from_fields(line_radii=_points(0.5), fill_mode="majorwireframe"),
-    "/tracks/ids": rr.Points3D.from_fields(radii=_points(0.0)),
-    "/smoothed/trails": rr.Points3D.from_fields(radii=_points(3.0)),
-    "/smoothed/covariance": rr.Ellipsoids3D.from_fields(line_radii=_points(0.5)),
+    "/particles": rr.Points3D.from_fields(radii=_points(1.0)),
+    "/events/marks": rr.Points3D.from_fields(colors=RED, radii=_points(5.0)),
 }
 """By entity."""
+OF_VEHICLES: Mapping[str, Sequence[rr.AsComponents]] = {
+    "/tracks": (
+        rr.Points3D.from_fields(radii=_points(3.0, 0.0)), rr.Arrows3D.from_fields(radii=_points(1.5)),
+        rr.Ellipsoids3D.from_fields(line_radii=_points(0.75)), rr.LineStrips3D.from_fields(radii=_points(1.0)),
+        rr.GeoPoints.from_fields(radii=_points(4.0)),
+    ),
+    "/smoothed": (
+        rr.LineStrips3D.from_fields(radii=_points(2.0)), rr.Ellipsoids3D.from_fields(line_radii=_points(0.5)),
+    ),
+    "/truth": (
+        rr.LineStrips3D.from_fields(colors=[WHITE, TRUTH_GREY], radii=_points(0.75, 0.5)),
+        rr.GeoPoints.from_fields(colors=WHITE, radii=_points(2.0)),
+    ),
+}  # fmt: skip
+"""By what comes before the vehicle's name in its entity."""
+
+
+class Part(NamedTuple):
+    """An archetype of many rows: fields by name, arrays over the rows; of `each` instances, over these next."""
+
+    archetype: Any
+    fields: Mapping[str, AnyArray]
+    each: int = 1
+
+    def columns(self, rows: IntArray, counts: IntArray) -> rr.ComponentColumnList:
+        """Some rows, so many at each of some instants."""
+        chosen = {name: field[rows] for name, field in self.fields.items()}
+        flat = {name: of.reshape(-1, *of.shape[2:]) if self.each > 1 else of for name, of in chosen.items()}
+        plain = {name: of.tolist() if of.dtype.kind in "OU" else of for name, of in flat.items()}
+        columns: rr.ComponentColumnList = self.archetype.columns(**plain).partition(self.each * counts)
+        return columns
 
 
 def cells(tessellation: Tessellation) -> rr.LineStrips3D:
@@ -95,53 +121,90 @@ def roses(petals: shapes.Petals, *, fastest: float) -> rr.Mesh3D:
     )
 
 
-def truth(tracks: Tracks, n_each: Sequence[int]) -> Iterator[Columns]:
-    """Outlines of the vehicles, and dots where they come by; rows in order of time."""
-    outline = shapes.vehicle_outline(tracks.position, tracks.body_direction, tracks.size)
-    yield "/truth", rr.LineStrips3D.columns(strips=_raised(outline, HEIGHT["truth"])).partition(n_each)
-    yield "/truth/trails", rr.Points3D.columns(positions=_raised(tracks.position, HEIGHT["truth"])).partition(n_each)
+def petals_on_earth(petals: shapes.Petals, origin: Origin, *, fastest: float) -> rr.GeoLineStrings:
+    """The outlines of the petals, on a map of the Earth."""
+    places = origin.to_globe(petals.polygon.reshape(-1, 2)).reshape(petals.polygon.shape)
+    color = shapes.petal_colors(petals, fastest=fastest)[:, 1]
+    return rr.GeoLineStrings(lat_lon=list(np.concatenate([places, places[:, :1]], axis=1)), colors=color)
 
 
-def detections(position: FloatArray, n_each: Sequence[int]) -> Columns:
-    """Dots, so many at each instant."""
-    return "/detections", rr.Points3D.columns(positions=_raised(position, HEIGHT["detections"])).partition(n_each)
+def truth(tracks: Tracks, trails: AnyArray) -> Iterator[Part]:
+    """Outlines of the vehicles, and (n,) the trails to where they are."""
+    outline = _raised(shapes.vehicle_outline(tracks.position, tracks.body_direction, tracks.size), HEIGHT["truth"])
+    strips: AnyArray = np.empty((len(tracks), 2), object)
+    strips[:, 0], strips[:, 1] = _apart(outline), trails
+    yield Part(rr.LineStrips3D, {"strips": strips}, 2)
+    yield from _on_earth(tracks, {})
 
 
-def frames(shown: Sequence[TrackedFrame], *, depth: float) -> Iterator[Columns]:
-    """What frames show, at least one; a vehicle that a frame does not name vanishes in it.
+def vehicles(estimates: Estimates, trails: AnyArray, *, depth: float) -> Iterator[Part]:
+    """A dot with a name, where they will be in a second, the ellipse, and (n,) the trails to where they are.
 
     Args:
-        shown: the frames, with those particles that are drawn.
+        estimates: of any instants.
+        trails: of lines.
         depth: metres of ground in view: labels keep their distance on the screen.
     """
-    estimates = Estimates.concatenate([frame.estimates for frame in shown])
-    n_each = [len(frame.estimates) for frame in shown]
-    shade, unseen = _shade(estimates), estimates.is_coasting
-    place = _raised(estimates.position, HEIGHT["estimates"])
-    yield "/tracks/estimates", rr.Points3D.columns(positions=place, colors=shade).partition(n_each)
-    yield _trails("/tracks", estimates, shade, n_each)
-    beside = _raised(estimates.position + np.array([0.0, ID_OFFSET * depth]), HEIGHT["ids"])
-    names = [short_name(str(name)) for name in estimates.track_id]
-    yield "/tracks/ids", rr.Points3D.columns(positions=beside, colors=shade, labels=names).partition(n_each)
+    shade = _shade(estimates)
+    place, beside = estimates.position, estimates.position + np.array([0.0, ID_OFFSET * depth])
+    points = np.stack([_raised(place, HEIGHT["estimates"]), _raised(beside, HEIGHT["ids"])], axis=1)
+    names = [["", short_name(name)] for name in estimates.track_id.astype(np.str_).tolist()]
+    two: dict[str, AnyArray] = {
+        "positions": points, "colors": np.repeat(shade[:, None], 2, axis=1), "labels": np.array(names, object),
+    }  # fmt: skip
+    yield Part(rr.Points3D, two, 2)
     arrow = _raised(shapes.motion_arrow(estimates.direction, estimates.speed), 0.0)
-    start = _raised(estimates.position, HEIGHT["motion"])
-    yield "/tracks/motion", rr.Arrows3D.columns(origins=start, vectors=arrow, colors=shade).partition(n_each)
-    frame = np.repeat(np.arange(len(shown)), n_each)
-    for entity, drawn in (("covariance", ~unseen), ("unseen", unseen & ~may_be_anywhere(estimates))):
-        of_each = np.bincount(frame[drawn], minlength=len(shown))
-        yield f"/tracks/{entity}", _covariance(estimates[drawn], shade[drawn]).partition(of_each)
-    seen = [frame.detections.position for frame in shown]
-    yield detections(np.concatenate(seen), [len(part) for part in seen])
-    clouds = [frame.particles.thinned(1) for frame in shown]
-    yield "/tracks/particles", _particles(clouds).partition([len(cloud) for cloud in clouds])
+    yield Part(rr.Arrows3D, {"origins": _raised(place, HEIGHT["motion"]), "vectors": arrow, "colors": shade})
+    yield _covariance(estimates, shade)
+    yield Part(rr.LineStrips3D, {"strips": trails, "colors": shade})
+    yield from _on_earth(estimates, {"colors": shade})
 
 
-def smoothed(shown: Sequence[TrackedFrame]) -> Iterator[Columns]:
-    """What smoothed frames show beside those of the filter: bold paths and thin ellipses."""
-    estimates = Estimates.concatenate([frame.estimates for frame in shown])
-    n_each, shade = [len(frame.estimates) for frame in shown], _shade(estimates)
-    yield _trails("/smoothed", estimates, shade, n_each)
-    yield "/smoothed/covariance", _covariance(estimates, shade).partition(n_each)
+def smoothed(estimates: Estimates, trails: AnyArray) -> Iterator[Part]:
+    """What smoothed estimates show beside those of the filter: bold trails and thin ellipses."""
+    shade = _shade(estimates)
+    yield Part(rr.LineStrips3D, {"strips": trails, "colors": shade})
+    yield _covariance(estimates, shade)
+
+
+def detections(position: FloatArray) -> Part:
+    """Dots."""
+    return Part(rr.Points3D, {"positions": _raised(position, HEIGHT["detections"])})
+
+
+def detection_style(number: int) -> rr.AsComponents:
+    """Of the so many-th sensor."""
+    return rr.Points3D.from_fields(colors=SENSORS[number % len(SENSORS)], radii=_points(2.5))
+
+
+def assigned(shown: Sequence[TrackedFrame]) -> Columns:
+    """Lines from where vehicles are to the detections that were assigned to them, in their colours."""
+    ends, names, n_each = [np.empty((0, 2, 2))], list[str](), []
+    for frame in shown:
+        row = {name: i for i, name in enumerate(frame.names)}
+        own = np.array([row.get(name, -1) for name in frame.assigned.tolist()], np.int64)
+        known = own >= 0
+        ends.append(np.stack([frame.detections.position[known], frame.estimates.position[own[known]]], axis=1))
+        names += [frame.names[i] for i in own[known].tolist()]
+        n_each.append(int(known.sum()))
+    strips, color = _raised(np.concatenate(ends), HEIGHT["assigned"]), track_color(names)
+    return "/assigned", rr.LineStrips3D.columns(strips=strips, colors=color).partition(n_each)
+
+
+def particles(parts: Sequence[Particles]) -> Columns:
+    """Small dots in the colours of their directions, of one instant after the other."""
+    place = np.concatenate([_raised(part.position, HEIGHT["particles"]) for part in parts])
+    color = [np.ascontiguousarray(direction_color(part.direction)).view(">u4")[:, 0] for part in parts]
+    dots = rr.Points3D.columns(positions=place, colors=np.concatenate(color).astype(np.uint32))
+    return "/particles", dots.partition([len(part) for part in parts])
+
+
+def event_marks(shown: Sequence[Sequence[tuple[str, FloatArray]]]) -> Columns:
+    """Names and places of what has happened a short time ago, at each of some instants."""
+    all_of = [mark for marks in shown for mark in marks]
+    place = np.array([where for _, where in all_of]).reshape(-1, 2)
+    labelled = rr.Points3D.columns(positions=_raised(place, HEIGHT["ids"]), labels=[text for text, _ in all_of])
+    return "/events/marks", labelled.partition([len(marks) for marks in shown])
 
 
 def ring(position: FloatArray, *, depth: float) -> rr.ComponentColumnList:
@@ -183,32 +246,38 @@ def forecasts(track_id: Sequence[str], paths: FloatArray, regions: Sequence[Sequ
         yield entity, rr.ComponentColumnList([*corners, *faces, *seen_through])
 
 
-def _trails(root: str, estimates: Estimates, shade: ByteArray, n_each: list[int]) -> Columns:
-    """Dots where vehicles came by: the view keeps those of the last seconds."""
-    place = _raised(estimates.position, HEIGHT["trails"])
-    return f"{root}/trails", rr.Points3D.columns(positions=place, colors=shade).partition(n_each)
+def strips_of(lines: Sequence[Sequence[FloatArray]]) -> AnyArray:
+    """(n,) lines, (k, 2) metres each, as strips at the height of trails."""
+    return _apart([_raised(np.asarray(line), HEIGHT["trails"]) for line in lines])
 
 
-def _covariance(estimates: Estimates, shade: ByteArray) -> rr.ComponentColumnList:
-    """Ellipses that hold `CONFIDENCE`."""
+def _apart(values: Sequence[AnyArray] | AnyArray) -> AnyArray:
+    """(n,) objects, of arrays of any lengths."""
+    strips: AnyArray = np.empty(len(values), object)
+    strips[:] = [*values]
+    return strips
+
+
+def _covariance(estimates: Estimates, shade: ByteArray) -> Part:
+    """Ellipses that hold `CONFIDENCE`; of no size where the vehicle may be anywhere."""
     half_axes, angle = shapes.covariance_axes(estimates.covariance, probability=CONFIDENCE)
+    half_axes[may_be_anywhere(estimates)] = 0.0
     turn = np.zeros((len(estimates), 4), dtype=np.float32)
     turn[:, 2], turn[:, 3] = np.sin(0.5 * angle), np.cos(0.5 * angle)
     center, half = _raised(estimates.position, HEIGHT["covariance"]), _raised(half_axes, 0.0)
-    return rr.Ellipsoids3D.columns(centers=center, half_sizes=half, quaternions=turn, colors=shade)
+    return Part(rr.Ellipsoids3D, {"centers": center, "half_sizes": half, "quaternions": turn, "colors": shade})
 
 
-def _particles(parts: Sequence[Particles]) -> rr.ComponentColumnList:
-    """Small dots in the colours of their directions, of one instant after the other."""
-    place = np.concatenate([_raised(part.position, HEIGHT["particles"]) for part in parts])
-    color = [np.ascontiguousarray(direction_color(part.direction)).view(">u4")[:, 0] for part in parts]
-    return rr.Points3D.columns(positions=place, colors=np.concatenate(color).astype(np.uint32))
+def _on_earth(rows: Tracks | Estimates, more: Mapping[str, AnyArray]) -> Iterator[Part]:
+    """Where their plane lies on the Earth, if that is known."""
+    if rows.origin is not None:
+        yield Part(rr.GeoPoints, {"positions": rows.origin.to_globe(rows.position), **more})
 
 
 def _shade(estimates: Estimates) -> ByteArray:
     """The colours of vehicles; of those out of sight darker."""
     color = track_color(estimates.track_id)
-    unseen = estimates.is_coasting
+    unseen: BoolArray = estimates.is_coasting
     color[unseen, :3] = np.rint(UNSEEN_SHADE * color[unseen, :3])
     return color
 

@@ -6,16 +6,22 @@ import socket
 import subprocess
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 from urllib.parse import urlsplit
 
+ELAPSED = "elapsed"
+"""The time line that the viewer opens with."""
 VIEWER_PORT = 9876
 VIEWER_URL = f"rerun+http://127.0.0.1:{VIEWER_PORT}/proxy"
 THIS_MACHINE = "127.0.0.1"
 SETTLING_S = 1.0
 """In which a viewer without a screen ends: it listens before it knows whether there is one."""
 LISTENING_WITHIN_S = 20.0
+RESTING_S, MOST_LOOKS = 1.5, 60
+"""Between two looks at a picture that may still change, and how many there are."""
+NO_PICTURE = "the viewer draws no picture without a screen; it needs a Vulkan driver (Debian: mesa-vulkan-drivers)"
 WITHOUT_A_SCREEN = "it needs a screen; else use --save FILE.rrd, and `rerun --serve-web --bind 127.0.0.1 FILE.rrd`"
 
 
@@ -59,6 +65,40 @@ def spawn_viewer(recordings: Sequence[Path] = ()) -> str:
     if not stays:
         raise ConnectionError(f"the viewer did not start; {WITHOUT_A_SCREEN}")
     return f"rerun+http://{THIS_MACHINE}:{port}/proxy"
+
+
+def screenshot(recording: Path, elapsed_s: float) -> bytes:
+    """The window at an instant, PNG, without a screen: once two looks at it agree, as data come late.
+
+    Raises:
+        ConnectionError: there is no viewer, or it cannot draw here.
+    """
+    from rerun.experimental import ViewerClient  # noqa: PLC0415 - only for pictures
+
+    with socket.socket() as free:
+        free.bind((THIS_MACHINE, 0))
+        port = int(free.getsockname()[1])
+    try:
+        client = ViewerClient.spawn(headless=True, port=port, executable_path=viewer_program())
+    except (OSError, RuntimeError) as error:
+        raise ConnectionError(f"{NO_PICTURE} ({error})") from error
+    try:
+        client.open(str(recording))
+        time.sleep(2 * RESTING_S)
+        client.set_time(ELAPSED, duration=elapsed_s, play_state="paused")
+        before = b""
+        for _ in range(MOST_LOOKS):
+            time.sleep(RESTING_S)
+            with suppress(TimeoutError):  # of one look, on a busy machine
+                now = client.take_screenshot()
+                if now == before:
+                    return now
+                before = now
+    except (OSError, RuntimeError) as error:
+        raise ConnectionError(f"{recording}: {NO_PICTURE} ({error})") from error
+    finally:
+        client.quit()
+    raise ConnectionError(f"{recording}: the viewer's picture never came to rest")
 
 
 def require_listener(url: str) -> None:

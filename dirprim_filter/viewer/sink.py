@@ -1,15 +1,15 @@
 """Maps, beliefs and forecasts as they come, to the rerun viewer and into .rrd files.
 
-One entity for each kind of thing, its instances batched: the viewer slows down with hundreds of entities.
-What is true for the whole log is static; all else stands on the log's own time line, exact to the nanosecond.
+What is true for the whole log is static; all else stands on time lines of elapsed seconds, frames, and the log's own
+time, exact to the nanosecond. Truth and detections of a log that lie between two frames come with the later one.
 """
 
 from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Iterable, Mapping, Sized
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Mapping, Sequence, Sized
+from dataclasses import dataclass, replace
 from itertools import chain, compress
 from types import TracebackType
 from typing import Any, NamedTuple, Self
@@ -17,20 +17,23 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 import rerun as rr
 
-from dirprim_filter.arrays import FloatArray
+from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.detections import Detections
 from dirprim_filter.drawing import shapes
-from dirprim_filter.drawing.vehicles import has_no_forecast
-from dirprim_filter.estimates import Particles, TrackedFrame
+from dirprim_filter.drawing.colors import track_color
+from dirprim_filter.drawing.vehicles import Trails, has_no_forecast
+from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.forecasting import Forecasts
+from dirprim_filter.origin import Origin
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
-from dirprim_filter.viewer import marks
+from dirprim_filter.viewer import curves, marks
 from dirprim_filter.viewer.blueprint import blueprint
-from dirprim_filter.viewer.curves import curve_styles, frame_metrics
 from dirprim_filter.viewer.focus import Focus, Look, polar_columns, polar_styles
-from dirprim_filter.viewer.stream import Stream, time_column
-from dirprim_filter.viewer.texts import Events, legend
+from dirprim_filter.viewer.lanes import MOST_OWN, OTHERS, Lanes
+from dirprim_filter.viewer.matching import Matched, Matcher
+from dirprim_filter.viewer.stream import Stream
+from dirprim_filter.viewer.texts import Event, Events, legend
 
 logger = logging.getLogger(__name__)
 
@@ -42,14 +45,24 @@ IN_FOCUS = 100
 """Particles of the vehicle in focus, where none were asked for."""
 FRESH_S = 1.2
 """A forecast is shown until the next, and for so long at most."""
+MARKED_NS = 3_000_000_000
+"""So long the map shows what has happened."""
 
 
 class _Shown(NamedTuple):
-    """A frame with the particles that are drawn, a look at one of its vehicles, and the values of its curves."""
+    """A frame with the particles that are drawn, and a look at one of its vehicles."""
 
     frame: TrackedFrame
     look: Look | None
-    metrics: Mapping[str, tuple[float, ...]]
+
+
+@dataclass(slots=True)
+class _Waiting:
+    """Rows of a log, ascending in time, those from `first` on not yet sent; `draw` sends some of some instants."""
+
+    rows: Tracks | Detections
+    draw: Callable[[Any, IntArray, list[int]], None]
+    first: int = 0
 
 
 class RerunSink:
@@ -71,10 +84,16 @@ class RerunSink:
         self.stream = Stream(application_id, **places)
         self._n_particles = n_particles
         self._box: FloatArray | None = None
+        self._origin: Origin | None = None
         self._laid_out = False
         self._primitives: PrimitiveMap | None = None
-        self._truth: Tracks | None = None
+        self._matcher: Matcher | None = None
         self._focus, self._events = Focus(focus), Events()
+        self._happened: list[tuple[int, Event]] = []
+        self._lanes = {root: Lanes(root, focus) for root in (*marks.OF_VEHICLES, *curves.PLOTS)}
+        self._trails = {root: Trails() for root in marks.OF_VEHICLES}
+        self._waiting: list[_Waiting] = []
+        self._sensors: list[str] = []
         self._shown: list[_Shown] = []
         self._smoothed: list[TrackedFrame] = []
         self._not_forecast: set[str] = set()
@@ -94,9 +113,13 @@ class RerunSink:
         self._send_shown()
         self._send_smoothed()
         if not self._laid_out:
+            times = [waiting.rows.time_ns for waiting in self._waiting]
+            self.stream.frames_ns += np.unique(np.concatenate([np.empty(0, np.int64), *times])).tolist()
             self._lay_out(tracked=False)
         elif missing := self._focus.missing:
             logger.warning("focus: no vehicle is called %s", missing)
+        if self.stream.frames_ns:
+            self._send_waiting(self.stream.frames_ns[-1], is_last=True)
         self.stream.flush()
 
     def close(self, *, whole: bool = True) -> None:
@@ -118,30 +141,37 @@ class RerunSink:
         self._primitives, self._box = primitives, shapes.map_extent(primitives, share=shapes.BUSY_SHARE)
         self.stream.log("/map/cells", marks.cells(primitives.tessellation))
         self.stream.log("/map/roses", marks.roses(petals, fastest=fastest))
-        self.stream.log("/legend", rr.TextDocument(legend(fastest), media_type="text/markdown"))
+        self.stream.log("/legend", rr.TextDocument(legend(fastest, most=MOST_OWN), media_type="text/markdown"))
+        if primitives.origin is not None:
+            self._origin = primitives.origin
+            self.stream.log("/map/earth", marks.petals_on_earth(petals, primitives.origin, fastest=fastest))
 
     def log_truth(self, tracks: Tracks) -> None:
-        """Outlines and trails of the vehicles from the truth, to which the estimates are compared."""
-        if len(tracks) == 0:
-            return
-        self._truth = tracks = tracks[np.argsort(tracks.time_ns, kind="stable")]
-        if self._box is None:
-            self._box = shapes.extent(tracks.position)
-        times, counts = np.unique(tracks.time_ns, return_counts=True)
-        # One empty instant after the last: otherwise the last vehicles would stand there for ever.
-        after = times[-1] + (int(np.median(np.diff(times))) if len(times) > 1 else 1)
-        self._send(marks.truth(tracks, [*counts.tolist(), 0]), [*times.tolist(), int(after)])
+        """Outlines and trails of the vehicles from the truth, to which the estimates are compared, one by one."""
+        if len(tracks):
+            self._matcher = Matcher(tracks)
+            self._wait(tracks, self._send_truth)
 
-    def log_detections(self, detections: Detections) -> None:
-        """Detections of a log without estimates."""
-        frames = list(detections.frames())
-        if not frames:
-            return
-        if self._box is None:
-            self._box = shapes.extent(detections.position)
-        place = np.concatenate([frame.position for frame in frames])
-        drawn = marks.detections(place, [len(frame) for frame in frames])
-        self._send([drawn], [int(frame.time_ns[0]) for frame in frames])
+    def log_detections(self, detections: Detections, sensor: str = "") -> None:
+        """Detections of a log, of one of its topics; those of frames are then not drawn again."""
+        path = rr.new_entity_path(["detections", *filter(None, sensor.split("/"))])
+        self.stream.log(path, marks.detection_style(len(self._sensors)))
+        self._sensors.append(path)
+
+        def draw(rows: Detections, instant: IntArray, times_ns: list[int]) -> None:
+            columns = marks.detections(rows.position).columns(
+                np.arange(len(rows)), np.bincount(instant, minlength=len(times_ns))
+            )
+            self.stream.send_columns(path, times_ns, columns)
+
+        self._wait(detections, draw)
+
+    def _wait(self, rows: Tracks | Detections, draw: Callable[[Any, IntArray, list[int]], None]) -> None:
+        rows = rows[np.argsort(rows.time_ns, kind="stable")]
+        self._waiting.append(_Waiting(rows, draw))
+        self._origin = self._origin or rows.origin
+        if self._box is None and len(rows):
+            self._box = shapes.extent(rows.position)
 
     def log_run(self, made_with: Mapping[str, str]) -> None:
         """What the run was made with, as properties of the recording."""
@@ -155,13 +185,16 @@ class RerunSink:
         if self._box is None:
             self._box = shapes.extent(np.concatenate([frame.estimates.position, frame.detections.position]))
         if not self._laid_out:
+            self._origin = self._origin or frame.estimates.origin or frame.detections.origin
             self._lay_out(tracked=True)
+            for waiting in self._waiting:
+                waiting.first = int(np.searchsorted(waiting.rows.time_ns, frame.time_ns))
+        self.stream.frames_ns.append(frame.time_ns)
         if self._forecast_ns is not None and frame.time_ns > self._forecast_ns + FRESH_S * 1e9:
             self._send(marks.forecasts([], np.empty((0, 0, 0, 2)), []), [frame.time_ns])
             self._forecast_ns = None
         look = self._focus.see(frame, box=self._box)
-        drawn = replace(frame, particles=self._particles(frame, look))
-        self._shown.append(_Shown(drawn, look, frame_metrics(frame, self._truth)))
+        self._shown.append(_Shown(replace(frame, particles=self._particles(frame, look)), look))
         self._not_forecast = set(compress(frame.names, has_no_forecast(frame.estimates).tolist()))
         if self._is_due(self._shown):
             self._send_shown()
@@ -194,9 +227,31 @@ class RerunSink:
     # --- The stream -----------------------------------------------------------------------------------------
 
     def _send(self, drawn: Iterable[marks.Columns], times_ns: list[int]) -> None:
-        times = time_column(times_ns)
         for entity, columns in drawn:
-            self.stream.send_columns(entity, times, columns)
+            self.stream.send_columns(entity, times_ns, columns)
+
+    def _send_each(
+        self, root: str, names: Sequence[str], instant: IntArray, times_ns: list[int], parts: Iterable[marks.Part]
+    ) -> None:  # fmt: skip
+        """Rows of vehicles, each to its own entity; styles come before the first."""
+        whole, times = [*parts], np.array(times_ns, np.int64)
+        for lane in self._lanes[root].divided(names, instant, len(times_ns)):
+            if root in curves.PLOTS and lane.name == OTHERS:
+                continue
+            if lane.is_new:
+                for style in marks.OF_VEHICLES.get(root) or [_curve_style(lane.name)]:
+                    self.stream.log(lane.path, style)
+            columns = chain(*(part.columns(lane.rows, lane.counts) for part in whole))
+            self.stream.send_columns(lane.path, times[lane.instants].tolist(), rr.ComponentColumnList(columns))
+
+    def _send_curves(
+        self, root: str, of_frames: Sequence[tuple[Sequence[str], FloatArray]], times_ns: list[int]
+    ) -> None:
+        """Names and values of each frame."""
+        names = [name for of_frame, _ in of_frames for name in of_frame]
+        instant = np.repeat(np.arange(len(of_frames)), [len(of_frame) for of_frame, _ in of_frames])
+        values = np.concatenate([np.empty(0), *(value for _, value in of_frames)])
+        self._send_each(root, names, instant, times_ns, [marks.Part(rr.Scalars, {"scalars": values})])
 
     def _is_due(self, batch: Sized) -> bool:
         return len(batch) >= BATCH_FRAMES or (self.stream.live and time.monotonic() >= self._sent_s + LIVE_S)
@@ -206,27 +261,84 @@ class RerunSink:
         if not shown:
             return
         self._sent_s = time.monotonic()
-        times, depth = [one.frame.time_ns for one in shown], self._depth()
-        self._send(marks.frames([one.frame for one in shown], depth=depth), times)
-        curves = {path: np.array([one.metrics[path] for one in shown]) for path in shown[0].metrics}
-        for path, rows in curves.items():
-            columns = rr.Scalars.columns(scalars=rows.ravel()).partition([rows.shape[1]] * len(rows))
-            self._send([(path, columns)], times)
+        frames, depth = [one.frame for one in shown], self._depth()
+        times = [frame.time_ns for frame in frames]
+        self._send_waiting(times[-1])
+        estimates, instant, names, strips = self._joined("/tracks", frames)
+        self._send_each("/tracks", names, instant, times, marks.vehicles(estimates, strips, depth=depth))
+        clouds = [frame.particles.thinned(1) for frame in frames]
+        self._send([marks.assigned(frames), marks.particles(clouds)], times)
+        if not self._sensors:
+            seen = [frame.detections.position for frame in frames]
+            counts = np.array([len(part) for part in seen])
+            dots = marks.detections(np.concatenate(seen))
+            self._send([("/detections", dots.columns(np.arange(counts.sum()), counts))], times)
+        self._send_plots(frames, self._matcher.match(frames) if self._matcher else None, times)
         looks = [one.look for one in shown if one.look is not None]
         n_shown = [int(one.look is not None) for one in shown]
         places = np.array([look.position for look in looks]).reshape(-1, 2)
         polar = polar_columns(looks, self._primitives) if looks else ()
         focus = chain([("/focus/ring", marks.ring(places, depth=depth))], polar)
         self._send(((entity, columns.partition(n_shown)) for entity, columns in focus), times)
-        entries = [(one.frame.time_ns, *entry) for one in shown for entry in self._events.of(one.frame)]
-        if entries:
-            when, levels, texts = zip(*entries, strict=True)
-            self._send([("/events", rr.TextLog.columns(text=texts, level=levels))], list(when))
+
+    def _send_plots(self, frames: list[TrackedFrame], matched: list[Matched] | None, times: list[int]) -> None:
+        """The curves, and what has happened."""
+        pairs = [(frame, matched[i] if matched else None) for i, frame in enumerate(frames)]
+        rows = [curves.of_all(*pair) for pair in pairs]
+        for path in rows[0]:
+            values = np.array([row[path] for row in rows])
+            columns = rr.Scalars.columns(scalars=values.ravel()).partition([values.shape[1]] * len(rows))
+            self._send([(f"{path}/{curves.ALL}", columns)], times)
+        self._send_curves("/innovation", [(frame.names, curves.innovations(frame)) for frame in frames], times)
+        self._send_curves("/existence", [(frame.names, frame.estimates.existence) for frame in frames], times)
+        if matched:
+            self._send_curves("/error", [(of.names, of.error) for of in matched], times)
+            self._send_curves("/nees", [(of.names, of.nees) for of in matched], times)
+        drawn = []
+        for frame, true in pairs:
+            found = self._events.of(frame, true)
+            lately = [(at_ns, event) for at_ns, event in self._happened if frame.time_ns - at_ns < MARKED_NS]
+            self._happened = lately + [(frame.time_ns, event) for event in found]
+            drawn.append([(event.word, event.place) for _, event in self._happened if event.place is not None])
+            if found:
+                lines = rr.TextLog.columns(text=[of.text for of in found], level=[of.level for of in found])
+                self._send([("/events", lines)], [frame.time_ns] * len(found))
+        self._send([marks.event_marks(drawn)], times)
+
+    def _joined(self, root: str, frames: list[TrackedFrame]) -> tuple[Estimates, IntArray, list[str], AnyArray]:
+        """The estimates of frames, the frame and the name of each, and the trail to it."""
+        estimates = Estimates.concatenate([frame.estimates for frame in frames])
+        trails = [
+            trail
+            for frame in frames
+            for trail in self._trails[root].lead_on(frame.names, frame.estimates.position, frame.time_ns)
+        ]
+        instant = np.repeat(np.arange(len(frames)), [len(frame.estimates) for frame in frames])
+        return estimates, instant, [name for frame in frames for name in frame.names], marks.strips_of(trails)
 
     def _send_smoothed(self) -> None:
-        shown, self._smoothed = self._smoothed, []
-        if shown:
-            self._send(marks.smoothed(shown), [frame.time_ns for frame in shown])
+        frames, self._smoothed = self._smoothed, []
+        if frames:
+            estimates, instant, names, strips = self._joined("/smoothed", frames)
+            times = [frame.time_ns for frame in frames]
+            self._send_each("/smoothed", names, instant, times, marks.smoothed(estimates, strips))
+
+    def _send_waiting(self, until_ns: int, *, is_last: bool = False) -> None:
+        """Truth and detections up to a time; at the last one more instant without any: else they would stay."""
+        for waiting in self._waiting:
+            end = int(np.searchsorted(waiting.rows.time_ns, until_ns, side="right"))
+            rows, waiting.first = waiting.rows[slice(waiting.first, end)], max(end, waiting.first)
+            times, instant = np.unique(rows.time_ns, return_inverse=True)
+            last = [until_ns + 1] * is_last
+            if times.size or last:
+                waiting.draw(rows, instant, [*times.tolist(), *last])
+
+    def _send_truth(self, rows: Tracks, instant: IntArray, times_ns: list[int]) -> None:
+        names, trails = rows.track_id.astype(np.str_).tolist(), list[Any]()
+        ends = np.searchsorted(instant, np.arange(len(times_ns) + 1)).tolist()
+        for time_ns, first, end in zip(times_ns, ends, ends[1:], strict=False):
+            trails += self._trails["/truth"].lead_on(names[first:end], rows.position[first:end], time_ns)
+        self._send_each("/truth", names, instant, times_ns, marks.truth(rows, marks.strips_of(trails)))
 
     def _depth(self) -> float:
         """Metres of ground in view, from south to north."""
@@ -234,9 +346,19 @@ class RerunSink:
 
     def _lay_out(self, *, tracked: bool) -> None:
         box = shapes.extent(np.empty((0, 2))) if self._box is None else self._box
-        for path, style in chain(marks.STYLES.items(), curve_styles(), polar_styles()):
+        for path, style in chain(marks.STYLES.items(), curves.styles(), polar_styles()):
             self.stream.log(path, style)
+        if not self._sensors:
+            self.stream.log("/detections", marks.detection_style(0))
         if tracked and self._primitives is not None:
             self.stream.log("/map/roses", marks.ROSES_UNDER_TRAFFIC)
-        self.stream.send_blueprint(blueprint(box, live=self.stream.live, tracked=tracked))
+        self.stream.send_blueprint(blueprint(
+            box, live=self.stream.live, tracked=tracked, with_truth=self._matcher is not None,
+            on_earth=self._origin is not None,
+        ))  # fmt: skip
         self._laid_out = True
+
+
+def _curve_style(name: str) -> rr.AsComponents:
+    """A vehicle's curve, in its colour."""
+    return rr.SeriesLines(names=name, colors=track_color([name])[0], widths=1.0)

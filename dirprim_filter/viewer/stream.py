@@ -11,6 +11,7 @@ import logging
 import re
 import time
 import uuid
+from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -21,12 +22,14 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from dirprim_filter.partial_file import OutputExistsError, PartialFile
-from dirprim_filter.viewer.process import require_listener, spawn_viewer
+from dirprim_filter.viewer.process import ELAPSED, require_listener, spawn_viewer
 
 logger = logging.getLogger(__name__)
 
+FRAME = "frame"
+"""A time line of numbers; `ELAPSED` counts from the first frame;"""
 TIMELINE = "message_log_time"
-"""The log's own time, exact to the nanosecond; as rerun's MCAP importer calls it, so that a raw log opens beside it."""
+"""and the log's own time, exact to the nanosecond, as rerun's MCAP importer calls it: a raw log opens beside it."""
 FROZEN_S = 5.0
 """A viewer that takes nothing for so long is given up."""
 ASKED_EVERY_S = 1.0
@@ -41,17 +44,13 @@ PLACES_NEEDED = (
 )
 
 
-def time_column(time_ns: Sequence[int]) -> rr.TimeColumn:
-    """Instants of the log."""
-    return rr.TimeColumn(TIMELINE, timestamp=np.array(time_ns, dtype=np.int64).astype("datetime64[ns]"))
-
-
 class Stream:
     """What is shown, on its way to one or more places.
 
     Args:
         application_id: recordings with the same one share the layout of a viewer that is open, the place it looks at
             included: so it names the place. Characters other than ASCII letters, digits, _ and - become spaces.
+        title: of the recording in a viewer that shows several; left out: the name of the file, or as the first.
         save: an .rrd file. It grows under a temporary name, see `PartialFile`.
         spawn: start a viewer on this machine and leave it open.
         connect: the address of a running viewer, such as `process.VIEWER_URL`.
@@ -59,7 +58,9 @@ class Stream:
 
     Attributes:
         live: a viewer may be open.
+        address: of the viewer; None without one.
         failures: what went wrong, a line for each place that was left.
+        frames_ns: the times of all frames so far, ascending: the first is where the elapsed time begins.
 
     Raises:
         ValueError: nowhere to stream to.
@@ -69,13 +70,15 @@ class Stream:
     """
 
     def __init__(
-        self, application_id: str = "dirprim", *, save: Path | None = None, spawn: bool = False,
+        self, application_id: str = "dirprim", *, title: str = "", save: Path | None = None, spawn: bool = False,
         connect: str | None = None, force: bool = False,
     ) -> None:  # fmt: skip
         if save is None and not spawn and connect is None:
             raise ValueError(PLACES_NEEDED)
         self.live = spawn or connect is not None
         self.failures: list[str] = []
+        self.address = connect
+        self.frames_ns: list[int] = []
         self._places: dict[str, rr.RecordingStream] = {}
         self._file: PartialFile | None = None
         self._asked_s = time.monotonic()
@@ -86,6 +89,7 @@ class Stream:
 
         def add(name: str, sink: rr.GrpcSink | rr.FileSink) -> None:
             stream = rr.RecordingStream(application, recording_id=identity)
+            stream.send_recording_name(title or (save.stem if save else application))
             stream.set_log_time_enabled(False)
             stream.set_sinks(sink)
             self._places[name] = stream
@@ -93,7 +97,8 @@ class Stream:
         if save is not None:
             file = PartialFile(save, force=force)
         if spawn:
-            add("the viewer", rr.GrpcSink(spawn_viewer()))
+            self.address = spawn_viewer()
+            add("the viewer", rr.GrpcSink(self.address))
         if connect is not None:
             require_listener(connect)
             add(connect, rr.GrpcSink(connect))
@@ -103,10 +108,17 @@ class Stream:
                 self._file = file
             add(str(save), rr.FileSink(save if file.is_stream else file.partial))
 
-    def send_columns(self, path: str, times: rr.TimeColumn, columns: rr.ComponentColumnList) -> None:
-        """Columns of an entity."""
+    def send_columns(self, path: str, times_ns: Sequence[int], columns: rr.ComponentColumnList) -> None:
+        """Columns of an entity at instants of the log; between two frames they count to the later one."""
+        times = np.array(times_ns, np.int64)
+        start_ns = self.frames_ns[0] if self.frames_ns else 0
+        indexes = [
+            rr.TimeColumn(ELAPSED, duration=(times - start_ns).astype("timedelta64[ns]")),
+            rr.TimeColumn(FRAME, sequence=[bisect_left(self.frames_ns, time_ns) for time_ns in times.tolist()]),
+            rr.TimeColumn(TIMELINE, timestamp=times.astype("datetime64[ns]")),
+        ]
         for stream in self._places.values():
-            stream.send_columns(path, [times], columns)
+            stream.send_columns(path, indexes, columns)
 
     def log(self, path: str, *what: rr.AsComponents) -> None:
         """What holds for the whole log."""

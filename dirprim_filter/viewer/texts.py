@@ -1,23 +1,33 @@
-"""What is read beside the map: the legend, and what happened to tracks."""
+"""What is read beside the map: the legend, and what happened to tracks and to true vehicles."""
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
+import numpy as np
+
+from dirprim_filter.arrays import FloatArray
 from dirprim_filter.estimates import TrackedFrame
+from dirprim_filter.viewer.matching import Matched
 
 COASTS, ANEW, MEASURED = "coasts", "reinitialised: its belief did not explain its measurements", "measured again"
+ALONE_NS = 1_000_000_000
+"""A vehicle without a track for so long is lost, a track without a vehicle is a ghost."""
 
 LEGEND = """\
 **Roses**: how vehicles move in a cell. A petal points and bends in their direction; its area is their share of those
 that move; its colour is their mean speed, from violet (0 m/s) by green ({half:g} m/s) to yellow ({fastest:g} m/s and
 more). A violet disc: the share of those that stand.
 
-**White dots**: detections. **White outlines**: true vehicles, where known.
+**White outlines**: true vehicles, where known. **Small dots**: detections, a colour for each sensor; lines lead to
+the track that they were assigned to.
 
-**Large dots, arrows, ellipses**: estimates, where they will be in one second, and the region that holds the vehicle
-with 90 % probability. Dark: coasting. **Small dots behind**: the last five seconds. With `--smooth`, bold dots with
-ellipses: the smoothed estimates.
+**Large dots, arrows, ellipses, trails**: estimates, where they will be in one second, the region that holds the
+vehicle with 90 % probability, the last five seconds. Dark: coasting. With `--smooth`, bold: the smoothed estimates.
 
 **Fans, thin lines**: forecast regions of 90 and 50 % probability, and some rollouts.
+
+**Red**: an exchange of ids, a vehicle that is lost, a ghost; the tab *Events* says when.
 
 **Particles**: of the ringed vehicle, with `--set particles_out=N` of all. By direction: amber east, green north,
 blue west, magenta south.
@@ -25,30 +35,71 @@ blue west, magenta south.
 **White ring**: the vehicle that was least expected, or the one asked for. Its direction is plotted: the prior of its
 place, the cue (its turn signal, a circle without one), the posterior (Eq. 4), and its particles.
 
-Layers are switched on and off in the panel on the left.
+A click selects a vehicle; the panel on the left hides it, or whole layers. The first {most} vehicles have an entity
+and curves each, those after share one.
 """
 
 
-def legend(fastest: float) -> str:
-    """Markdown; `fastest` is the speed of the last colour, m/s."""
-    return LEGEND.format(half=0.6 * fastest, fastest=fastest)
+class Event(NamedTuple):
+    """What has happened: a line; and on the map a word at a place, (2,) metres, None for what the map does not show."""
+
+    level: str
+    text: str
+    word: str = ""
+    place: FloatArray | None = None
 
 
 class Events:
-    """Compares each frame with the one before."""
+    """Compares each frame with those before."""
 
     def __init__(self) -> None:
         self._coasting: dict[str, bool] = {}
+        self._track_of: dict[str, str] = {}
+        self._alone_since: dict[tuple[str, str], int] = {}
 
-    def of(self, frame: TrackedFrame) -> list[tuple[str, str]]:
-        """Level and text of what has changed."""
+    def of(self, frame: TrackedFrame, matched: Matched | None) -> list[Event]:
+        """What has changed."""
         now = dict(zip(frame.names, frame.estimates.is_coasting.tolist(), strict=True))
         before, self._coasting = self._coasting, now
-        found = [("INFO", f"{name} ended") for name in before if name not in now]
-        found += [("INFO", f"{name} initialised") for name in now if name not in before]
+        found = [Event("INFO", f"{name} ended") for name in before if name not in now]
+        found += [Event("INFO", f"{name} initialised") for name in now if name not in before]
         found += [
-            ("INFO", f"{name} {COASTS if coasts else MEASURED}")
+            Event("INFO", f"{name} {COASTS if coasts else MEASURED}")
             for name, coasts in now.items()
             if coasts != before.get(name, False)
         ]
-        return found + [("WARN", f"{name} {ANEW}") for name in frame.reinitialised if name in now]
+        found += [Event("WARN", f"{name} {ANEW}") for name in frame.reinitialised if name in now]
+        return found if matched is None else found + self._against(frame, matched)
+
+    def _against(self, frame: TrackedFrame, matched: Matched) -> list[Event]:
+        """Exchanges of ids, vehicles without a track, tracks without a vehicle."""
+        found, alone = [], dict[tuple[str, str], FloatArray]()
+        vehicle_of = {frame.names[row]: name for name, row in zip(matched.names, matched.row, strict=True) if row >= 0}
+        for name, row, place in zip(matched.names, matched.row.tolist(), matched.position, strict=True):
+            if row < 0:
+                alone["vehicle", name] = place
+                continue
+            own, last = frame.names[row], self._track_of.get(name, frame.names[row])
+            self._track_of[name] = own
+            if own != last:
+                other = f"; {last} now follows {vehicle_of[last]}" if last in vehicle_of else ""
+                found.append(Event("WARN", f"vehicle {name}: exchange, {last} was its track, now {own}{other}",
+                                   "exchange", place))  # fmt: skip
+        places = dict(zip(frame.names, frame.estimates.position, strict=True))
+        alone |= {("track", name): place for name, place in places.items() if name not in vehicle_of}
+        self._alone_since = {who: self._alone_since.get(who, frame.time_ns) for who in alone}
+        for (kind, name), since_ns in self._alone_since.items():
+            if frame.time_ns - since_ns >= ALONE_NS:
+                self._alone_since[kind, name] = np.iinfo(np.int64).max  # once
+                what = (
+                    ("lost", "no track near it for 1 s")
+                    if kind == "vehicle"
+                    else ("ghost", "no vehicle near it for 1 s")
+                )
+                found.append(Event("WARN", f"{kind} {name}: {what[0]}, {what[1]}", what[0], alone[kind, name]))
+        return found
+
+
+def legend(fastest: float, *, most: int) -> str:
+    """Markdown; `fastest` is the speed of the last colour, m/s, `most` the number of vehicles with an entity each."""
+    return LEGEND.format(half=0.6 * fastest, fastest=fastest, most=most)

@@ -4,6 +4,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from matplotlib.image import imread
 from rerun.chunk import RrdReader
@@ -11,6 +12,9 @@ from rerun.chunk import RrdReader
 from cli.commands import DONE, FAILED, dirprim
 from dirprim_filter import save_map, write_tracks
 from dirprim_filter.viewer import process as program
+from dirprim_filter.viewer.sink import RerunSink
+
+DRIVERS = [*Path("/usr/share/vulkan/icd.d").glob("*.json"), *Path("/etc/vulkan/icd.d").glob("*.json")]
 
 
 @pytest.fixture(scope="module")
@@ -45,11 +49,11 @@ def entities(path, *, styled=True):
 
 def test_a_tracked_run_has_every_layer_curve_and_text(folder):
     wanted = {
-        "/map/cells", "/map/roses", "/detections", "/truth", "/truth/trails",
-        "/tracks/estimates", "/tracks/ids", "/tracks/motion", "/tracks/covariance", "/tracks/unseen",
-        "/tracks/trails", "/tracks/particles", "/forecasts/paths", "/forecasts/region_50", "/forecasts/region_90",
-        "/smoothed/trails", "/focus/ring", "/polar/prior", "/polar/cue", "/polar/posterior", "/polar/belief",
-        "/metrics/ess", "/metrics/consistency", "/metrics/existence", "/events", "/__properties/run", "/legend",
+        "/map/cells", "/map/roses", "/detections", "/truth/2", "/tracks/2", "/smoothed/2", "/particles", "/assigned",
+        "/forecasts/paths", "/forecasts/region_50", "/forecasts/region_90", "/events/marks",
+        "/focus/ring", "/polar/prior", "/polar/cue", "/polar/posterior", "/polar/belief",
+        "/error/2", "/nees/2", "/innovation/2", "/existence/2", "/error/all", "/samples/all", "/vehicles/all",
+        "/events", "/__properties/run", "/legend",
     }  # fmt: skip
     assert wanted <= entities(folder / "prior.rrd")
     said = next(
@@ -62,11 +66,12 @@ def test_a_tracked_run_has_every_layer_curve_and_text(folder):
 @pytest.mark.parametrize(
     ("files", "holds", "lacks"),
     [
-        (("map.mcap",), {"/map/roses"}, {"/tracks/estimates"}),
-        (("log.mcap",), {"/truth", "/detections"}, {"/tracks/estimates"}),
-        (("map.mcap", "log.mcap"), {"/map/roses", "/truth"}, set()),
-        (("prior.mcap",), {"/tracks/estimates", "/smoothed/trails", "/__properties/run"}, {"/truth"}),
-        (("prior.mcap", "map.mcap", "log.mcap"), {"/map/roses", "/tracks/trails", "/metrics/consistency"}, set()),
+        (("map.mcap",), {"/map/roses"}, {"/tracks/2"}),
+        (("log.mcap",), {"/truth/2", "/detections"}, {"/tracks/2"}),
+        (("map.mcap", "log.mcap"), {"/map/roses", "/truth/2"}, set()),
+        (("prior.mcap",), {"/map/roses", "/tracks/2", "/smoothed/2", "/forecasts/paths", "/assigned",
+                           "/__properties/run"}, {"/truth/2", "/error/2"}),
+        (("prior.mcap", "log.mcap"), {"/map/roses", "/tracks/2", "/detections", "/error/2"}, set()),
     ],
 )  # fmt: skip
 def test_files_are_shown_together(folder, tmp_path, files, holds, lacks):
@@ -82,7 +87,7 @@ def test_what_cannot_be_shown_together_is_said(folder, tmp_path, capsys):
     prior, free, learned = (folder / name for name in ("prior.mcap", "free.mcap", "map.mcap"))
     recording = folder / "prior.rrd"
     for files, error in [
-        ((prior, free), "expected at most one run, got"),
+        ((prior, free), "expected at most one run in a file, got"),
         ((recording, learned), "prior.rrd: an .rrd opens beside other .rrd files alone"),
         ((recording,), "prior.rrd: an .rrd opens beside other .rrd files alone, on a screen"),
     ]:
@@ -97,6 +102,35 @@ def test_recordings_go_to_the_viewer_as_they_are(folder, monkeypatch):
     (other := folder / "other.rrd").write_bytes((folder / "prior.rrd").read_bytes())
     assert dirprim("view", folder / "prior.rrd", other) == DONE
     assert shown == [folder / "prior.rrd", other]
+
+
+def test_several_runs_go_to_one_viewer_each_with_its_own_name(folder, monkeypatch):
+    """The second is streamed to the viewer that the first started."""
+    opened = []
+
+    class Shown(RerunSink):
+        def __init__(self, application_id, *, title, spawn, connect, **_):
+            opened.append((application_id, title, spawn, connect))
+            super().__init__(application_id, title=title, save=folder / f"{title}_shown.rrd", force=True)
+            self.stream.address = "rerun+http://127.0.0.1:1/proxy"
+
+    monkeypatch.setattr("dirprim_filter.viewer.sink.RerunSink", Shown)
+    assert dirprim("view", folder / "prior.mcap", folder / "free.mcap", "--truth", folder / "log.mcap") == DONE
+    assert opened == [
+        ("dirprim prior free", "prior", True, None),
+        ("dirprim prior free", "free", False, "rerun+http://127.0.0.1:1/proxy"),
+    ]
+    assert "/error/2" in entities(folder / "free_shown.rrd")
+
+
+@pytest.mark.skipif(not DRIVERS, reason="no Vulkan driver: apt-get install mesa-vulkan-drivers")
+def test_a_screenshot_needs_no_screen(folder, tmp_path):
+    out = tmp_path / "shown.png"
+    assert dirprim("view", folder / "prior.mcap", "--screenshot", out, "--at", 1) == DONE
+    picture = imread(out)
+    assert min(picture.shape[:2]) > 500
+    assert np.ptp(picture[..., :3], axis=(0, 1)).min() > 0.5
+    assert dirprim("view", folder / "prior.mcap", "--at", 1) == 2
 
 
 def test_estimates_are_drawn_over_their_map_and_only_there(folder, tmp_path, capsys):

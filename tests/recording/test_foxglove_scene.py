@@ -16,12 +16,12 @@ from test_estimate_log import a_frame, messages, rollouts
 
 from dirprim_filter.detections import Detections
 from dirprim_filter.drawing import shapes
+from dirprim_filter.drawing.vehicles import TRAIL_POINTS
 from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.recording import topic_names
 from dirprim_filter.recording.foxglove import scenes
 from dirprim_filter.recording.foxglove.elements import SCENE_FRAME
 from dirprim_filter.recording.foxglove.scenes import (
-    TRAIL_POINTS,
     VEHICLE_SIZE,
     EstimatesScene,
     forecast_scene,

@@ -1,11 +1,15 @@
 """Playing a log: the frames that were written, each when its time has come."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from test_estimate_log import a_frame, rollouts
 
-from dirprim_filter import read_estimates, write_tracks
+from dirprim_filter import load_map, read_estimates, write_tracks
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
+from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.recording.errors import DamagedRecordingError
 from dirprim_filter.recording.playback import Playback, paced
 from dirprim_filter.recording.writer import EstimateWriter
@@ -64,6 +68,31 @@ def test_estimates_are_those_of_the_log_whole_in_part_and_damaged(tracked, strai
     assert playback.losses.damage
     with pytest.raises(DamagedRecordingError):
         list(Playback(tracked, strict=True))
+
+
+def test_a_run_plays_with_its_detections_what_they_were_assigned_to_its_forecasts_and_its_map(tmp_path, ring_map):
+    """Far from the origin: what is drawn is relative to the scene's frame."""
+    far, path, sent = np.array([680_123.0, 4_100_567.0]), tmp_path / "run.mcap", a_frame(0)
+    estimates = replace(sent.estimates, position=sent.estimates.position + far)
+    assigned = np.where(np.arange(len(sent.detections)) == 0, "7", "")
+    frame = replace(sent, estimates=estimates, assigned=assigned)
+    names, start, paths = [frame.names[0], "unknown"], estimates.position[:2], far + rollouts()[:2]
+    with EstimateWriter(path, metadata={}) as log:
+        log.write_map_scene(ring_map)
+        log.write(frame)
+        log.write(replace(frame, time_ns=STEP_NS, estimates=replace(estimates, time_ns=estimates.time_ns + STEP_NS)))
+        log.write_forecast(Forecasts(STEP_NS, names, start, paths))
+    playback = Playback(path)
+    first, second = playback
+    np.testing.assert_array_equal(first.detections.position, sent.detections.position)
+    assert first.assigned.tolist() == assigned.tolist()
+    assert playback.forecast(first) is None
+    found = playback.forecast(second)
+    assert found is not None
+    assert found.track_id == names[:1]
+    np.testing.assert_allclose(found.paths, paths[:1], atol=1e-6)
+    np.testing.assert_array_equal(found.start, start[:1])
+    np.testing.assert_array_equal(load_map(path).direction.weight, ring_map.direction.weight)
 
 
 @pytest.mark.parametrize("rate", [0.5, 1.0, 4.0, float("inf")])

@@ -24,15 +24,23 @@ def write_run(path, frames, primitives, **options):
     return path
 
 
-def rows_of(path, entity, column):
+def rows_of(path, entity, column, *, timeline=TIMELINE):
     """(time, values) of each row of one entity, ascending in time; None is static."""
     rows: list[tuple[int | None, np.ndarray]] = []
     for chunk in RrdReader(path).stream():
         batch = chunk.to_record_batch()
         if chunk.entity_path != entity or column not in batch.schema.names:
             continue
-        timed = TIMELINE in batch.schema.names
-        times = batch.column(TIMELINE).to_numpy().astype(np.int64).tolist() if timed else [None] * batch.num_rows
-        values = [np.array(v) for v in batch.column(column).to_pylist()]
+        timed = timeline in batch.schema.names
+        times = batch.column(timeline).to_numpy().astype(np.int64).tolist() if timed else [None] * batch.num_rows
+        values = [_array(v) for v in batch.column(column).to_pylist()]
         rows += [(t, v) for t, v in zip(times, values, strict=True) if v.ndim]
     return sorted(rows, key=lambda row: row[0] or 0)
+
+
+def _array(values):
+    """Of lines with different lengths an array of objects."""
+    try:
+        return np.array(values)
+    except ValueError:
+        return np.array([*values, None], object)[:-1]

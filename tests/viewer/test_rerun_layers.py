@@ -11,8 +11,11 @@ from dirprim_filter.estimates import EstimateList
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
 from dirprim_filter.evaluation.tracking_report import report_of
 from dirprim_filter.forecasting import Forecasts
-from dirprim_filter.viewer import marks
+from dirprim_filter.origin import Origin
+from dirprim_filter.viewer import lanes, marks
+from dirprim_filter.viewer.process import ELAPSED
 from dirprim_filter.viewer.sink import RerunSink
+from dirprim_filter.viewer.stream import FRAME
 
 
 @pytest.fixture
@@ -26,53 +29,99 @@ def tracked(scene_frames):
     return [*frames, scene_frames[-1]]
 
 
-def test_every_layer_follows_the_frames_and_empties_with_them(tmp_path, scene_map, tracked):
-    """Rows of each frame; vehicle 8 coasts: it is drawn darker, and its ellipse in a layer of its own."""
+def test_every_vehicle_has_an_entity_that_follows_the_frames_and_empties_with_them(tmp_path, scene_map, tracked):
+    """Vehicle 8 coasts: it is drawn darker. A frame has its time, its number, and the seconds since the first."""
     path = write_run(tmp_path / "run.rrd", tracked, scene_map, focus="8")
     for entity, column, n_each in [
         ("/detections", "Points3D:positions", [2, 2, 2, 2, 2, 0]),
-        ("/tracks/estimates", "Points3D:positions", [2, 2, 2, 2, 2, 0]),
-        ("/tracks/trails", "Points3D:positions", [2, 2, 2, 2, 2, 0]),
-        ("/tracks/ids", "Points3D:labels", [2, 2, 2, 2, 2, 0]),
-        ("/tracks/motion", "Arrows3D:vectors", [2, 2, 2, 2, 2, 0]),
-        ("/tracks/covariance", "Ellipsoids3D:half_sizes", [2, 1, 1, 1, 1, 0]),
-        ("/tracks/unseen", "Ellipsoids3D:half_sizes", [0, 1, 1, 1, 1, 0]),
-        ("/tracks/particles", "Points3D:positions", [50, 50, 50, 50, 50, 0]),
+        *[
+            (f"/tracks/{name}", column, [n] * 5 + [0])
+            for name in "78"
+            for column, n in [
+                ("Points3D:positions", 2), ("Points3D:labels", 2), ("Arrows3D:vectors", 1),
+                ("Ellipsoids3D:half_sizes", 1), ("LineStrips3D:strips", 1),
+            ]
+        ],
+        ("/particles", "Points3D:positions", [50, 50, 50, 50, 50, 0]),
         ("/focus/ring", "LineStrips3D:strips", [1, 1, 1, 1, 1, 0]),
         ("/polar/posterior", "LineStrips2D:strips", [1, 1, 1, 1, 1, 0]),
-    ]:
+    ]:  # fmt: skip
         rows = rows_of(path, entity, column)
         assert [time_ns for time_ns, _ in rows] == [frame.time_ns for frame in tracked], entity
         assert [len(value) for _, value in rows] == n_each, entity
-    places = [v for _, v in rows_of(path, "/tracks/estimates", "Points3D:positions")]
-    assert places[3][:, :2] == pytest.approx(tracked[3].estimates.position, rel=1e-6)
-    packed = [v for _, v in rows_of(path, "/tracks/estimates", "Points3D:colors")]
-    bright, dark = ((packed[i][1] >> 24) & 255 for i in (0, 1))
+        since = [frame.time_ns - tracked[0].time_ns for frame in tracked]
+        assert [at for at, _ in rows_of(path, entity, column, timeline=ELAPSED)] == since
+        assert [at for at, _ in rows_of(path, entity, column, timeline=FRAME)] == [*range(6)]
+    places = [v for _, v in rows_of(path, "/tracks/8", "Points3D:positions")]
+    assert places[3][0, :2] == pytest.approx(tracked[3].estimates.position[1], rel=1e-6)
+    assert rows_of(path, "/tracks/8", "Points3D:labels")[0][1].tolist() == ["", "8"]
+    packed = [v for _, v in rows_of(path, "/tracks/8", "Points3D:colors")]
+    bright, dark = ((packed[i][0] >> 24) & 255 for i in (0, 1))
     assert dark == pytest.approx(0.5 * bright, abs=1)
+    trail = rows_of(path, "/tracks/7", "LineStrips3D:strips")[4][1][0]
+    assert trail[[0, -1], :2] == pytest.approx(np.array([tracked[i].estimates.position[0] for i in (0, 4)]), rel=1e-6)
     for (_, ring), frame in zip(rows_of(path, "/focus/ring", "LineStrips3D:strips"), tracked[:-1], strict=False):
         assert ring[0, :-1, :2].mean(axis=0) == pytest.approx(frame.estimates.position[1], abs=1e-3)
-    (_, cloud), *_ = rows_of(path, "/tracks/particles", "Points3D:positions")
+    (_, cloud), *_ = rows_of(path, "/particles", "Points3D:positions")
     assert (cloud[:, :2] == tracked[0].particles.of(1).position.astype(np.float32)).all()
-    ess = [v.tolist() for _, v in rows_of(path, "/metrics/ess", "Scalars:scalars")]
+    ess = [v.tolist() for _, v in rows_of(path, "/samples/all", "Scalars:scalars")]
     assert ess[:5] == [[30, 30]] * 5
     assert np.isnan(ess[5]).all()
-    existence = [v.tolist() for _, v in rows_of(path, "/metrics/existence", "Scalars:scalars")]
-    assert existence == [[2, 2, 2, 0]] + [[2, 2, 1, 0]] * 4 + [[0, 0, 0, 0]]
+    counts = [v[:4].tolist() for _, v in rows_of(path, "/vehicles/all", "Scalars:scalars")]
+    assert counts == [[2, 2, 2, 0]] + [[2, 2, 1, 0]] * 4 + [[0, 0, 0, 0]]
     diary = [str(v[0]) for _, v in rows_of(path, "/events", "TextLog:text")]
     assert diary == ["7 initialised", "8 initialised", "8 coasts", "7 ended", "8 ended"]
 
 
-def test_nees_is_the_scores_and_nis_the_trackers(tmp_path, tracked, scene_tracks):
+def test_ellipses_lie_as_the_covariance_does(tmp_path, tracked):
+    """A point of the rim has the Mahalanobis distance of the 90 % quantile, on both sides of the longer axis."""
+    spread = np.array([[4.0, 1.5], [1.5, 1.0]])
+    wide = replace(tracked[0].estimates, covariance=np.stack([spread, spread * [[1, -1], [-1, 1]]]))
+    with RerunSink(save=tmp_path / "e.rrd") as shown:
+        shown.write(replace(tracked[0], estimates=wide))
+    for row, entity in enumerate(("/tracks/7", "/tracks/8")):
+        ((_, half),) = rows_of(tmp_path / "e.rrd", entity, "Ellipsoids3D:half_sizes")
+        ((_, turn),) = rows_of(tmp_path / "e.rrd", entity, "Ellipsoids3D:quaternions")
+        angle, t = 2.0 * np.arctan2(turn[0, 2], turn[0, 3]), np.linspace(0.0, 2.0 * np.pi, 9)
+        along = np.column_stack([half[0, 0] * np.cos(t), half[0, 1] * np.sin(t)])
+        rim = along @ np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+        distance = np.einsum("ni,ij,nj->n", rim, np.linalg.inv(wide.covariance[row]), rim)
+        np.testing.assert_allclose(distance, -2.0 * np.log(0.1), rtol=1e-5)
+
+
+def test_vehicles_after_the_first_share_an_entity_and_no_row_is_lost(monkeypatch):
+    monkeypatch.setattr(lanes, "MOST_OWN", 2)
+    divided = lanes.Lanes("/tracks", "c")
+    frames = [["a", "b", "c", "d/1"], ["a", "d/1"], [], ["b"]]
+    names, instant = [n for of in frames for n in of], np.repeat(np.arange(4), [len(of) for of in frames])
+    drawn = {lane.path: lane for lane in divided.divided(names, instant, 4)}
+    assert set(drawn) == {"/tracks/a", "/tracks/c", "/tracks/all\\ others"}
+    assert sorted(np.concatenate([lane.rows for lane in drawn.values()]).tolist()) == [*range(len(names))]
+    assert (drawn["/tracks/a"].instants.tolist(), drawn["/tracks/a"].counts.tolist()) == ([0, 1, 2], [1, 1, 0])
+    other = drawn["/tracks/all\\ others"]
+    assert (other.instants.tolist(), other.counts.tolist()) == ([0, 1, 2, 3], [2, 1, 0, 1])
+    (last,) = divided.divided([], np.empty(0, np.int64), 2)  # what was shown is emptied once
+    assert (last.path, last.instants.tolist(), last.counts.tolist()) == (other.path, [0], [0])
+    assert [*divided.divided([], np.empty(0, np.int64), 2)] == []
+
+
+def test_nees_and_error_are_the_scores_and_innovations_the_trackers(tmp_path, tracked, scene_tracks):
     kept = EstimateList()
     with RerunSink(save=tmp_path / "run.rrd") as shown:
         shown.log_truth(scene_tracks)
         for frame in tracked[:-1]:
             shown.write(frame)
             kept.write(frame)
-    rows = [v for _, v in rows_of(tmp_path / "run.rrd", "/metrics/consistency", "Scalars:scalars")]
     report = report_of(TrackedRows.of(kept.all()), scene_tracks, with_ids=True).report
-    assert np.mean([row[0] for row in rows]) == pytest.approx(report.nees)
-    assert [row[1:].tolist() for row in rows] == [[4.0, 2.0]] * 5
+
+    def values(entity):
+        return [v.tolist() for _, v in rows_of(tmp_path / "run.rrd", entity, "Scalars:scalars")]
+
+    assert np.mean([*values("/nees/7"), *values("/nees/8")]) == pytest.approx(report.nees)
+    assert np.mean([row[0] for row in values("/nees/all")]) == pytest.approx(report.nees)
+    assert values("/error/7") == [[pytest.approx(np.hypot(0.5, 0.5))]] * 5
+    assert values("/innovation/all") == [[4.0, 2.0]] * 5
+    assert values("/innovation/7") == [[4.0]] * 5
 
 
 def test_the_map_is_static_and_its_petals_are_those_of_the_shapes(tmp_path, scene_map):
@@ -89,10 +138,38 @@ def test_truth_ends_with_the_last_row(tmp_path, scene_tracks):
     with RerunSink(save=tmp_path / "truth.rrd") as shown:
         shown.log_truth(scene_tracks[rng.permutation(len(scene_tracks))])
     times = np.unique(scene_tracks.time_ns).tolist()
-    for entity, column in (("/truth", "LineStrips3D:strips"), ("/truth/trails", "Points3D:positions")):
-        rows = [row for row in rows_of(tmp_path / "truth.rrd", entity, column) if row[0] is not None]
-        assert [time_ns for time_ns, _ in rows] == [*times, times[-1] + 100_000_000]
-        assert [len(shown) for _, shown in rows] == [2] * 5 + [0]
+    for name in "78":
+        rows = [row for row in rows_of(tmp_path / "truth.rrd", f"/truth/{name}", "LineStrips3D:strips") if row[0]]
+        assert [time_ns for time_ns, _ in rows] == [*times, times[-1] + 1]
+        assert [len(shown) for _, shown in rows] == [2] * 5 + [0]  # an outline and a trail
+
+
+def test_sensors_have_an_entity_each_and_detections_a_line_to_their_tracks(tmp_path, tracked):
+    seen = [replace(tracked[0].detections, position=tracked[0].detections.position + east) for east in (1.0, 2.0)]
+    frame = replace(tracked[0], assigned=np.array(["8", "none"]))
+    with RerunSink(save=tmp_path / "s.rrd") as shown:
+        for name, of in zip(("/front", "/rear"), seen, strict=True):
+            shown.log_detections(of, name)
+        shown.write(frame)
+    for name, of in zip(("/front", "/rear"), seen, strict=True):
+        (_, place), (_, after) = rows_of(tmp_path / "s.rrd", f"/detections{name}", "Points3D:positions")
+        assert (place[:, :2] == of.position.astype(np.float32)).all()
+        assert len(after) == 0
+    assert rows_of(tmp_path / "s.rrd", "/detections", "Points3D:positions") == []
+    ((_, lines),) = rows_of(tmp_path / "s.rrd", "/assigned", "LineStrips3D:strips")
+    ends = np.array([[frame.detections.position[0], frame.estimates.position[1]]])
+    assert lines[..., :2] == pytest.approx(ends, rel=1e-6)
+
+
+def test_where_the_plane_lies_on_the_earth_vehicles_and_petals_do(tmp_path, scene_map, tracked):
+    origin = Origin(48.0, 11.0)
+    estimates = tracked[0].estimates.on_plane(origin)
+    write_run(tmp_path / "g.rrd", [replace(tracked[0], estimates=estimates)], replace(scene_map, origin=origin))
+    ((_, place),) = rows_of(tmp_path / "g.rrd", "/tracks/7", "GeoPoints:positions")
+    assert origin.to_plane(place) == pytest.approx(estimates.position[:1], abs=1e-6)
+    ((_, petals),) = rows_of(tmp_path / "g.rrd", "/map/earth", "GeoLineStrings:line_strings")
+    expected = shapes.rose_petals(scene_map).polygon
+    assert origin.to_plane(petals[:, :-1].reshape(-1, 2)) == pytest.approx(expected.reshape(-1, 2), abs=1e-6)
 
 
 def test_forecasts_are_shown_until_they_are_old_but_of_no_vehicle_that_coasts(tmp_path, tracked):

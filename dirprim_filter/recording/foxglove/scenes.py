@@ -7,7 +7,8 @@ of its vehicle; a map the outlines of its cells, and roses in the colours of spe
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from foxglove import messages as fg
@@ -17,7 +18,7 @@ from dirprim_filter.columns import is_held
 from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.drawing import shapes
 from dirprim_filter.drawing.colors import direction_color, fan_opacity, track_color
-from dirprim_filter.drawing.vehicles import SURE_FROM, may_be_anywhere, short_name
+from dirprim_filter.drawing.vehicles import SURE_FROM, Trails, may_be_anywhere, short_name
 from dirprim_filter.estimates import Estimates, Particles
 from dirprim_filter.forecasting import REGION_SHARES, Forecasts
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
@@ -52,8 +53,6 @@ HEAD_LENGTH, HEAD_SHARE = 0.9, 0.5
 """Of an arrow, metres, and of its length at most."""
 LABEL_NORTH = 3.0
 """Metres; a label on the vehicle would hide what it names."""
-TRAIL_NS, TRAIL_POINTS = 5_000_000_000, 16
-"""How far back a trail goes, and by how many points it leads to the vehicle."""
 
 
 class EstimatesScene:
@@ -69,7 +68,7 @@ class EstimatesScene:
     def __init__(self, color: Sequence[float] | None = None) -> None:
         self._color = color
         self.sizes: dict[str, list[float]] = {}
-        self._trail: dict[str, list[tuple[int, fg.Point3]]] = {}
+        self._trails = Trails()
 
     def update(self, estimates: Estimates, detections: Detections, time_ns: int, origin: FloatArray) -> fg.SceneUpdate:
         """The update of one instant; sizes are those that were last reported of vehicles by name.
@@ -91,13 +90,11 @@ class EstimatesScene:
             np.where(estimates.is_coasting, COASTING_OPACITY, 1.0), may_be_anywhere(estimates),
             track_color(names)[:, :3] / 255.0,
         )  # fmt: skip
-        self._trail = {
-            name: self._led_on(name, place, time_ns) for name, place in zip(names, points(columns[0]), strict=True)
-        }
+        trails = self._trails.lead_on(names, points(columns[0]), time_ns)
         opacities = {alpha: {part: alpha * own for part, own in OPACITY.items()} for alpha in (1.0, COASTING_OPACITY)}
         entities = []
-        for name, (x, y), yaw, speed, is_turned, (minor, major), turn, strength, is_anywhere, own in zip(
-            names, *(column.tolist() for column in columns), strict=True
+        for name, (x, y), yaw, speed, is_turned, (minor, major), turn, strength, is_anywhere, own, trail in zip(
+            names, *(column.tolist() for column in columns), trails, strict=True
         ):
             length, width, height = self.sizes.get(name, VEHICLE_SIZE)
             rgb, opacity = self._color or own, opacities[strength]
@@ -121,8 +118,7 @@ class EstimatesScene:
                     scale_invariant=True, text=short_name(name), color=painted(rgb, opacity["label"]),
                 )],
                 lines=[line(
-                    STRIP, [place for _, place in self._trail[name]], pixels=2.0,
-                    color=painted(rgb, opacity["trail"]), height=HEIGHT["trails"],
+                    STRIP, trail, pixels=2.0, color=painted(rgb, opacity["trail"]), height=HEIGHT["trails"],
                 )],
             ))  # fmt: skip
         return fresh_update(entities, time_ns)
@@ -133,16 +129,6 @@ class EstimatesScene:
         for name, size in zip(detections.track_id.tolist(), detections.size, strict=True):
             if name != NO_ID and not np.isnan(size).all():
                 self.sizes[name] = np.where(np.isnan(size), VEHICLE_SIZE, size).tolist()
-
-    def _led_on(self, name: str, place: fg.Point3, time_ns: int) -> list[tuple[int, fg.Point3]]:
-        """Where a vehicle was at even instants, oldest first, and is."""
-        trail = self._trail.get(name) or [(time_ns, place)]
-        if len(trail) > 1 and trail[-1][0] - trail[-2][0] < TRAIL_NS // TRAIL_POINTS:
-            trail.pop()
-        while trail and time_ns - trail[0][0] > TRAIL_NS:
-            trail.pop(0)
-        trail.append((time_ns, place))
-        return trail
 
 
 PARTICLE_OPACITY = 0.7
@@ -220,6 +206,17 @@ def forecast_scene(forecasts: Forecasts, origin: FloatArray, *, hidden: frozense
         ]
         entities.append(entity(name, forecasts.time_ns, lines=[lines], triangles=areas, metadata=notes))
     return fresh_update(entities, forecasts.time_ns)
+
+
+def forecasts_of(update: Any, time_ns: int, origin: FloatArray, start: Mapping[str, FloatArray]) -> Forecasts:
+    """What `forecast_scene` drew, a decoded message, of the vehicles with a known `start`."""
+    drawn = [of for of in update.entities if of.id in start]
+    paths = []
+    for lines in (of.lines[0] for of in drawn):
+        n_paths = len(lines.points) - len(lines.indices) // 2
+        paths.append(origin + np.array([(p.x, p.y) for p in lines.points]).reshape(n_paths, -1, 2))
+    starts = np.array([start[of.id] for of in drawn]).reshape(-1, 2)
+    return Forecasts(time_ns, [of.id for of in drawn], starts, np.array(paths or np.empty((0, 1, 1, 2))))
 
 
 CELL_COLOR = painted((0.45, 0.5, 0.6), 0.45)

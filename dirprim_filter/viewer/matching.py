@@ -1,0 +1,115 @@
+"""Which track is which true vehicle, frame by frame: by name, or where detections have no ids by place, as CLEAR MOT.
+
+Source: Bernardin and Stiefelhagen, Evaluating Multiple Object Tracking Performance: The CLEAR MOT Metrics, 2008.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
+from dirprim_filter.distributions import gaussian
+from dirprim_filter.estimates import Estimates, TrackedFrame
+from dirprim_filter.evaluation.metrics.clear_mot import MATCH_FROM
+from dirprim_filter.evaluation.metrics.comparison import SIMILARITY_M
+from dirprim_filter.evaluation.truth import INTERVALS, LEAST_GAP_S, interpolated, known_at, usual_interval_s
+from dirprim_filter.filtering.association import best_pairs
+from dirprim_filter.track_ids import as_texts
+from dirprim_filter.tracks import Tracks
+
+MATCH_M = (1.0 - MATCH_FROM) * SIMILARITY_M
+"""Metres between a vehicle and its track at most, as `dirprim score` counts exchanges,"""
+GATE = 13.8
+"""or the squared distance in units of the track's covariance: 99.9 % of a Gaussian of the plane."""
+JITTER = 1e-12
+UNMATCHED = -1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Matched:
+    """The true vehicles of one frame, and their tracks.
+
+    Attributes:
+        names: n ids of the vehicles.
+        position: (n, 2) metres.
+        row: (n,) of the frame's estimates; `UNMATCHED` where there is none.
+        error: (n,) metres from the track; NaN without one.
+        nees: (n,) the same squared, in units of the track's covariance.
+    """
+
+    names: Sequence[str]
+    position: FloatArray
+    row: IntArray
+    error: FloatArray
+    nees: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+
+class Matcher:
+    """Follows from frame to frame which track each vehicle has.
+
+    Args:
+        truth: of one group, or with names that no two groups share. Between two rows that are near enough it is
+            interpolated, as `evaluation.truth` does.
+    """
+
+    def __init__(self, truth: Tracks) -> None:
+        self._truth = replace(truth, track_id=as_texts(truth.track_id), group=np.zeros(len(truth), np.int64))
+        self._longest_gap_s = max(LEAST_GAP_S, INTERVALS * usual_interval_s(self._truth))
+        self._names, self._last = frozenset(self._truth.track_id.tolist()), dict[str, str]()
+
+    def match(self, frames: Sequence[TrackedFrame]) -> list[Matched]:
+        """The vehicles of frames, ascending in time."""
+        times = np.array([frame.time_ns for frame in frames], np.int64)
+        known = known_at(self._truth, np.zeros_like(times), times, longest_gap_s=self._longest_gap_s)
+        order = np.argsort(known.instant, kind="stable")
+        instant, before, after = (column[order] for column in known)
+        there = interpolated(self._truth, before, after, times[instant])
+        ends = np.searchsorted(instant, np.arange(len(frames) + 1))
+        return [
+            self._of(frame, there.track_id[first:last], there.position[first:last])
+            for frame, first, last in zip(frames, ends, ends[1:], strict=False)
+        ]
+
+    def _of(self, frame: TrackedFrame, names: AnyArray, position: FloatArray) -> Matched:
+        estimates, vehicles, tracks = frame.estimates, as_texts(names).tolist(), frame.names
+        place = {name: i for i, name in enumerate(tracks)}
+        if self._names.intersection(tracks):
+            row = np.array([place.get(name, UNMATCHED) for name in vehicles], np.int64)
+        else:
+            before = [place.get(self._last.get(name, ""), UNMATCHED) for name in vehicles]
+            row = _nearest(position, estimates, np.array(before, np.int64), _is_one_world(vehicles, tracks))
+        own = np.flatnonzero(row >= 0)
+        self._last |= {vehicles[i]: tracks[row[i]] for i in own.tolist()}
+        error, nees = (np.full(len(vehicles), np.nan) for _ in range(2))
+        off = position[own] - estimates.position[row[own]]
+        error[own] = np.hypot(*off.T)
+        nees[own] = gaussian.squared_distance(off, estimates.covariance[row[own]] + JITTER * np.eye(2))
+        return Matched(names=vehicles, position=position, row=row, error=error, nees=nees)
+
+
+def _nearest(position: FloatArray, estimates: Estimates, before: IntArray, is_near: BoolArray) -> IntArray:
+    """(n,) rows of the estimates: those `before` while they are near enough, and of the others the best assignment."""
+    row, off = np.full(len(position), UNMATCHED), position[:, None] - estimates.position
+    precision = np.linalg.inv(estimates.covariance + JITTER * np.eye(2))
+    distance = np.hypot(off[..., 0], off[..., 1])
+    is_near &= (distance <= MATCH_M) | (np.einsum("vti,tij,vtj->vt", off, precision, off) <= GATE)
+    kept = np.flatnonzero(before >= 0)
+    kept = kept[is_near[kept, before[kept]]]
+    row[kept] = before[kept]
+    is_near[kept], is_near[:, before[kept]] = False, False
+    one, other = np.nonzero(is_near)
+    best = best_pairs(one, other, 1.0 / (1.0 + distance[one, other])) if one.size else one
+    row[one[best]] = other[best]
+    return row
+
+
+def _is_one_world(vehicles: Sequence[str], tracks: Sequence[str]) -> BoolArray:
+    """(n, m) pairs of names `group/id`, but for those of two groups."""
+    one, other = (np.array([name.rpartition("/")[0] for name in names], np.str_) for names in (vehicles, tracks))
+    return np.asarray((one[:, None] == other) | (one == "")[:, None] | (other == ""))
