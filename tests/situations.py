@@ -8,6 +8,7 @@ from dirprim_filter.config import TrackingConfig
 from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.estimates import Estimates
+from dirprim_filter.filtering import _kernels
 from dirprim_filter.primitives.motion import FLOATS, Motion
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.rows import CellRows
@@ -148,3 +149,13 @@ def junction_traffic(rng, *, n_vehicles=60, dt_s=0.1, n_rows=90):
             )
         )  # fmt: skip
     return Tracks.concatenate(parts)
+
+
+def gaussian_belief(bayes, key, mean, covariance):
+    """A particle filter of the same motion with one belief: a Gaussian of x, y and their rates."""
+    rng = np.random.default_rng(key)
+    drawn = rng.multivariate_normal(mean, covariance, bayes.n_particles, method="eigh").T
+    course, still = np.arctan2(drawn[3], drawn[2]), np.zeros((2, bayes.n_particles))
+    other = bayes.resumed(key, np.vstack([drawn, still[:1], np.cos(course), np.sin(course), still]))
+    _kernels.initialise_motion(other._table, other.cloud, np.zeros(1, np.int64))
+    return other

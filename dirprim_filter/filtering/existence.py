@@ -24,6 +24,8 @@ N_FIXED_POINT = 30
 
 MOST_FALSE = 100.0
 """False detections with an id on all of a map in a frame, at most: beyond a square kilometre its densities shrink."""
+LABELLED = 0.01
+"""Share of what is expected by chance that comes with the id of a track: a false detection has any id."""
 LEVEL_S = 900.0
 """Seconds in which all but 1/e of what is known of the traffic's level is forgotten: within a rush hour it follows."""
 
@@ -118,7 +120,7 @@ class Undetected:
 
     def __init__(self, traffic: Traffic | None, config: TrackingConfig, noise: FilterConfig) -> None:
         area = 0.0 if traffic is None else float(traffic.tessellation.area.sum())
-        self._of_labels = min(1.0, MOST_FALSE / max(config.clutter_density * area, 1e-300))
+        self._of_labels = min(LABELLED, MOST_FALSE / max(config.clutter_density * area, 1e-300))
         self._traffic, self.config, self._noise = traffic, config, noise
         self._learns_level = False
         self._first = np.array([1.0, 1.0 / (config.vehicle_density * area) if area > 0 else 1.0])

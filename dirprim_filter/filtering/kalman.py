@@ -9,7 +9,6 @@ Source: Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking
 from __future__ import annotations
 
 from copy import copy
-from typing import Self
 
 import numpy as np
 
@@ -19,6 +18,7 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.distributions import gaussian
 from dirprim_filter.filtering.measurements import OUTLIER_EXTENT_M, measured_covariance
 from dirprim_filter.filtering.protocols import Evidence, States
+from dirprim_filter.primitives.motion import JUMP_S
 from dirprim_filter.tracks import Tracks
 
 FIRST_SPEED_STD = 10.0
@@ -53,6 +53,14 @@ class ConstantVelocityKalman:
         moved[:, 0, 2] = moved[:, 1, 3] = dt_s
         return moved
 
+    def noise(self, dt_s: FloatArray, *, over_s: FloatArray | float | None = None) -> FloatArray:
+        """(v, 4, 4) covariance that motion adds in (v,) seconds of a stretch of `over_s` between measurements."""
+        return _white_acceleration(dt_s) * self.density(dt_s if over_s is None else over_s)
+
+    def density(self, over_s: FloatArray | float) -> FloatArray:
+        """(v, 1, 1), or (1, 1), m^2/s^3 of the acceleration in stretches of (v,) seconds between measurements."""
+        return np.full((*np.shape(over_s), 1, 1), self._density)
+
     def reserve(self, n_slots: int) -> None:
         """Make room for so many slots."""
         more = max(n_slots - len(self.mean), 0)
@@ -74,7 +82,7 @@ class ConstantVelocityKalman:
         """Move beliefs on. (v,), (v,) seconds."""
         moved = self.transition(dt_s)
         self.mean[slot] = (moved @ self.mean[slot, :, None])[..., 0]
-        later = moved @ self.covariance[slot] @ moved.swapaxes(1, 2) + _white_acceleration(self._density, dt_s)
+        later = moved @ self.covariance[slot] @ moved.swapaxes(1, 2) + self.noise(dt_s)
         self.covariance[slot] = _symmetric(later)
 
     def log_likelihood(self, slot: IntArray, measured: Detections) -> FloatArray:
@@ -106,10 +114,11 @@ class ConstantVelocityKalman:
     def resample(self, slot: IntArray) -> None:
         """Nothing to resample."""
 
-    def sibling(self, key: int, mean: FloatArray, covariance: FloatArray) -> Self:
-        """One of the same model, with this belief; the key is not looked at."""
+    def straight(self) -> ConstantVelocityKalman:
+        """One of the same motion, without beliefs, to which every measurement is of its vehicle."""
         other = copy(self)
-        other.mean, other.covariance = mean[None].copy(), covariance[None].copy()
+        other._log_outlier = -np.inf
+        other.mean, other.covariance = np.empty((0, 4)), np.empty((0, 4, 4))
         return other
 
     def states(self, slot: IntArray) -> States:
@@ -128,12 +137,12 @@ class ConstantVelocityKalman:
         return mean, np.block([[p, shared], [shared.swapaxes(1, 2), later]])
 
 
-def _white_acceleration(density: float, dt_s: FloatArray) -> FloatArray:
-    """(v,) -> (v, 4, 4)."""
+def _white_acceleration(dt_s: FloatArray) -> FloatArray:
+    """(v,) -> (v, 4, 4) of a density of 1 m^2/s^3."""
     from filterpy.common import Q_continuous_white_noise  # noqa: PLC0415 - it takes a second, also who tracks by a map
 
     lengths, row = np.unique(dt_s, return_inverse=True)
-    noise = [Q_continuous_white_noise(2, dt, density, block_size=2, order_by_dim=False) for dt in lengths]
+    noise = [Q_continuous_white_noise(2, dt, 1.0, block_size=2, order_by_dim=False) for dt in lengths]
     return np.reshape(noise, (-1, 4, 4))[row]
 
 
@@ -159,3 +168,27 @@ def acceleration_density(tracks: Tracks) -> float:
     course = np.column_stack([np.cos(tracks.direction), np.sin(tracks.direction)])
     gained = np.diff((tracks.speed[:, None] * course)[order], axis=0)[pair]
     return max(float((gained**2).sum() / 2.0 / dt_s[pair].sum()), LEAST_DENSITY)
+
+
+class WanderingKalman(ConstantVelocityKalman):
+    """Whose acceleration lasts: white noise, and manoeuvres that go on for seconds, as those of a map's background do.
+
+    Over a stretch between two measurements it counts as white, of the density that gives the same change of velocity.
+
+    Args:
+        white: m^2/s^3 per axis, as of a `ConstantVelocityKalman`.
+        lasting: (k,) m^2/s^4, covariance of the acceleration now with that of multiples of `JUMP_S` later, 0 first.
+        config: as of a `ConstantVelocityKalman`.
+    """
+
+    def __init__(self, white: float, lasting: FloatArray, config: FilterConfig | None = None) -> None:
+        super().__init__(acceleration_density=max(white, LEAST_DENSITY), config=config)
+        self._lasting = lasting
+
+    def density(self, over_s: FloatArray | float) -> FloatArray:
+        """As of a `ConstantVelocityKalman`."""
+        over = np.asarray(over_s, np.float64)[..., None] / JUMP_S
+        lag = np.arange(1, self._lasting.size)
+        later = np.maximum(1.0 - lag / np.fmax(over, 1e-9), 0.0) @ self._lasting[1:]
+        lasts = JUMP_S * (np.fmin(over[..., 0], 1.0) * self._lasting[0] + 2.0 * later)
+        return np.asarray(super().density(over_s) + np.maximum(lasts, 0.0)[..., None, None])

@@ -20,6 +20,7 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.distributions import von_mises
 from dirprim_filter.filtering import _conditioning, _kernels, _measuring, _resampling
 from dirprim_filter.filtering.belief import BeliefSamples, ParticleBelief, weigh_by_cue
+from dirprim_filter.filtering.kalman import ConstantVelocityKalman, WanderingKalman
 from dirprim_filter.filtering.measurements import FASTEST, MOVING_FROM, OUTLIER_EXTENT_M
 from dirprim_filter.filtering.protocols import BayesFilter, Evidence, Places, States
 from dirprim_filter.filtering.smoothing import _kernels as smoothing
@@ -30,6 +31,8 @@ from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.traffic import Traffic
 from dirprim_filter.sensor import Sensor
 
+OWN_WAY_SHARE = 0.5
+"""Of vehicles out of sight: the evidence of where they come back says which (`smoothing.bridge`)."""
 PARALLEL_FROM_NS = 400_000.0
 """Work below which handing a part of it to a second thread, some 0.1 ms, costs more than it saves."""
 PARTS_PER_THREAD = 4
@@ -57,6 +60,7 @@ class ParticleFilter(ParticleBelief):
         self._table = motion_table(primitive_map, step_s=config.step_s, own_way_rate=config.own_way_rate)
         self._primitives = primitive_map.compiled()
         self._has_cells = primitive_map.tessellation.n_cells > 0
+        self._cell_of, self._wander = primitive_map.tessellation.cell_of, primitive_map.motion.wander()
         self.traffic = Traffic.of(primitive_map.tessellation, primitive_map.motion)
         self._of_manoeuvre = np.zeros((len(primitive_map.motion), 2))  # whether it is a cell's, and rate of ends
         self._of_manoeuvre[:, 0] = primitive_map.motion.cell >= 0
@@ -76,16 +80,34 @@ class ParticleFilter(ParticleBelief):
         )  # fmt: skip
         self._split(_kernels.initialise_motion, (self._table, self.cloud), (slot,), (), each_ns=100.0)
 
-    def sibling(self, key: int, mean: FloatArray, covariance: FloatArray) -> Self:
-        """One that moves by the same map, with one belief: a Gaussian of x, y and their rates. Key, (4,), (4, 4)."""
+    def straight(self) -> ConstantVelocityKalman:
+        """Straight on, by the acceleration of the map's background."""
+        return WanderingKalman(*self._wander, config=self.config).straight()
+
+    @property
+    def own_way_share(self) -> float:
+        """As of `Guided`."""
+        if not self._has_cells:
+            return 1.0
+        return OWN_WAY_SHARE if self.config.own_way_rate > 0.0 else 0.0
+
+    def resumed(self, key: int, sample: FloatArray) -> Self:
+        """One that moves by the same map, with one belief: samples (9, P) as of `states`."""
         other, rng = copy(self), np.random.default_rng(key)
-        ParticleBelief.__init__(other, n_particles=self.n_particles, mode_of=self.mode_of)
-        drawn, cloud = rng.multivariate_normal(mean, covariance, self.n_particles, method="eigh"), other.cloud
-        cloud.position[0], velocity = drawn[:, :2], drawn[:, 2:]
-        cloud.direction[0], cloud.speed[0] = np.arctan2(velocity[:, 1], velocity[:, 0]), np.hypot(*velocity.T)
+        ParticleBelief.__init__(other, n_particles=sample.shape[1], mode_of=self.mode_of)
+        cloud, (east, north, *rates, _, cosine, sine, manoeuvre, push) = other.cloud, sample
+        cloud.position[0], cloud.direction[0] = np.column_stack([east, north]), np.arctan2(sine, cosine)
+        cloud.speed[0], cloud.manoeuvre[0], cloud.push[0] = np.hypot(*rates), manoeuvre, push
+        cloud.cell[0] = self._cell_of(cloud.position[0])
         cloud.state[0] = rng.integers(2**64, size=4, dtype=np.uint64)
-        _kernels.initialise_motion(self._table, cloud, np.zeros(1, np.int64))
         return other
+
+    def choose(self, rows: IntArray) -> None:
+        """Of the one belief take these samples (P,)."""
+        self.step += 1
+        for name in ("position", "direction", "speed", "cell", "manoeuvre", "push"):
+            column = getattr(self.cloud, name)
+            column[0] = column[0, rows]
 
     def states(self, slot: IntArray) -> States:
         """The particles; the number that lasts is their acceleration."""
@@ -95,7 +117,7 @@ class ParticleFilter(ParticleBelief):
 
     def joint(self, then: States, now: States, *, vehicle: IntArray, dt_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """As `Smoothable.joint`: those of one belief at two times are the same ones, moved on, whatever the time."""
-        mean = np.empty((vehicle.size, 2 * smoothing.N_COLUMNS))
+        mean = np.empty((vehicle.size, 2 * smoothing.N_MEANS))
         covariance = np.empty((vehicle.size, 2 * smoothing.N_STATES, 2 * smoothing.N_STATES))
         pairs = vehicle, then.sample, mean, covariance
         self._split(smoothing.joint_moments, (now.weight, now.sample), pairs, (), each_ns=40.0)

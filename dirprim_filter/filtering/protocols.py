@@ -6,13 +6,16 @@ alone. What some filters can do beside that are protocols of their own.
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol, Self, runtime_checkable
+from typing import TYPE_CHECKING, NamedTuple, Protocol, Self, runtime_checkable
 
 from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Samples
 from dirprim_filter.primitives.cues import Cue
 from dirprim_filter.primitives.traffic import Traffic
+
+if TYPE_CHECKING:
+    from dirprim_filter.filtering.kalman import ConstantVelocityKalman
 
 
 class Evidence(NamedTuple):
@@ -112,7 +115,8 @@ class States(NamedTuple):
     """Beliefs as mixtures of Gaussians about samples, a copy; of a filter without samples of one each.
 
     Attributes:
-        sample: (v, 7, P) x, y, their rates and one number more that lasts; then cosine and sine of the direction.
+        sample: (v, 9, P) x, y, their rates and one number more that lasts; then cosine and sine of the direction; then
+            what the samples follow, as `Guided.resumed` takes it. Of a filter without samples (v, 7, 1).
         weight: (v, P) of the samples, sums to 1.
         covariance: (v, 4, 4) of place and rates about each sample.
     """
@@ -126,8 +130,8 @@ class States(NamedTuple):
 class Smoothable(BayesFilter, Protocol):
     """A filter that knows how beliefs at one time follow from those at another, as a smoother asks."""
 
-    def sibling(self, key: int, mean: FloatArray, covariance: FloatArray) -> Self:
-        """One of the same models, with one belief: a Gaussian (4,), (4, 4) of x, y and their rates, of a uint64 key."""
+    def straight(self) -> ConstantVelocityKalman:
+        """The straight motion, without beliefs, that the filter's own is compared with across gaps."""
         ...
 
     def states(self, slot: IntArray) -> States:
@@ -143,4 +147,22 @@ class Smoothable(BayesFilter, Protocol):
             vehicle: (k,) which of these each became.
             dt_s: (k,) seconds between them.
         """
+        ...
+
+
+@runtime_checkable
+class Guided(Smoothable, Protocol):
+    """A filter of samples that can be led to where a vehicle came back."""
+
+    @property
+    def own_way_share(self) -> float:
+        """Share of vehicles out of sight that go straight on, not as the filter expects; 1 if it knows no places."""
+        ...
+
+    def resumed(self, key: int, sample: FloatArray) -> Self:
+        """One of the same motion, with one belief: samples (9, P) of equal weight as of `States`; of a uint64 key."""
+        ...
+
+    def choose(self, rows: IntArray) -> None:
+        """Of the one belief take these samples (P,)."""
         ...

@@ -92,7 +92,7 @@ class Tracker:
 
     def record(self, group: int) -> Recorder:
         """What keeps, from now on, what a smoother needs; `group` is of the log."""
-        self._recorder = Recorder(self._filter, group)
+        self._recorder = Recorder(self._filter, group, self.sensor)
         return self._recorder
 
     @property
@@ -205,7 +205,7 @@ class Tracker:
         key = [birth_key(self._seed, name, self._time_ns) for name in self._roster.name[slot].tolist()]
         self._filter.begin(slot, np.array(key, dtype=np.uint64), measured)
         if self._recorder is not None:
-            self._recorder.begun(slot, self._time_ns)
+            self._recorder.begun(slot, measured, self._time_ns)
 
     def _beliefs(self, seen: IntArray) -> tuple[IntArray, IntArray]:
         """(v,), (v,) slots of all tracks, and those that hold their beliefs at the frame's time.
@@ -320,7 +320,7 @@ class Tracker:
             origin=self._origin,
         ), self.sensor)  # fmt: skip
         if self._recorder is not None:
-            self._recorder.reported(time_ns, home, estimates, roster.is_labelled[home])
+            self._recorder.reported(time_ns, home, estimates)
         return TrackedFrame(
             time_ns=time_ns, detections=detections, estimates=estimates,
             particles=Particles.none() if self._on_map is None else self._on_map.particles(slot),

@@ -12,6 +12,7 @@ from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
+from scipy.sparse import csr_array
 
 from dirprim_filter.arrays import FloatArray, IntArray, as_floats
 from dirprim_filter.distributions import Gamma, VonMisesMixture
@@ -25,6 +26,8 @@ PUSH_RATE = 0.5
 """1/s: rate at which a vehicle's own acceleration decays."""
 JUMP_S = 1.0
 """Seconds after which a background vehicle may change its manoeuvre."""
+LAGS = 16
+"""Multiples of it after which a background vehicle's manoeuvre says nothing."""
 PUSHED_SHARE = 0.85
 """Of the variance of a vehicle's own acceleration, what its mean over a second has at `PUSH_RATE`."""
 REVERSION = 0.2
@@ -131,6 +134,25 @@ class Motion:
     def n_placed(self) -> int:
         """Number of manoeuvres that are of a cell."""
         return int(np.count_nonzero(self.cell >= 0))
+
+    def wander(self) -> tuple[float, FloatArray]:
+        """By how much the background's vehicles change their velocity, per axis.
+
+        Returns:
+            m^2/s^3, the density of what is white: pushes, and turns by chance; and (`LAGS`,) m^2/s^4, the covariance of
+            what their manoeuvres turn and accelerate now with that of multiples of `JUMP_S` later, 0 first.
+        """
+        of = self.without_places()
+        moves, share = of.start_rate == 0.0, of.seconds / of.seconds.sum()
+        speed = np.where(moves, np.exp(of.log_pace) - CREEP, 0.0)
+        white = share @ (2.0 * of.push**2 / PUSH_RATE + (speed * of.course_spread) ** 2)
+        kept = np.column_stack([of.acceleration[:, 0] + of.acceleration[:, 3] * speed, speed**2 * of.curvature])
+        chain = csr_array((of.count, of.following, of.first), shape=(len(of), len(of))).toarray() + 1e-9
+        chain, later, lasting = chain / chain.sum(axis=1, keepdims=True), kept, []
+        for _ in range(LAGS):
+            lasting.append(0.5 * float(np.einsum("z,zi,zi->", share, kept, later)))
+            later = chain @ later
+        return 0.5 * float(white), np.array(lasting)
 
     def without_places(self) -> Motion:
         """The background manoeuvres alone."""

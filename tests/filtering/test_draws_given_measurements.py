@@ -7,7 +7,7 @@ from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.filtering import ParticleFilter, Tracker
 from dirprim_filter.sensor import AxisError, Sensor
-from situations import TRUSTING, one_cell_map
+from situations import TRUSTING, gaussian_belief, one_cell_map
 
 SLOT = np.array([0])
 ROAD = one_cell_map(concentration=50.0, shape=60.0)
@@ -22,8 +22,8 @@ BIASED = Sensor(along=AxisError(spread_m=NOISE_M, bias_m=2.0), across=AxisError(
 def weighed(seed, place, *, sensor=None, given=True, course=0.0):
     """A belief of Gaussian `PRIOR`, turned by `course`, after a measurement; -> the filter and its evidence."""
     turn = np.kron(np.eye(2), [[np.cos(course), -np.sin(course)], [np.sin(course), np.cos(course)]])
-    bayes = ParticleFilter(ROAD, FilterConfig(noise_m=NOISE_M), sensor).sibling(
-        seed, turn @ MEAN, turn @ PRIOR @ turn.T
+    bayes = gaussian_belief(
+        ParticleFilter(ROAD, FilterConfig(noise_m=NOISE_M), sensor), seed, turn @ MEAN, turn @ PRIOR @ turn.T
     )
     if not given:
         bayes._noise = bayes._noise._replace(few=0.0)

@@ -7,7 +7,7 @@ from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.filtering import ParticleFilter, Tracker, _measuring
 from dirprim_filter.sensor import AxisError, Sensor
-from situations import TRUSTING, one_cell_map
+from situations import TRUSTING, gaussian_belief, one_cell_map
 
 N, RATE, DT_S = 40_000, 0.5, 0.1
 MEASURED = np.array([[0.36, 0.1], [0.1, 0.2]])
@@ -18,7 +18,7 @@ def weighed(place, *, pace, rate=RATE, sensor=None, n=N):
     """Particles that are all at the origin and go east, given a measurement; -> weights, places and velocities."""
     config = FilterConfig(n_particles=n, innovation_outlier_rate=rate, outlier_probability=1e-9)
     road = one_cell_map(concentration=5.0, shape=10.0)
-    bayes = ParticleFilter(road, config, sensor).sibling(0, np.zeros(4), np.zeros((4, 4)))
+    bayes = gaussian_belief(ParticleFilter(road, config, sensor), 0, np.zeros(4), np.zeros((4, 4)))
     cloud, slot = bayes.cloud, np.array([0])
     cloud.speed[0], cloud.direction[0], bayes.cloud.since_s[0] = pace, 0.0, DT_S
     seen = Detections(track_id=["a"], time_ns=[0], position=[place], covariance=[MEASURED])

@@ -93,8 +93,9 @@ def test_of_constant_velocity_it_is_rauchs_tungs_and_striebels_across_a_gap_and_
 
 RADIUS, BIN_M, DT_S, HIDDEN = 20.0, 0.15, 0.5, np.arange(7, 14)
 RING = FilterConfig(
-    noise_m=NOISE_M, outlier_probability=1e-13, n_particles=4000, interaction="none", innovation_outlier_rate=0.0
-)
+    noise_m=NOISE_M, outlier_probability=1e-13, n_particles=4000, interaction="none", innovation_outlier_rate=0.0,
+    own_way_rate=0.0,
+)  # fmt: skip
 PUSH = 0.5
 OFF, WIDER = 0.3, 1.2
 """Standard deviations of a mean, and a factor of a deviation, by which particles may differ from a histogram.
@@ -103,6 +104,8 @@ At least 0.3 of 4,000 weigh, and a mean remembers about three frames: its error 
 exceeded at any of the instants once in 10,000 seeds. The rest is for the bins, which spread speeds by 3 %, and for
 vehicles that keep to circles of other radii.
 """
+OFF_IN_GAP = 0.75
+"""The same in a gap, whose end is where straight motion sees it; the filter's means are 2 off there."""
 
 
 def to_pace(arc, speed):
@@ -121,7 +124,7 @@ def driven(rng, n_rows=20):
     return RADIUS * np.column_stack([np.cos(angle), np.sin(angle)])
 
 
-def agree(found, exact, rows):
+def agree(found, exact, rows, off_by=OFF):
     """Whether estimates agree with a histogram's at these instants: along the ring and in speed."""
     instant = np.round(found.time_ns * 1e-9 / DT_S).astype(np.int64)
     rows, exact = np.isin(instant, rows), exact[instant]
@@ -131,7 +134,7 @@ def agree(found, exact, rows):
     off_arc = RADIUS * np.angle(np.exp(1j * (angle - exact[:, 0]))) / exact[:, 1]
     off = np.column_stack([off_arc, (found.speed - exact[:, 2]) / exact[:, 3]])[rows]
     wider = np.column_stack([arc_std, found.speed_std])[rows] / exact[rows][:, [1, 3]]
-    return bool((np.abs(off) < OFF).all() and (np.abs(np.log(wider)) < np.log(WIDER)).all())
+    return bool((np.abs(off) < off_by).all() and (np.abs(np.log(wider)) < np.log(WIDER)).all())
 
 
 def test_on_a_ring_it_is_forward_backward_over_a_histogram_also_in_a_gap():
@@ -144,16 +147,19 @@ def test_on_a_ring_it_is_forward_backward_over_a_histogram_also_in_a_gap():
     road = ring_road(RADIUS, pace=8.0, swing=3.0, back=0.5, shape=50.0)
     spread = np.ones(len(road.motion))
     road = replace(road, motion=replace(road.motion, push=PUSH * spread, course_spread=0.01 * spread))
+    free = (road.motion.cell < 0) & (road.motion.start_rate == 0)  # the background's vehicles turn as these do
+    pace = np.where(free, np.log(8.3), road.motion.log_pace)
+    road = replace(road, motion=replace(road.motion, log_pace=pace, curvature=free / RADIUS))
     found, later = smoothed(seen, model=road, times=time_ns.tolist(), config=RING)
     filtered, exact = ring_forward_backward(
         z, DT_S, radius=RADIUS, acceleration=to_pace, push=PUSH, push_rate=PUSH_RATE, noise_m=NOISE_M,
         first_speed=stats.gamma(50.0, scale=8.0 / 50.0).pdf, bin_m=BIN_M, speeds=np.arange(3.0, 13.1, 0.3),
     )  # fmt: skip
     assert agree(later, exact, in_sight)
-    assert agree(later, exact, HIDDEN)
+    assert agree(later, exact, HIDDEN, OFF_IN_GAP)
     assert agree(found, filtered, in_sight)
     assert agree(found, filtered, HIDDEN)
-    assert not agree(found, exact, HIDDEN)
+    assert not agree(found, exact, HIDDEN, OFF_IN_GAP)
 
 
 def test_a_long_lag_is_the_whole_log_a_short_one_is_not_and_none_is_the_filter():
@@ -303,7 +309,7 @@ def test_at_a_fork_the_way_back_is_on_the_arm_that_was_taken():
     place = np.array([10.0, 10.0, 10.0, 10.0, 0.0])
     truth = np.array([5.0, 5.0])
     near = np.exp(-0.5 * ((now[:, :2] - place[:2]) ** 2).sum(axis=1) / 0.3**2)
-    weight = tempered(np.full(n, 1.0 / n), near / near.sum())
+    weight, _ = tempered(np.full(n, 1.0 / n), near / near.sum())
     of_all, of_near = (
         mean + gain @ (place - later)
         for mean, later, gain, _ in (linked(w, then, now) for w in (np.full(n, 1.0 / n), weight))

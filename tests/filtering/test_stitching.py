@@ -7,11 +7,10 @@ from scipy import stats
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.filtering import ConstantVelocityKalman, ParticleFilter
-from dirprim_filter.filtering.smoothing.chain import Chain
-from dirprim_filter.filtering.smoothing.links import Belief
-from dirprim_filter.filtering.smoothing.stitching import bridge
+from dirprim_filter.filtering.smoothing import bridge
+from dirprim_filter.filtering.smoothing.bridge import Ends, Gaussian
 from filtering.test_smoothing import smoothed
-from situations import one_cell_map
+from situations import gaussian_belief, one_cell_map
 
 CONFIG = FilterConfig(n_particles=500)
 N_FRAMES, SIDE_M = 80, 12.0
@@ -60,22 +59,26 @@ def test_a_false_detection_long_after_the_last_is_cut_off_and_a_vehicle_seen_aga
     assert times([*range(20), *range(30, 35)]).max() == 34
 
 
-def test_of_constant_velocity_the_way_across_a_gap_is_exact_and_particles_agree():
-    end = Chain(Belief(0, np.array([5.0, 1.0, 8.0, 0.5, 0.0]), np.diag([0.2, 0.1, 0.3, 0.3, 0.01]), np.ones(2)))
-    starts = [Belief(10**9, np.array([13.0 + off, 1.5, 8.0, 0.5]), 0.1 * np.eye(4), np.ones(2)) for off in (0.0, 2.0)]
+def ends_of(model, off):
+    """A gap of a second, after which a vehicle is so far ahead of what straight motion expects."""
+    start = Gaussian(np.array([5.0, 1.0, 8.0, 0.5]), np.diag([0.2, 0.1, 0.3, 0.3]))
+    return Ends.of(model, 0, start, 10**9, Gaussian(np.array([13.0 + off, 1.5, 8.0, 0.5]), 0.1 * np.eye(4)))
 
-    def bridges(of):
-        return [bridge(of, end, Chain(start), start) for start in starts]
 
+def test_the_evidence_of_a_gap_is_exact_for_constant_velocity_and_of_particles_that_move_alike_the_same():
+    kalman = ConstantVelocityKalman(acceleration_density=0.5, config=CONFIG)
     f = np.eye(4)
     f[0, 2] = f[1, 3] = 1.0
-    q = np.kron([[1 / 3, 1 / 2], [1 / 2, 1.0]], 0.5 * np.eye(2))
-    p = f @ end.last.covariance[:4, :4] @ f.T + q + 0.1 * np.eye(4)
-    for (found, _), off in zip(
-        bridges(ConstantVelocityKalman(acceleration_density=0.5, config=CONFIG)), (0.0, 2.0), strict=True
-    ):
-        assert found == pytest.approx(stats.multivariate_normal(cov=p).logpdf([off, 0.0, 0.0, 0.0]), abs=0.05)
-    particles = ParticleFilter(one_cell_map(mean=0.06, concentration=300.0, speed=8.0, shape=60.0), CONFIG)
-    (near, links), (far, _) = bridges(particles)
+    for off in (0.0, 2.0):
+        ends = ends_of(kalman, off)
+        q = np.kron([[1 / 3, 1 / 2], [1 / 2, 1.0]], 0.5 * np.eye(2))
+        p = f @ ends.start.covariance @ f.T + q + 0.1 * np.eye(4)
+        exact = stats.multivariate_normal(cov=p).logpdf([off, 0.0, 0.0, 0.0])
+        assert bridge.log_evidence(ends) == pytest.approx(exact, abs=1e-6)
+    road = one_cell_map(mean=0.06, concentration=300.0, speed=8.0, shape=60.0)
+    particles = gaussian_belief(ParticleFilter(road, CONFIG), 0, *ends_of(kalman, 0.0).start)
+    start = particles.states(np.zeros(1, np.int64))
+    near, far = (
+        bridge.log_density(particles, particles.straight(), ends_of(kalman, off), start, key=1) for off in (0.0, 2.0)
+    )
     assert near > far + 1.0
-    assert links["time_ns"].tolist() == [i * 100_000_000 for i in range(10)]

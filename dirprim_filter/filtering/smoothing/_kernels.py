@@ -13,13 +13,15 @@ from dirprim_filter.primitives._manoeuvres import acceleration_of, offset_from
 N_STATES = 5
 """Of a particle: x, y, their rates, and the acceleration along its way, which lasts: without it a sweep takes each
 step's error for one of its own, and is too sure."""
-N_COLUMNS = 7
+N_MEANS = 7
 """Of a particle: its state, then cosine and sine of its direction."""
+N_COLUMNS = 9
+"""Those, then what it follows: its manoeuvre and its push."""
 
 
 @njit(cache=True, nogil=True)
 def columns_of(cloud: Cloud, rows: FloatArray, vehicle: IntArray, out: FloatArray) -> None:
-    """Fills (V, 7, P): x, y, their rates, acceleration, cosine and sine of the direction; `rows` see `MotionTable`."""
+    """Fills (V, 9, P): x, y, their rates, acceleration, cosine and sine of the direction, manoeuvre and push."""
     for i in range(vehicle.size):
         v = vehicle[i]
         place, direction, speed, column = cloud.position[v], cloud.direction[v], cloud.speed[v], out[i]
@@ -36,20 +38,21 @@ def columns_of(cloud: Cloud, rows: FloatArray, vehicle: IntArray, out: FloatArra
             z = manoeuvre[p]
             east, north = offset_from(rows, z, place[p, 0], place[p, 1])
             column[4, p] = acceleration_of(rows, z, east, north, speed[p], push[p])
+            column[7, p], column[8, p] = z, push[p]
 
 
 @njit(cache=True, nogil=True)
 def joint_moments(
     weight: FloatArray, now: FloatArray, vehicle: IntArray, then: FloatArray, mean: FloatArray, covariance: FloatArray
 ) -> None:
-    """Fills (k, 14) and (k, 10, 10) from particles `then` (k, 7, P) and the same ones `now[vehicle]`, by weight."""
+    """Fills (k, 14) and (k, 10, 10) from particles `then` (k, 9, P) and the same ones `now[vehicle]`, by weight."""
     for i in range(vehicle.size):
         w, columns = weight[vehicle[i]], (then[i], now[vehicle[i]])
         off, by_weight = np.empty((2 * N_STATES, w.size)), np.empty((2 * N_STATES, w.size))
         for k in range(2):
-            of, first = columns[k], k * N_STATES
+            of, first = columns[k][:N_MEANS], k * N_STATES
             average = np.dot(of, w)
-            mean[i, k * N_COLUMNS : (k + 1) * N_COLUMNS] = average
+            mean[i, k * N_MEANS : (k + 1) * N_MEANS] = average
             for a in range(N_STATES):
                 for p in range(w.size):
                     off[first + a, p] = of[a, p] - average[a]

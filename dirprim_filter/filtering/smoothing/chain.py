@@ -10,13 +10,18 @@ import numpy.typing as npt
 
 from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from dirprim_filter.distributions import gaussian
+from dirprim_filter.filtering.kalman import ConstantVelocityKalman
+from dirprim_filter.filtering.protocols import States
 from dirprim_filter.filtering.smoothing import _kernels
-from dirprim_filter.filtering.smoothing.links import LINK, Belief, Step
+from dirprim_filter.filtering.smoothing.bridge import Ends, Gaussian, without
+from dirprim_filter.filtering.smoothing.links import LINK, MOVES, Belief, Step, unlinked
 
 PAUSE_NS = 350_000_000
 """A vehicle in sight is seldom missed for so long."""
-MOVES = 4
-"""Of a state: place and velocity, which estimates have."""
+GAP_NS = 1_000_000_000
+"""Measurements farther apart are the ends of a gap; in less no belief forks."""
+LABELLED_GAP_NS = 300_000_000_000
+"""A vehicle that its sensor names is waited for so long: seen again, it existed in between."""
 SAME_VEHICLE = 36.0
 """Squared Mahalanobis distance up to which one belief may be the continuation of another."""
 HARDEST = 8.0
@@ -65,6 +70,8 @@ class Span(NamedTuple):
     """From one measurement of a vehicle to its next."""
 
     start: Belief  # the filter's at the first
+    straight: Gaussian  # that of straight motion there
+    samples: States | None  # the filter's there, where the next is long after
     links: AnyArray  # (m,) of the steps to the second
     is_pause: bool
 
@@ -74,42 +81,56 @@ class Chain:
 
     Args:
         first: at birth.
+        straight: that of straight motion.
+        samples: the filter's.
+        label: what the sensor named it, with its group; empty if it did not.
 
     Attributes:
-        name: of the vehicle; empty until it is reported.
-        is_labelled: whether the sensor named it.
+        name: of the vehicle; empty until it is reported. One that its sensor named and saw again was there.
+        label: as given.
         is_joined: whether it took up another.
         existence: the largest reported probability that the track is a vehicle.
         first_ns: time of the first measurement.
         last: the filter's belief at the last measurement.
+        straight: that of straight motion.
+        samples: the filter's.
         path: the steps since.
         is_replaced: from its last measurement on another chain is of its vehicle.
     """
 
-    def __init__(self, first: Belief) -> None:
-        self.name = ""
-        self.is_labelled = self.is_joined = self.is_replaced = False
+    def __init__(self, first: Belief, straight: Gaussian, samples: States, label: str = "") -> None:
+        self.name, self.label = "", label
+        self.is_joined = self.is_replaced = False
         self.existence = 0.0
         self.first_ns = first.time_ns
-        self.last = first
+        self.last, self.straight, self.samples = first, straight, samples
         self.path: list[Step] = []
         self._spans: list[Span] = []
 
+    @property
+    def is_labelled(self) -> bool:
+        """Whether its sensor named it."""
+        return bool(self.label)
+
     def is_over(self, now_ns: int, gap_ns: int) -> bool:
         """Whether its vehicle, of which all is known up to a time, will not be measured again as this one."""
-        return self.is_replaced or now_ns - self.last.time_ns > gap_ns
+        return self.is_replaced or now_ns - self.last.time_ns > (LABELLED_GAP_NS if self.label else gap_ns)
 
     def reaches(self, time_ns: IntArray) -> BoolArray:
         """(n,) whether its vehicle is estimated at these times."""
         return (self.first_ns <= time_ns) & (time_ns < self.last.time_ns + (not self.is_replaced))
 
-    def extend(self, links: AnyArray, last: Belief) -> None:
+    def extend(self, links: AnyArray, last: Belief, straight: Gaussian, samples: States) -> None:
         """Add the links (m,) of the path to a new last measurement."""
-        self._spans.append(Span(self.last, links, last.time_ns - self.last.time_ns > PAUSE_NS))
-        self.last, self.path = last, []
+        took_ns = last.time_ns - self.last.time_ns
+        kept = self.samples if took_ns > GAP_NS else None
+        self._spans.append(Span(self.last, self.straight, kept, links, took_ns > PAUSE_NS))
+        self.last, self.straight, self.samples, self.path = last, straight, samples, []
+        if self.label:
+            self.name, self.existence = self.name or self.label, 1.0
 
     def smoothed(self) -> Smoothed:
-        """All beliefs that are kept, given all measurements so far."""
+        """All beliefs that are kept, given all measurements so far; none between two that are far apart."""
         links = np.concatenate([np.empty(0, LINK), *(span.links for span in self._spans)])
         n, d = links.size, self.last.mean.size
         mean, covariance = np.empty((n + 1, d)), np.empty((n + 1, d, d))
@@ -121,6 +142,41 @@ class Chain:
         measured_ns = np.repeat([*starts, self.last.time_ns], [*sizes, 1])
         time_ns = np.append(links["time_ns"], self.last.time_ns)
         return Smoothed(time_ns, mean[:, :MOVES], covariance[:, :MOVES, :MOVES], course, measured_ns)
+
+    def gaps(self, model: ConstantVelocityKalman) -> list[tuple[Ends, States]]:
+        """Between measurements that are far apart: what straight motion says of both ends, and samples at the start."""
+        if not any(span.samples for span in self._spans):
+            return []
+        known, expected = self._swept(model)
+        if self.is_replaced:  # what was measured last is of another vehicle
+            known[-1] = expected[-1]
+        ends_ns = [*(span.start.time_ns for span in self._spans[1:]), self.last.time_ns]
+        return [
+            (Ends(span.start.time_ns, end_ns, span.straight, before, without(at, before)), span.samples)
+            for span, end_ns, at, before in zip(self._spans, ends_ns, known[1:], expected, strict=True)
+            if span.samples
+        ]  # fmt: skip
+
+    def gap_after(self, former: Chain, model: ConstantVelocityKalman) -> tuple[Ends, States]:
+        """The same of the gap from another chain's last measurement to the first of this one."""
+        start, later = former.last.time_ns, self._swept(model)[0][0]
+        return Ends.of(model, start, former.straight, self.first_ns, later), former.samples
+
+    def _swept(self, model: ConstantVelocityKalman) -> tuple[list[Gaussian], list[Gaussian]]:
+        """States of straight motion at all measurements, given all; and at all but the first, given those before."""
+        time_ns = np.array([*(span.start.time_ns for span in self._spans), self.last.time_ns])
+        mean, covariance = (
+            np.array(column) for column in zip(*(span.straight for span in self._spans), self.straight, strict=True)
+        )
+        dt_s = np.diff(time_ns) * 1e-9
+        move = model.transition(dt_s)
+        later, shared = (move @ mean[:-1, :, None])[..., 0], move @ covariance[:-1]
+        expected = shared @ move.swapaxes(1, 2) + model.noise(dt_s)
+        gain = np.linalg.solve(expected, shared).swapaxes(1, 2)
+        known, spread, ahead = mean.copy(), covariance.copy(), np.ones(dt_s.size, np.int64)
+        gain = np.ascontiguousarray(gain)
+        _kernels.sweep_back(ahead, mean, later, gain, covariance[:-1] - gain @ shared, known, spread)
+        return [*map(Gaussian, known, spread)], [*map(Gaussian, later, expected)]
 
     def is_corrected(self, other: Belief) -> bool:
         """Whether the vehicle may be where another belief of the last time has it; that takes the last one's place.
@@ -144,10 +200,11 @@ class Chain:
         self.last, self.path = other, []
         return True
 
-    def take_up(self, former: Chain, between: AnyArray) -> None:
-        """Be the continuation of another chain, by links (m,) from its end to the beginning of this one."""
-        earlier = [span._replace(is_pause=False) for span in (*former._spans, Span(former.last, between, False))]
-        self._spans = earlier + self._spans
+    def take_up(self, former: Chain) -> None:
+        """Be the continuation of another chain, from its end to the beginning of this one."""
+        earlier = [span._replace(is_pause=False) for span in former._spans]
+        across = Span(former.last, former.straight, former.samples, unlinked(former.last), False)
+        self._spans = [*earlier, across, *self._spans]
         self.name, self.existence = former.name, max(former.existence, self.existence)
         self.first_ns, self.is_joined = former.first_ns, True
 
@@ -160,7 +217,9 @@ class Chain:
     def cut(self) -> None:
         """End at the measurement before the last pause."""
         pause = self._last_pause()
-        self.last, self._spans = self._spans[pause].start, self._spans[:pause]
+        start = self._spans[pause]
+        self.last, self.straight, self._spans = start.start, start.straight, self._spans[:pause]
+        self.samples = start.samples or self.samples
 
     def forget(self, *, before_ns: int) -> None:
         """Drop what is only needed for beliefs at earlier times than this."""

@@ -17,12 +17,14 @@ import numpy as np
 
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.filtering.protocols import Smoothable, States
-from dirprim_filter.filtering.smoothing._kernels import N_COLUMNS, N_STATES
+from dirprim_filter.filtering.smoothing._kernels import N_MEANS, N_STATES
 
 LEAST_VARIANCE = np.diag([1e-8, 1e-8, 1e-6, 1e-6, 1e-6])
 """Added to what a later state varies by: standing vehicles' velocities do not vary at all."""
 LEAST_EFFECTIVE = 0.4
 """Share of the samples that links across a gap are learned from at least."""
+MOVES = 4
+"""Of a state: place and velocity, which estimates have."""
 HALVINGS = 12
 """Of the interval in which the exponent of weights is looked for."""
 LINK = np.dtype([
@@ -55,7 +57,7 @@ def moments_of(bayes_filter: Smoothable, states: States) -> tuple[FloatArray, Fl
     """(v, 5) means, (v, 5, 5) covariances and (v, 2) courses, as of a `Belief`."""
     each = np.arange(len(states.weight))
     mean, covariance = bayes_filter.joint(states, states, vehicle=each, dt_s=np.zeros(each.size))
-    return mean[:, :N_STATES], covariance[:, :N_STATES, :N_STATES], mean[:, N_STATES:N_COLUMNS]
+    return mean[:, :N_STATES], covariance[:, :N_STATES, :N_STATES], mean[:, N_STATES:N_MEANS]
 
 
 def links_of(
@@ -80,14 +82,27 @@ def links_of(
     later = later + (axes * np.maximum(more, 0.0)[:, None]) @ axes.swapaxes(1, 2)
     gain = np.linalg.solve(later + LEAST_VARIANCE, c.swapaxes(1, 2)).swapaxes(1, 2)
     shared = gain @ c.swapaxes(1, 2)
-    links["mean"], links["course"] = mean[:, :N_STATES], mean[:, N_STATES:N_COLUMNS]
-    links["later"] = mean[:, N_COLUMNS : N_COLUMNS + N_STATES]
+    links["mean"], links["course"] = mean[:, :N_STATES], mean[:, N_STATES:N_MEANS]
+    links["later"] = mean[:, N_MEANS : N_MEANS + N_STATES]
     links["gain"], links["spread"] = gain, p - shared - shared.swapaxes(1, 2) + gain @ later @ gain.swapaxes(1, 2)
     return np.split(links, end)[:-1]
 
 
-def tempered(before: FloatArray, after: FloatArray) -> FloatArray:
-    """(P,) weights before^(1-t) after^t, with the largest t up to 1 that leaves enough samples.
+def unlinked(last: Belief) -> AnyArray:
+    """(1,) `LINK` of a belief of which later ones say nothing."""
+    link = np.zeros(1, LINK)
+    link["time_ns"], link["ahead"], link["mean"] = last.time_ns, 1, last.mean
+    link["spread"], link["course"] = last.covariance, last.course
+    return link
+
+
+def effective(weight: FloatArray) -> float:
+    """Effective sample size of weights (P,) that sum to 1."""
+    return float(1.0 / (weight @ weight))
+
+
+def tempered(before: FloatArray, after: FloatArray) -> tuple[FloatArray, float]:
+    """(P,) weights before^(1-t) after^t, with the largest t up to 1 that leaves enough samples; and t.
 
     All of them are right to learn from how a state follows from a later one: they differ by a function of the later.
     """
@@ -97,13 +112,10 @@ def tempered(before: FloatArray, after: FloatArray) -> FloatArray:
         weight = before * ratio**exponent
         return np.asarray(weight / weight.sum())
 
-    def is_enough(weight: FloatArray) -> bool:
-        return bool(1.0 / (weight @ weight) >= LEAST_EFFECTIVE * weight.size)
-
-    if is_enough(after):
-        return after
-    low, high = 0.0, 1.0
+    low, high = 0.0, 2.0
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if is_enough(at(middle)) else (low, middle)
-    return at(low)
+        low, high = (middle, high) if effective(at(middle)) >= LEAST_EFFECTIVE * before.size else (low, middle)
+        if low >= 1.0:
+            return at(1.0), 1.0
+    return at(low), low

@@ -83,8 +83,11 @@ class Smoother:
         self._frames.append(replace(frame, particles=Particles.none(), innovations=None))
         lag_ns = int(WHOLE_S * 1e9) + self._gap_ns if self._lag_s is None else int(self._lag_s * 1e9)
         every_ns = lag_ns if self._lag_s is None else 0
-        if frame.time_ns - lag_ns >= self._frames[0].time_ns + every_ns:
-            self._pass_on(frame.time_ns - lag_ns, now_ns=frame.time_ns)
+        final_ns = frame.time_ns - lag_ns
+        if self._lag_s is None:
+            final_ns = min([final_ns, *(recorder.waits_ns(frame.time_ns) for _, recorder in self._recorded)])
+        if final_ns >= self._frames[0].time_ns + every_ns:
+            self._pass_on(final_ns, now_ns=frame.time_ns)
 
     def __enter__(self) -> Self:
         return self
@@ -113,11 +116,14 @@ class Smoother:
             for chain in recorder.chains:
                 times = frames_ns[chain.reaches(frames_ns)]
                 if chain.name and times.size:
-                    chains.append((chain, chain.smoothed().at(times)))
+                    chains.append((chain, recorder.smoothed(chain, times)))
                 if chain.name and not chain.is_over(now_ns, gap_ns):
                     open_names.add(chain.name)
                 chain.forget(before_ns=final_ns)
-            recorder.chains = [chain for chain in recorder.chains if chain.last.time_ns + gap_ns >= final_ns]
+            recorder.chains = [
+                chain for chain in recorder.chains
+                if chain.last.time_ns >= final_ns or not chain.is_over(final_ns, gap_ns)
+            ]  # fmt: skip
             parts.append(with_unseen_errors(_estimates(chains), tracker.sensor))
         smoothed = Estimates.concatenate(parts)
         smoothed = smoothed[np.argsort(smoothed.time_ns, kind="stable")]

@@ -10,33 +10,25 @@ Source: Zhang, Li and Nevatia, Global Data Association for Multi-Object Tracking
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from itertools import pairwise
 
 import numpy as np
 
-from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.config import TrackingConfig
-from dirprim_filter.distributions import gaussian
 from dirprim_filter.filtering import existence
 from dirprim_filter.filtering.association import best_pairs
 from dirprim_filter.filtering.belief import birth_key
 from dirprim_filter.filtering.measurements import FASTEST
-from dirprim_filter.filtering.protocols import Smoothable
-from dirprim_filter.filtering.smoothing._kernels import N_STATES
-from dirprim_filter.filtering.smoothing.chain import MOVES, Chain, may_lead
-from dirprim_filter.filtering.smoothing.links import Belief, Step, links_of, tempered
+from dirprim_filter.filtering.smoothing import bridge
+from dirprim_filter.filtering.smoothing.chain import Chain, may_lead
+from dirprim_filter.filtering.smoothing.links import MOVES, Belief
 from dirprim_filter.filtering.smoothing.recorder import Recorder
 from dirprim_filter.filtering.tracker import Tracker
 
 SURE = 0.99
 """Probability of existence that an unlabelled track has had, of a vehicle: of all candidates of a whole log a few look
 confirmed for a moment."""
-STEP_S = 0.1
-"""Of a path across a gap that no filter went."""
-BANDWIDTH = 0.1
-"""Share of the samples' covariance, times P^(-1/4), by which their density is smoothed: it may have several modes."""
 
 
 def stitch(
@@ -71,44 +63,25 @@ def stitch(
             chains.append(chain)
     starts = [Belief(*(column[0] for column in chain.smoothed()[:4])) for chain in chains]
     pairs = _candidates(chains, starts, before_ns=before_ns, gap_ns=gap_ns)
-    bridges = [bridge(recorder.filter, chains[i], chains[j], starts[j]) for i, j in pairs]
     out_s = np.array([starts[j].time_ns - chains[i].last.time_ns for i, j in pairs]) * 1e-9
-    gain = np.array([density for density, _ in bridges]) + _log_odds(out_s, frame_s, config)
+    gain = np.array([evidence_of(recorder, chains[i], chains[j]) for i, j in pairs]) + _log_odds(out_s, frame_s, config)
     one, other = np.array(pairs, np.int64).reshape(-1, 2).T
     best = best_pairs(one, other, gain).tolist()
     names = []
     for k in sorted(best, key=lambda k: starts[pairs[k][1]].time_ns):
         former, later = (chains[i] for i in pairs[k])
         names.append((former.name, later.name))
-        later.take_up(former, bridges[k][1])
+        later.take_up(former)
     gone = {id(chains[pairs[k][0]]) for k in best}
     recorder.chains = [chain for chain in recorder.chains if id(chain) not in gone]
     return names
 
 
-def bridge(bayes_filter: Smoothable, former: Chain, later: Chain, start: Belief) -> tuple[float, AnyArray]:
-    """The path from the last belief of a chain to the first of another, as the filter goes.
-
-    Returns:
-        Log density of the place and velocity at its end, given its beginning, per m^2 (m/s)^2; and its links (m,).
-    """
-    end, slot = former.last, np.zeros(1, np.int64)
-    key = int(birth_key(0, f"{former.name}/{later.name}", start.time_ns))
-    expected = bayes_filter.sibling(key, end.mean[:MOVES], end.covariance[:MOVES, :MOVES])
-    gap_ns, path = start.time_ns - end.time_ns, list[Step]()
-    n_steps = math.ceil(gap_ns * 1e-9 / STEP_S - 1e-6)
-    for time_ns, next_ns in pairwise(end.time_ns + gap_ns * i // n_steps for i in range(n_steps + 1)):
-        path.append(Step(time_ns, expected.states(slot)))
-        expected.predict(slot, np.array([(next_ns - time_ns) * 1e-9]))
-    now = expected.states(slot)
-    sample, spread = now.sample[0, :MOVES], start.covariance + now.covariance[0]
-    if (n := sample.shape[1]) > 1:
-        spread = spread + BANDWIDTH * n**-0.25 * np.cov(sample)
-    fit = gaussian.log_density(sample.T - start.mean, spread)
-    near = np.exp(fit - fit.max())
-    now = now._replace(weight=tempered(now.weight[0], near / near.sum())[None])
-    links = links_of(bayes_filter, [path], now, np.array([start.time_ns]), np.zeros((1, N_STATES, N_STATES)))[0]
-    return float(fit.max() + np.log(near.mean())), links
+def evidence_of(recorder: Recorder, former: Chain, later: Chain) -> float:
+    """Log density of the state in which a chain began, given that another ended as it did, per m^2 (m/s)^2."""
+    ends, start = later.gap_after(former, recorder.straight)
+    key = int(birth_key(0, f"{former.name}/{later.name}", ends.end_ns))
+    return bridge.log_density(recorder.filter, recorder.straight, ends, start, key=key)
 
 
 def trim(chain: Chain, *, frame_s: float, log_density: float, config: TrackingConfig) -> None:
