@@ -10,6 +10,7 @@ larger where there was more traffic, whatever its cell: of wide cells at the bor
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +18,7 @@ import numpy as np
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.distributions import von_mises
+from dirprim_filter.distributions.angles import difference
 from dirprim_filter.drawing.colors import ByteArray, speed_color
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from tessellation import Tessellation
@@ -35,10 +37,15 @@ PETAL_VERTICES = 24
 REACH = 1.5
 """How far the longest petal of a usual cell with usual traffic goes, as a share of the way from its centre to its
 border: along a lane it ends before the next cell's petal begins."""
-TRAFFIC = (1.0 / 32.0, 4.0)
+TRAFFIC = (1.0 / 12.0, 4.0)
 """Times the usual: with less a rose is no smaller, with more no larger."""
 LARGEST_ROSE = 0.18
 """The same as a share of the width of a square as large as all cells: those of a map of few cells would hide it."""
+ALIKE = math.radians(40.0)
+"""Modes of a square that differ by less are one petal."""
+HEAD, HEAD_OVER, HEAD_WIDTH = 0.42, 0.35, 0.42
+"""An arrowhead's length as a share of its petal's, how much of it lies beyond the tip, and half its width over it."""
+EPSILON = 1e-12
 MOST_BEND = 1.0
 """Radians by which a petal turns at most from its root to its tip."""
 LITTLE_LARGER = 1.3
@@ -58,7 +65,7 @@ class Petals(NamedTuple):
         polygon: (n, k, 2) metres; the first vertex is the cell's centre.
         mean_speed: (n,) m/s, of the petal's mode.
         weight: (n,) of the petal's mode among those of its cell that move; of a disc, the share of rows that stand.
-        cell: (n,) the petal's cell.
+        cell: (n,) the petal's cell, or square of cells.
         reach: (n,) metres, of the petal's rose.
         is_disc: (n,) of standing vehicles.
     """
@@ -71,7 +78,33 @@ class Petals(NamedTuple):
     is_disc: BoolArray
 
 
-def rose_petals(primitives: PrimitiveMap) -> Petals:
+class _Modes(NamedTuple):
+    """What roses are made of: (m,) modes, each of a rose, and (r,) roses.
+
+    Attributes:
+        rose: (m,) of the mode.
+        weight: (m,) share of the rose's rows.
+        mean: (m,) radians.
+        concentration: (m,).
+        speed: (m,) mean, m/s.
+        bend: (m, 2) rad/m.
+        n_rows: (r,).
+        area: (r,) square metres, of the rose's ground.
+        root: (r, 2) metres.
+    """
+
+    rose: IntArray
+    weight: FloatArray
+    mean: FloatArray
+    concentration: FloatArray
+    speed: FloatArray
+    bend: FloatArray
+    n_rows: IntArray
+    area: FloatArray
+    root: FloatArray
+
+
+def rose_petals(primitives: PrimitiveMap, *, spacing: float | None = None) -> Petals:
     """One petal for each mode of its own of each cell that holds data; a disc for that of standing vehicles.
 
     Where most wait, petals of those that go are as large as elsewhere: they lie on the disc of those that stand.
@@ -79,50 +112,103 @@ def rose_petals(primitives: PrimitiveMap) -> Petals:
     The radius at direction theta is R sqrt(w VM(theta; mu, k) / VM(mu; mu, K)) with R the rose's reach, see
     `_rose_reach`, K = `SHARPEST_PETAL` and k = min(kappa, K): the area is proportional to w, whatever kappa. Where the
     mode bends, so does the petal: as much along its way as the mode's mean direction turns along it.
+
+    Args:
+        primitives: the map.
+        spacing: metres; cells in squares so wide have one rose together, in which modes that point alike are one:
+            a picture of a city has no room for all.
     """
-    direction, weight = primitives.direction, primitives.own_weight
-    stands = primitives.speed.mean[:-1, : weight.shape[1]] < STANDING_SPEED
-    moving = np.where(stands, 0.0, weight).sum(axis=1, keepdims=True)
-    weight = np.where(stands, weight, weight / np.maximum(moving, SMALLEST_PETAL))
-    cell, mode = np.nonzero((weight >= SMALLEST_PETAL) & _has_rose(primitives)[:, None])
-    order = np.lexsort((-weight[cell, mode], ~stands[cell, mode]))
-    cell, mode = cell[order], mode[order]
-    root, bend = primitives.tessellation.centers[cell], primitives.bend[cell, mode]
-    weight, mean = weight[cell, mode], direction.mean_direction[cell, mode]
-    concentration = np.minimum(direction.concentration[cell, mode], SHARPEST_PETAL)
+    modes = _modes(primitives) if spacing is None else _together(_modes(primitives), spacing)
+    stands = modes.speed < STANDING_SPEED
+    moving = np.bincount(modes.rose, np.where(stands, 0.0, modes.weight), len(modes.root))[modes.rose]
+    weight = np.where(stands, modes.weight, modes.weight / np.maximum(moving, SMALLEST_PETAL))
+    drawn = np.flatnonzero((weight >= SMALLEST_PETAL) & (modes.n_rows > 0)[modes.rose] & (modes.area > 0)[modes.rose])
+    drawn = drawn[np.lexsort((-weight[drawn], ~stands[drawn]))]
+    rose, weight, mean = modes.rose[drawn], weight[drawn], modes.mean[drawn]
+    concentration = np.minimum(modes.concentration[drawn], SHARPEST_PETAL)
     with np.errstate(divide="ignore"):
         half_width = np.arccos(np.clip(1.0 + 2.0 * np.log(PETAL_RIM) / concentration, -1.0, 1.0))
     theta = mean[:, None] + half_width[:, None] * np.linspace(-1.0, 1.0, PETAL_VERTICES)
     sharpest = von_mises.log_density(np.zeros(()), np.zeros(()), np.array(SHARPEST_PETAL))
     log_p = von_mises.log_density(theta, mean[:, None], concentration[:, None]) - sharpest
-    reach = _rose_reach(primitives)[cell]
+    reach = _rose_reach(modes)[rose]
     radius = reach[:, None] * np.sqrt(weight[:, None] * np.exp(log_p))
-    root = root[:, None, :]
-    curvature = (bend * _heading(mean)).sum(axis=-1)
+    root = modes.root[rose][:, None, :]
+    curvature = (modes.bend[drawn] * _heading(mean)).sum(axis=-1)
     rim = root + _along_arc(radius, theta, np.clip(curvature, -MOST_BEND / reach, MOST_BEND / reach)[:, None])
     return Petals(
-        polygon=np.concatenate([root, rim], axis=1),
-        mean_speed=primitives.speed.mean[cell, mode],
-        weight=weight,
-        cell=cell,
-        reach=reach,
-        is_disc=stands[cell, mode],
-    )
+        polygon=np.concatenate([root, rim], axis=1), mean_speed=modes.speed[drawn], weight=weight, cell=rose,
+        reach=reach, is_disc=stands[drawn],
+    )  # fmt: skip
 
 
-def _has_rose(primitives: PrimitiveMap) -> BoolArray:
-    """(n_cells,) which cells hold data, and some ground to draw them on."""
-    return np.asarray((primitives.n_rows[:-1] > 0) & (primitives.tessellation.area > 0))
+def petal_heads(petals: Petals) -> FloatArray:
+    """Arrowheads at the tips of petals; of discs, and of petals so wide that they point nowhere, none. -> (m, 3, 2)."""
+    root, rim = petals.polygon[:, 0], petals.polygon[:, 1:]
+    tip = 0.5 * (rim[:, PETAL_VERTICES // 2 - 1] + rim[:, PETAL_VERTICES // 2])
+    along = tip - root
+    length = np.hypot(*along.T)
+    is_sharp = ~petals.is_disc & (np.hypot(*(rim[:, 0] - rim[:, -1]).T) < length)
+    along, tip = along[is_sharp], tip[is_sharp]
+    base = tip - (1.0 - HEAD_OVER) * HEAD * along
+    side = HEAD_WIDTH * HEAD * np.column_stack([-along[:, 1], along[:, 0]])
+    return np.stack([base + side, tip + HEAD_OVER * HEAD * along, base - side], axis=1)
 
 
-def _rose_reach(primitives: PrimitiveMap) -> FloatArray:
-    """How far the longest petal of each cell may go. -> (n_cells,) metres.
+def _modes(primitives: PrimitiveMap) -> _Modes:
+    """Of each cell its own."""
+    cell, mode = np.nonzero(primitives.own_weight > 0)
+    return _Modes(
+        cell, primitives.own_weight[cell, mode], primitives.direction.mean_direction[cell, mode],
+        primitives.direction.concentration[cell, mode], primitives.speed.mean[cell, mode], primitives.bend[cell, mode],
+        primitives.n_rows[:-1], primitives.tessellation.area, primitives.tessellation.centers,
+    )  # fmt: skip
 
-    Half the geometric mean of the cell's width and the usual one, times `REACH` and the fourth root of the traffic over
-    the usual: so areas grow with the root of the traffic. Usual is the median over rows.
+
+def _together(modes: _Modes, spacing: float) -> _Modes:
+    """Of the cells in each square `spacing` wide, weighted by their rows; a rose's ground is a square at least.
+
+    Of a rose's modes that move the heaviest takes up all that point within `ALIKE` of it, by the moments of their
+    densities; then of what is left the heaviest, again and again. Those that stand are one.
     """
-    n_rows, area = primitives.n_rows[:-1], primitives.tessellation.area
-    drawn = _has_rose(primitives)
+    square, rose = np.unique(np.floor(modes.root / spacing).astype(np.int64), axis=0, return_inverse=True)
+    rose, n_roses = rose.reshape(-1), len(square)
+    n_rows = np.bincount(rose, modes.n_rows, n_roses)
+    center = [np.bincount(rose, modes.n_rows * of, n_roses) / np.maximum(n_rows, 1.0) for of in modes.root.T]
+    area = np.full(n_roses, spacing**2)
+    np.maximum.at(area, rose, np.where(modes.area > 0, modes.area, 0.0))
+    own, mass = rose[modes.rose], modes.weight * modes.n_rows[modes.rose]
+    is_alone = np.bincount(rose, modes.n_rows > 0, n_roses)[own] < 2
+    leader, left = np.arange(own.size), modes.speed >= STANDING_SPEED
+    leader[~left] = own.size + own[~left]
+    while left.any():
+        rows = np.flatnonzero(left)
+        rows = rows[np.lexsort((-mass[rows], own[rows]))]
+        _, first = np.unique(own[rows], return_index=True)
+        heaviest = np.full(n_roses, -1)
+        heaviest[own[rows[first]]] = rows[first]
+        near = rows[np.abs(difference(modes.mean[rows], modes.mean[heaviest[own[rows]]])) <= ALIKE]
+        leader[near] = heaviest[own[near]]
+        left[near] = False
+    _, kept, merged = np.unique(leader, return_index=True, return_inverse=True)
+    total = np.maximum(np.bincount(merged, mass), EPSILON)
+    resultant = mass * von_mises.mean_resultant_length(modes.concentration)
+    east, north = (np.bincount(merged, resultant * of(modes.mean)) / total for of in (np.cos, np.sin))
+    return _Modes(
+        own[kept], total / np.maximum(n_rows[own[kept]], 1.0), np.arctan2(north, east),
+        von_mises.concentration_of(np.hypot(east, north)), np.bincount(merged, mass * modes.speed) / total,
+        modes.bend[kept] * is_alone[kept, None], n_rows, area, np.column_stack(center),
+    )  # fmt: skip
+
+
+def _rose_reach(modes: _Modes) -> FloatArray:
+    """How far the longest petal of each rose may go. -> (r,) metres.
+
+    Half the geometric mean of the ground's width and the usual one, times `REACH` and the fourth root of the traffic
+    over the usual: so areas grow with the root of the traffic. Usual is the median over rows.
+    """
+    n_rows, area = modes.n_rows, modes.area
+    drawn = (n_rows > 0) & (area > 0)
     if not drawn.any():
         return np.zeros(len(area))
     usual_rows, usual_area = (_median(of[drawn], n_rows[drawn]) for of in (n_rows, area))

@@ -6,7 +6,7 @@ something are in metres, so that they hold at every scale; line widths are in po
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from io import BytesIO
 from itertools import compress
 from pathlib import Path
@@ -16,7 +16,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.collections import EllipseCollection, LineCollection, PolyCollection
+from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
@@ -50,19 +50,23 @@ SHOWN_SHARE = 0.99
 """Of the traffic: a vehicle that is far away must not make all others small."""
 KEY_WIDTH = 1.6
 """Inches, of an entry below the map."""
-MAX_GAP_S = 2.0
-"""A vehicle unseen for longer is drawn as two lines."""
-ROOT_DIAMETER = 0.12
-"""Of the dot at a rose's root, as a share of its reach: it shows which way the petals point."""
+MAX_GAP_S, INTERVALS = 2.0, 3.0
+"""A vehicle unseen for longer, and for so many of the usual intervals, is drawn as two lines."""
 DISC_OPACITY = 0.4
 """Of standing vehicles: they must not hide those that go."""
+ROSE_INCHES = 0.27
+"""From rose to rose at least: of nearer ones the directions could not be read."""
+TWICE = 1.5
+"""Times as wide is a page with two panels."""
+WIDE = 1.5
+"""A box wider than so many times its height has a second panel below, not beside."""
 FEW_VEHICLES = 12
-"""Of more, lines are thin: they would hide the map."""
-TRACKS_OPACITY, FAINTEST_TRACK, BOLDEST_TRACK = 60.0, 0.15, 0.7
+"""Of more, lines are thin."""
+TRACKS_OPACITY, FAINTEST_TRACK, BOLDEST_TRACK = 30.0, 0.12, 0.5
 """Of all tracks together where they lie over each other, and the limits of each one's."""
 KEY: Mapping[str, dict[str, Any]] = {
     "cells": {"color": CELL_GREY, "linewidth": 0.8},
-    "roots, where petals start": {"color": INK, "marker": "o", "markersize": 3, "linestyle": "none"},
+    "petals, where vehicles go": {"color": INK, "marker": ">", "markersize": 4, "linestyle": "none"},
     "tracks": {"color": TRACK_GREY, "linewidth": 0.5},
     "estimates, thin: coasting": {"color": ESTIMATES_COLOR, "linewidth": 1.6},
     "forecast samples": {"color": FORECAST_COLOR, "linewidth": 0.7},
@@ -79,10 +83,12 @@ def map_figure(
 ) -> Figure:
     """The learned map: cells, and petals coloured by mean speed; a legend explains every kind of line.
 
+    Where cells are small in the picture, those in a square have one rose together.
+
     Args:
         primitives: the map.
         tracks: what it was learned from, as thin lines underneath.
-        estimates: tracked vehicles, as lines.
+        estimates: tracked vehicles, as lines in a panel of their own.
         forecasts: sampled rollouts.
         extent: (2, 2) metres, the south-west and the north-east corner to show. Default: the forecasts, else 99 % of
             the traffic.
@@ -94,15 +100,16 @@ def map_figure(
         box = box.mean(axis=0) + 0.5 * np.ptp(box, axis=0).max() * np.array([[-1.0], [1.0]])
     else:
         box = shapes.map_extent(primitives, share=SHOWN_SHARE)
-    figure, axes = _page(box)
-    colors = _draw_map(axes, primitives)
+    figure, axes, inches = _page(box, n_panels=1 if estimates is None else 2)
+    colors = _draw_map(axes[0], primitives, spacing=float(np.ptp(box[:, 0])) * ROSE_INCHES / inches)
     if tracks is not None:
-        _draw_tracks(axes, tracks)
+        _draw_tracks(axes[0], tracks)
     if estimates is not None:
-        _draw_estimates(axes, estimates)
+        _draw_cells(axes[1], primitives)
+        _draw_estimates(axes[1], estimates)
     for paths in (forecasts or {}).values():
-        _draw_forecast(axes, paths)
-    bar = figure.colorbar(colors, ax=axes, extend="max", shrink=0.6, aspect=25)
+        _draw_forecast(axes[0], paths)
+    bar = figure.colorbar(colors, ax=list(axes), extend="max", shrink=0.6, aspect=25)
     bar.set_label("mean speed [m/s]", fontsize=NORMAL)
     bar.ax.tick_params(labelsize=SMALL, color=FAINT)
     bar.outline.set_visible(False)
@@ -138,41 +145,46 @@ def save_figure(figure: Figure, path: Path, *, force: bool = False) -> None:
         file.write(drawn.getvalue())
 
 
-def _page(box: FloatArray) -> tuple[Figure, Axes]:
-    """East and north in metres, of one scale, over a box of (2, 2) corners; what is around finds its own room."""
+def _page(box: FloatArray, *, n_panels: int) -> tuple[Figure, Sequence[Axes], float]:
+    """East and north in metres, of one scale, over a box of (2, 2) corners; what is around finds its own room.
+
+    -> The page, its panels, and how wide about one is, inches.
+    """
     shape = float(np.divide(*np.ptp(box, axis=0)))
-    height = min((WIDTH - AROUND[0]) / shape + AROUND[1], TALLEST)
-    across = (height - AROUND[1]) * shape + AROUND[0]
+    rows, columns = (n_panels, 1) if shape > WIDE else (1, n_panels)
+    width, whole = WIDTH * (TWICE if columns > 1 else 1.0), shape * columns / rows
+    height = min((width - AROUND[0]) / whole + AROUND[1], TALLEST)
+    across = (height - AROUND[1]) * whole + AROUND[0]
     layout = ConstrainedLayoutEngine(w_pad=PAD, h_pad=PAD)
     figure = Figure(figsize=(across, height), dpi=DOTS_PER_INCH, layout=layout)
-    axes = figure.subplots()
-    axes.set(xlim=box[:, 0], ylim=box[:, 1], aspect="equal")
-    axes.set_xlabel("east [m]", fontsize=NORMAL)
-    axes.set_ylabel("north [m]", fontsize=NORMAL)
-    axes.tick_params(color=FAINT, labelsize=SMALL)
-    axes.spines[:].set_color(FAINT)
-    axes.xaxis.set_major_locator(MaxNLocator(6))
-    axes.yaxis.set_major_locator(MaxNLocator(6))
-    return figure, axes
+    panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel().tolist()
+    for axes in panels:
+        axes.set(xlim=box[:, 0], ylim=box[:, 1], aspect="equal")
+        axes.tick_params(color=FAINT, labelsize=SMALL)
+        axes.spines[:].set_color(FAINT)
+        axes.xaxis.set_major_locator(MaxNLocator(6))
+        axes.yaxis.set_major_locator(MaxNLocator(6))
+    for axes in panels[-columns:]:
+        axes.set_xlabel("east [m]", fontsize=NORMAL)
+    for axes in panels[::columns]:
+        axes.set_ylabel("north [m]", fontsize=NORMAL)
+    return figure, panels, (across - AROUND[0]) / columns
 
 
-def _draw_map(axes: Axes, primitives: PrimitiveMap) -> ScalarMappable:
-    """Cells and roses; -> the colours of speed, for a colour bar."""
-    petals = shapes.rose_petals(primitives)
-    fastest = shapes.fastest_speed(petals)
+def _draw_cells(axes: Axes, primitives: PrimitiveMap) -> None:
     outlines = shapes.cell_outlines(primitives.tessellation)
-    axes.add_collection(LineCollection(outlines, colors=CELL_GREY, linewidths=0.4, zorder=1))
+    axes.add_collection(LineCollection(outlines, colors=CELL_GREY, linewidths=0.3, zorder=1))
+
+
+def _draw_map(axes: Axes, primitives: PrimitiveMap, *, spacing: float) -> ScalarMappable:
+    """Cells and roses, as arrows; -> the colours of speed, for a colour bar."""
+    _draw_cells(axes, primitives)
+    petals = shapes.rose_petals(primitives, spacing=spacing)
+    fastest = shapes.fastest_speed(petals)
     color = shapes.petal_colors(petals, fastest=fastest)[:, 1] / 255.0
     color[:, 3] = np.where(petals.is_disc, DISC_OPACITY, 1.0)
     axes.add_collection(PolyCollection(list(petals.polygon), facecolors=color, linewidths=0, zorder=3))
-    _, first = np.unique(petals.cell, return_index=True)
-    width = ROOT_DIAMETER * petals.reach[first]
-    axes.add_collection(
-        EllipseCollection(
-            width, width, np.zeros_like(width), offsets=petals.polygon[first, 0], offset_transform=axes.transData,
-            units="xy", facecolors=INK, linewidths=0, zorder=4,
-        )
-    )  # fmt: skip
+    axes.add_collection(PolyCollection(list(shapes.petal_heads(petals)), facecolors=INK, linewidths=0, zorder=4))
     steps = speed_color(np.linspace(0.0, 1.0, 256), fastest=1.0) / 255.0
     return ScalarMappable(Normalize(0.0, fastest), ListedColormap(steps))
 
@@ -181,7 +193,7 @@ def _draw_tracks(axes: Axes, tracks: Tracks) -> None:
     """Observed motion, as thin lines under the roses, fainter the more there are."""
     paths = _paths(tracks.vehicle, tracks.time_ns, tracks.position)
     opacity = float(np.clip(TRACKS_OPACITY / max(len(paths), 1), FAINTEST_TRACK, BOLDEST_TRACK))
-    axes.add_collection(LineCollection(paths, colors=TRACK_GREY, linewidths=0.6, alpha=opacity, zorder=2))
+    axes.add_collection(LineCollection(paths, colors=TRACK_GREY, linewidths=0.4, alpha=opacity, zorder=2))
 
 
 def _draw_estimates(axes: Axes, estimates: Estimates) -> None:
@@ -204,8 +216,10 @@ def _draw_forecast(axes: Axes, paths: FloatArray) -> None:
 
 
 def _paths(track_id: AnyArray, time_ns: IntArray, position: FloatArray) -> list[FloatArray]:
-    """The line of each vehicle, split where it was unseen for longer than `MAX_GAP_S`."""
+    """The line of each vehicle, split where it was unseen for long."""
     _, vehicle = np.unique(track_id, return_inverse=True)
     order = np.lexsort((time_ns, vehicle))
-    gap = np.diff(time_ns[order]) > MAX_GAP_S * 1e9
-    return np.split(position[order], np.flatnonzero(gap | (np.diff(vehicle[order]) != 0)) + 1)
+    step_ns, is_other = np.diff(time_ns[order]), np.diff(vehicle[order]) != 0
+    usual_ns = float(np.median(step_ns[~is_other])) if not is_other.all() else 0.0
+    is_gap = step_ns > max(MAX_GAP_S * 1e9, INTERVALS * usual_ns)
+    return np.split(position[order], np.flatnonzero(is_gap | is_other) + 1)

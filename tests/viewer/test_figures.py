@@ -9,13 +9,14 @@ from matplotlib.collections import LineCollection, PolyCollection
 
 from dirprim_filter.drawing import shapes
 from dirprim_filter.viewer.figures import map_figure, save_figure
-from situations import tracks_of
+from situations import estimates_of, tracks_of
 
 
 def test_the_map_shows_every_petal_with_north_up_and_equal_scales(scene_map, scene_tracks):
     figure = map_figure(scene_map, tracks=scene_tracks)
     axes, *_, color_bar = figure.axes
-    (petals,) = [c for c in axes.collections if isinstance(c, PolyCollection)]
+    petals, heads = (c for c in axes.collections if isinstance(c, PolyCollection))
+    assert len(heads.get_paths()) == len(shapes.petal_heads(shapes.rose_petals(scene_map)))
     assert len(petals.get_paths()) == len(shapes.rose_petals(scene_map).polygon)
     figure.draw_without_rendering()
     origin, east, north = axes.transData.transform([[0.0, 0.0], [10.0, 0.0], [0.0, 10.0]])
@@ -23,7 +24,7 @@ def test_the_map_shows_every_petal_with_north_up_and_equal_scales(scene_map, sce
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("east [m]", "north [m]")
     assert color_bar.get_ylabel() == "mean speed [m/s]"
     explained = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert explained == ["cells", "roots, where petals start", "tracks"]
+    assert explained == ["cells", "petals, where vehicles go", "tracks"]
 
 
 def test_what_is_asked_for_is_shown_else_the_forecasts_else_the_map(scene_map):
@@ -40,6 +41,18 @@ def test_a_vehicle_is_one_line_for_each_time_it_is_in_sight(scene_map):
     axes = map_figure(scene_map, tracks=tracks).axes[0]
     ways = [c for c in axes.collections if isinstance(c, LineCollection)][-1]
     assert sorted(len(path.vertices) for path in ways.get_paths()) == [2, 2, 3]
+
+
+def test_tracks_of_a_slow_sensor_are_lines_and_estimates_have_a_panel_of_their_own(scene_map):
+    """A fix each 10 s: the usual interval is no gap, one of 40 s is."""
+    time_ns = np.array([0, 10, 20, 60, 70]) * 1_000_000_000
+    axes = map_figure(scene_map, tracks=tracks_of(np.arange(10.0).reshape(1, 5, 2), track_id=1, time_ns=time_ns)).axes[
+        0
+    ]
+    ways = [c for c in axes.collections if isinstance(c, LineCollection)][-1]
+    assert [len(path.vertices) for path in ways.get_paths()] == [3, 2]
+    left, right, _ = map_figure(scene_map, estimates=estimates_of(["a", "a"], time_ns=np.array([0, 10**9]))).axes
+    assert [len([c for c in of.collections if isinstance(c, PolyCollection)]) for of in (left, right)] == [2, 0]
 
 
 @pytest.mark.parametrize("name", ["map.png", "map.svg", "map.pdf"])

@@ -48,8 +48,33 @@ def test_a_rose_grows_with_traffic_more_than_with_its_cell(scene_map):
         return dict(zip(petals.cell.tolist(), petals.reach.tolist(), strict=True))
 
     assert reach([100, 100])[1] == pytest.approx(reach([100, 100])[0])
-    assert reach([160, 10])[1] == pytest.approx(0.5 * reach([160, 10])[0])
+    assert reach([160, 31])[1] == pytest.approx((31 / 160) ** 0.25 * reach([160, 31])[0])
     assert reach([10**6, 1])[1] == pytest.approx(shapes.TRAFFIC[0] ** 0.25 * reach([10**6, 1])[0])
+
+
+def test_in_a_city_the_cells_of_a_square_have_one_rose_of_the_modes_that_differ():
+    """Roads of 40 by 40 cells of 10 m: all go east or, one in four, west, by up to 20 degrees aside."""
+    cells = GridTessellation.covering(np.argwhere(np.ones((40, 40))) * 10.0 + 5.0, cell_size=10.0)
+    n, aside = cells.n_cells + 1, np.radians(np.tile([-20.0, 20.0], cells.n_cells // 2 + 1)[: cells.n_cells + 1])
+    of = PrimitiveMap(
+        tessellation=cells, direction=VonMisesMixture(
+            weight=np.tile([0.75, 0.25], (n, 1)), mean_direction=np.column_stack([aside, np.pi - aside]),
+            concentration=np.full((n, 2), 200.0),
+        ), speed=Gamma(shape=np.ones((n, 2)), rate=np.tile([0.1, 0.2], (n, 1))), n_rows=np.full(n, 10),
+        n_background_modes=0,
+    )  # fmt: skip
+    petals = shapes.rose_petals(of, spacing=100.0)
+    assert np.bincount(petals.cell).tolist() == [2] * 16
+    heaviest, lighter = petals.weight > 0.5, petals.weight < 0.5
+    assert petals.weight[heaviest] == pytest.approx(0.75)
+    assert petals.mean_speed[heaviest] == pytest.approx(10.0)
+    assert petals.mean_speed[lighter] == pytest.approx(5.0)
+    heads = shapes.petal_heads(petals)
+    ahead = heads[:, 1] - petals.polygon[:, 0]
+    assert np.abs(ahead[:, 1]).max() < 0.05 * np.abs(ahead[:, 0]).min()  # what is aside on both sides is straight on
+    assert np.array_equal(ahead[:, 0] > 0, heaviest)
+    assert np.abs(ahead[heaviest]).max() > 50.0  # where one cell's would be 7 m
+    assert len(shapes.rose_petals(of).polygon) == 2 * cells.n_cells
 
 
 def test_vehicles_that_stand_are_a_disc_and_leave_the_petals_of_the_others_as_large(scene_map):
