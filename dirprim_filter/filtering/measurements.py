@@ -38,14 +38,28 @@ def innovation(
 
     Of a sensor's error counts what is new, (v,) seconds after the vehicle's last measurement: as beliefs are weighed.
     """
-    away, noise = measured.position - moments[:, :2], measured_covariance(measured, config)
     if sensor is not None:
-        c, s = np.cos(moments[:, 5]), np.sin(moments[:, 5])
-        axes = np.stack([c, -s, s, c], axis=-1).reshape(-1, 2, 2)  # its columns lie along and across
-        new = np.column_stack([axis.new_variance(since_s) for axis in (sensor.along, sensor.across)])
-        away = away - axes @ np.array([sensor.along.bias_m, sensor.across.bias_m])
-        noise = (axes * new[:, None]) @ axes.swapaxes(1, 2)
-    return gaussian.squared_distance(away, moments[:, [2, 3, 3, 4]].reshape(-1, 2, 2) + noise)
+        measured = of_sensor(measured, moments[:, 5], since_s, sensor)
+    spread = moments[:, [2, 3, 3, 4]].reshape(-1, 2, 2) + measured_covariance(measured, config)
+    return gaussian.squared_distance(measured.position - moments[:, :2], spread)
+
+
+def of_sensor(measured: Detections, course: FloatArray, since_s: FloatArray, sensor: Sensor) -> Detections:
+    """Measurements (v,) less their bias, with the covariance of what is new of their errors.
+
+    Args:
+        measured: of vehicles.
+        course: (v,) radians, of each.
+        since_s: (v,) seconds since its last measurement.
+        sensor: whose errors lie along and across.
+    """
+    c, s = np.cos(course), np.sin(course)
+    axes = np.stack([c, -s, s, c], axis=-1).reshape(-1, 2, 2)  # its columns lie along and across
+    new = np.column_stack([axis.new_variance(since_s) for axis in (sensor.along, sensor.across)])
+    bias = axes @ np.array([sensor.along.bias_m, sensor.across.bias_m])
+    covariance = (axes * new[:, None]) @ axes.swapaxes(1, 2)
+    covariance[:, 1, 0] = covariance[:, 0, 1]  # but for rounding they are the same
+    return replace(measured, position=measured.position - bias, covariance=covariance)
 
 
 def with_unseen_errors(estimates: Estimates, sensor: Sensor | None) -> Estimates:

@@ -21,8 +21,9 @@ CONFIG = FilterConfig(noise_m=0.3, n_particles=500)
 
 def driven(*times, speed=10.0, name="a"):
     """A vehicle eastwards, with half a metre of swing."""
-    place = np.column_stack([speed * np.array(times), 0.5 * np.sin(times)])
-    return Detections(track_id=[name] * len(times), time_ns=np.round(1e9 * np.array(times)).astype(np.int64), position=place)
+    time_s = np.array(times)
+    place = np.column_stack([speed * time_s, 0.5 * np.sin(time_s)])
+    return Detections(track_id=[name] * len(times), time_ns=np.round(1e9 * time_s).astype(np.int64), position=place)
 
 
 def asked(until_s, every_s=0.5):

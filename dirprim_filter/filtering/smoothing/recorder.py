@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.filtering.belief import birth_key
+from dirprim_filter.filtering.measurements import of_sensor
 from dirprim_filter.filtering.protocols import BayesFilter, Evidence, Smoothable, States
 from dirprim_filter.filtering.smoothing import bridge
 from dirprim_filter.filtering.smoothing.bridge import Gaussian
@@ -60,7 +59,7 @@ class Recorder:
         self.straight.reserve(int(slot.max()) + 1)
         states = self.filter.states(slot)
         moments = moments_of(self.filter, states)
-        measured = self._unbiased(measured, moments[2])
+        measured = self._fair(measured, moments[2], np.full(slot.size, np.inf))
         labels = qualified_names(measured.track_id, np.full(slot.size, self._group)).tolist()
         for i, (s, *of_one) in enumerate(zip(slot.tolist(), *moments, strict=True)):
             belief, samples, here = Belief(time_ns, *of_one), _row(states, i), slot[i : i + 1]
@@ -101,14 +100,11 @@ class Recorder:
         self.straight.predict(slot, dt_s)
         self.straight.weigh(slot, measured)
 
-    def _unbiased(self, measured: Detections, course: FloatArray) -> Detections:
-        """Measurements of vehicles with these mean courses (v, 2), where the sensor's bias is known."""
+    def _fair(self, measured: Detections, course: FloatArray, since_s: FloatArray) -> Detections:
+        """Measurements of vehicles with these mean courses (v, 2), (v,) seconds after the last, as the sensor's are."""
         if self._sensor is None:
             return measured
-        along = course / np.fmax(np.hypot(*course.T), 1e-9)[:, None]
-        across = np.column_stack([-along[:, 1], along[:, 0]])
-        off = self._sensor.along.bias_m * along + self._sensor.across.bias_m * across
-        return replace(measured, position=measured.position - off)
+        return of_sensor(measured, np.arctan2(course[:, 1], course[:, 0]), since_s, self._sensor)
 
     def moves(self, slot: IntArray, time_ns: IntArray) -> None:
         """Beliefs are about to be predicted from these times (v,); copies of them have no chain, gaps no steps."""
@@ -143,7 +139,7 @@ class Recorder:
         )  # fmt: skip
         fair = ~evidence.is_unexplained | (since_ns > GAP_NS)
         self.straight.predict(slot, since_ns * 1e-9)
-        self.straight.weigh(slot[fair], self._unbiased(measured, moments[2])[fair])
+        self.straight.weigh(slot[fair], self._fair(measured, moments[2], since_ns * 1e-9)[fair])
         for i, (chain, own, *of_one) in enumerate(zip(chains, links, *moments, strict=True)):
             chain.extend(own, Belief(time_ns, *of_one), self._straight_of(int(slot[i])), _row(found, i))
         return evidence
