@@ -21,7 +21,8 @@ PAGES = sorted([*(ROOT / "docs").glob("*.md"), *(ROOT / "docs" / "guides").glob(
 FENCE = re.compile(r"^```(\w+)(?: ([\w.]+))?\n(.*?)^```$", flags=re.MULTILINE | re.DOTALL)
 SHORTER = {
     "n_seeds = 2 ": "n_seeds = 1 ",
-    "--seeds 5": "--seeds 1 --set n_particles=50",
+    "n_seeds = 5 ": "n_seeds = 1 ",
+    "--plot errors.pdf": "--plot errors.pdf --set n_particles=50",
     "n_particles = 1000": "n_particles = 50",
     "learn fleet -o map.mcap": "learn fleet -o map.mcap --tessellation grid --cell-size 20",
     "--tessellation grid --cell-size 8": "--tessellation grid --cell-size 20",

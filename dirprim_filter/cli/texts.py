@@ -118,7 +118,7 @@ class Shown(TextIOBase):
         Raises:
             OSError: as `write`.
         """
-        if self.stream is not None:
+        if self.stream is not None and not self.stream.closed:  # as Python does with what nobody uses any more
             self._have(self.stream.flush)
 
     def _have(self, does: Callable[..., object], *what: str) -> None:

@@ -41,6 +41,7 @@ class RowErrors(NamedTuple):
         normalised: (n,) the same in units of the covariance.
         is_hidden: (n,) whether the vehicle was out of sight,
         unseen_s: (n,) and for how many seconds; 0 in sight.
+        position: (n, 2) metres, where it was.
     """
 
     cluster: AnyArray
@@ -48,6 +49,7 @@ class RowErrors(NamedTuple):
     normalised: FloatArray
     is_hidden: BoolArray
     unseen_s: FloatArray
+    position: FloatArray
 
 
 def scored(
@@ -74,7 +76,7 @@ def scored(
         interpolated=sum(of.n_interpolated for of in judged) / len(truth),
     )  # fmt: skip
     names = truth.group.astype(np.str_) if len(scenes) > 1 else qualified_names(truth.track_id, truth.group)
-    return report, RowErrors(names, squared, normalised, is_hidden, _unseen_s(truth, is_hidden))
+    return report, RowErrors(names, squared, normalised, is_hidden, _unseen_s(truth, is_hidden), truth.position)
 
 
 def _unseen_s(truth: Tracks, is_hidden: BoolArray) -> FloatArray:

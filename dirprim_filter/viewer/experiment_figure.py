@@ -1,9 +1,8 @@
-"""A tracking experiment as a figure for papers: error by time unseen, reliability, and error by method."""
+"""A tracking experiment as a figure for papers: error by time unseen, reliability, error by place and by method."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -12,36 +11,35 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from dirprim_filter.arrays import FloatArray
-from dirprim_filter.evaluation.error_curves import reliability, rmse
+from dirprim_filter.evaluation.error_curves import SHARES, by_place, by_sight, by_time, reliability
 from dirprim_filter.evaluation.intervals import Interval
 from dirprim_filter.evaluation.tracking import SMOOTHED_SUFFIX, TrackingTable, hota_of
 from dirprim_filter.viewer.figures import DOTS_PER_INCH, FAINT, INK, NORMAL, PAD, SMALL
 
-SIZE = (10.5, 3.4)
-"""Inches: three panels side by side across a page on its side."""
+SIZE = (14.0, 3.4)
+"""Inches: four panels side by side."""
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#F0E442")
 """Of Okabe and Ito (2008); a method and its smoother have the same."""
-N_TIMES = 6
-"""Parts of a gap whose errors are drawn."""
-SHARES = np.linspace(0.05, 0.95, 19)
 
 
 def experiment_figure(table: TrackingTable) -> Figure:
-    """Three panels, a colour for each method; bars are 95 % intervals over vehicles or groups.
+    """Four panels, a colour for each method; bars are 95 % intervals over vehicles or groups. `curves` has their data.
 
     RMSE by how long a vehicle was unseen; the share of true positions in ellipses that should hold so many, in gaps
-    (without gaps in sight); RMSE in sight and in gaps by method, without ids HOTA.
+    (without gaps in sight); where on the map the first method errs, likewise; RMSE in sight and in gaps by method,
+    without ids HOTA.
     """
     figure = Figure(figsize=SIZE, dpi=DOTS_PER_INCH, layout=ConstrainedLayoutEngine(w_pad=PAD, h_pad=PAD))
-    by_time, reliable, by_method = figure.subplots(1, 3)
+    times, reliable, places, methods = figure.subplots(1, 4)
     styles = _styles([method.name for method in table.methods])
-    _draw_times(by_time, table, styles)
+    _draw_times(times, table, styles)
     _draw_reliability(reliable, table, styles)
-    _draw_methods(by_method, table, styles)
+    _draw_places(figure, places, table)
+    _draw_methods(methods, table, styles)
     for axes in figure.axes:
         axes.tick_params(color=FAINT, labelsize=SMALL)
         axes.spines[:].set_color(FAINT)
-    handles, labels = by_time.get_legend_handles_labels()
+    handles, labels = times.get_legend_handles_labels()
     columns = min(len(labels), 6)
     figure.legend(handles, labels, loc="outside lower center", ncols=columns, fontsize=SMALL, frameon=False)
     return figure
@@ -60,11 +58,8 @@ def _styles(names: Sequence[str]) -> list[dict[str, Any]]:
 
 
 def _draw_times(axes: Axes, table: TrackingTable, styles: Sequence[dict[str, Any]]) -> None:
-    gap_s = table.experiment.gap_s
-    edges = np.concatenate([[-np.inf, 0.0], np.linspace(0.0, gap_s, N_TIMES + 1)[1:] if table.n_gaps else []])
-    middle = np.array([0.0, *(0.5 * (edges[1:-1] + edges[2:]))])
     for method, style in zip(table.methods, styles, strict=True):
-        found = [rmse(method.errors, above_s=a, to_s=b) for a, b in pairwise(edges)]
+        middle, found = by_time(method.errors, table.experiment.gap_s * (table.n_gaps > 0))
         axes.errorbar(
             middle, [of.value for of in found], yerr=_bars(found), marker="o", markersize=3, linewidth=1.2,
             elinewidth=0.7, **style,
@@ -86,14 +81,26 @@ def _draw_reliability(axes: Axes, table: TrackingTable, styles: Sequence[dict[st
     axes.set_ylabel("share of true positions in it", fontsize=NORMAL)
 
 
+def _draw_places(figure: Figure, axes: Axes, table: TrackingTable) -> None:
+    first = table.methods[0]
+    (east, north), error = (column.T for column in by_place(first.errors, is_hidden=table.n_gaps > 0))
+    most = float(np.quantile(error, 0.95)) if error.size else 1.0
+    shown = axes.scatter(east, north, c=error, s=14, marker="s", linewidths=0, cmap="viridis", vmin=0.0, vmax=most)
+    axes.set(aspect="equal", xlabel="east [m]", ylabel="north [m]")
+    bar = figure.colorbar(shown, ax=axes, extend="max", shrink=0.8)
+    where = "in gaps" if table.n_gaps else "in sight"
+    bar.set_label(f"RMSE of {first.name.lstrip('_')}, {where} [m]", fontsize=SMALL)
+
+
 def _draw_methods(axes: Axes, table: TrackingTable, styles: Sequence[dict[str, Any]]) -> None:
     row = np.arange(len(table.methods))[::-1]
     for method, style, at in zip(table.methods, styles, row.tolist(), strict=True):
         if not table.experiment.with_ids:
             _draw_point(axes, hota_of(table, method), at, style["color"], style["color"])
             continue
-        _draw_point(axes, rmse(method.errors, above_s=-np.inf, to_s=0.0), at + 0.15, style["color"], "white")
-        _draw_point(axes, rmse(method.errors, above_s=0.0, to_s=np.inf), at - 0.15, style["color"], style["color"])
+        in_sight, in_gaps = by_sight(method.errors).values()
+        _draw_point(axes, in_sight, at + 0.15, style["color"], "white")
+        _draw_point(axes, in_gaps, at - 0.15, style["color"], style["color"])
     axes.set_yticks(row, [style["label"] for style in styles])
     axes.set_ylim(-0.6, len(row) - 0.4)
     text = "RMSE [m], hollow in sight, full in gaps" if table.experiment.with_ids else "HOTA"

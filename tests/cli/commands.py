@@ -1,5 +1,6 @@
 """How tests run a command: as it is typed."""
 
+import io
 import shlex
 
 from dirprim_filter.cli.main import run
@@ -12,3 +13,10 @@ GRID = "--tessellation grid --cell-size 8"
 def dirprim(command, *more):
     """The exit code of a command line, and of what follows it word by word."""
     return run([*shlex.split(command), *map(str, more)])
+
+
+class Terminal(io.StringIO):
+    """What stands in for one."""
+
+    def isatty(self):
+        return True

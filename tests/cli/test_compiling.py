@@ -7,10 +7,9 @@ import sys
 import pytest
 from numba import njit
 
-from dirprim_filter.cli import compiling, demo
+from dirprim_filter.cli import compiling
 from tessellation import _compiling
 
-RECORDING = demo.recordings_folder() / "roundabout_track.mcap"
 NOWHERE = "numba.core.caching._IPythonCacheLocator"
 """Of numba's places for a cache the one that takes no files."""
 
@@ -55,10 +54,12 @@ def test_damaged_kernels_are_compiled_again(tmp_path, monkeypatch, capsys):
 
 def test_an_installation_that_keeps_nothing_compiles_in_each_run_and_says_so(tmp_path):
     """As in a container whose user has no home: by numba's own rules every command ended in a traceback."""
+    table = tmp_path / "table.csv"
+    table.write_text("time_s,track_id,x_m,y_m\n0,a,0,0\n1,a,1,0\n")
     code = (
         "import os; os.access = lambda *_, **__: False\n"
         "from dirprim_filter.cli.main import run\n"
-        f"raise SystemExit(run(['info', {str(RECORDING)!r}]))"
+        f"raise SystemExit(run(['info', {str(table)!r}]))"
     )
     refused = {
         "NUMBA_CACHE_DIR": "",

@@ -3,11 +3,12 @@
 import hashlib
 import json
 import re
+from contextlib import redirect_stderr
 from pathlib import Path
 
 import pytest
 
-from cli.commands import DONE, dirprim
+from cli.commands import DONE, Terminal, dirprim
 from dirprim_filter import write_tracks
 from dirprim_filter.cli.evaluate.forecast import forecast_text
 from dirprim_filter.evaluation import cues, density, forecasting, tracking
@@ -129,7 +130,9 @@ def test_an_experiment_file_is_followed(log, capsys):
 
 @pytest.mark.slow
 def test_forecast_is_the_same_for_people_and_machines_and_can_be_had_again(log, capsys):
-    lines, table = both(FORECAST, capsys)
+    with redirect_stderr(Terminal()) as progress:
+        lines, table = both(FORECAST, capsys)
+    assert "8 of 8 fits" in progress.getvalue()
     assert lines[0] == "8 vehicles held out by vehicle, 2 folds; 20 rollouts each"
     names = ["prior", "place-free", "prior, leaders", "one cell", "trajectory memory", "constant velocity"]
     assert [row["name"] for row in table["methods"]] == names

@@ -57,9 +57,8 @@ def test_else_they_go_straight_on_with_a_noise_that_a_line_states(here, capsys, 
     assert str(float(metadata_of(Path("out.mcap"))["acceleration_density"])) in f"{said} 1.0 2.0"
 
 
-@pytest.mark.parametrize("smooth", [False, True])
-def test_constant_velocity_is_the_kalman_filter_that_python_and_experiments_use(here, capsys, smooth):
-    assert dirprim(f"{RUN} --motion constant-velocity --rate 20 {'--smooth' * smooth}") == DONE
+def test_constant_velocity_is_the_kalman_filter_that_python_and_experiments_use(here, capsys):
+    assert dirprim(f"{RUN} --motion constant-velocity --rate 20 --smooth") == DONE
     assert "fitted to 6 vehicles of the log's first minutes" in motion_line(capsys)
     config, seen = FilterConfig(n_particles=50, noise_m=0.5), list(stream_detections("log.mcap"))
     density = acceleration_of(Detections.concatenate(seen), config, rng=np.random.default_rng(0))
@@ -72,21 +71,20 @@ def test_constant_velocity_is_the_kalman_filter_that_python_and_experiments_use(
     with smoother:
         replay(seen, tracker, [filtered, smoother], rate_hz=20.0)
     assert read_estimates("out.mcap") == filtered.all()
-    if smooth:
-        found, expected = read_estimates("out.mcap", smoothed=True), smoothed.all()
-        assert keys(found) == keys(expected)
-        np.testing.assert_array_equal(found.position, expected.position)
+    found, expected = read_estimates("out.mcap", smoothed=True), smoothed.all()
+    assert keys(found) == keys(expected)
+    np.testing.assert_array_equal(found.position, expected.position)
     assert json.loads(metadata_of(Path("out.mcap"))["acceleration_density"]) == density
 
 
-@pytest.mark.parametrize("options", ["", "--motion constant-velocity", "--map map.mcap --motion constant-velocity"])
-def test_the_tracks_of_another_tracker_are_refined_by_each(here, capsys, options):
+def test_the_tracks_of_another_tracker_are_refined_by_each(here, capsys):
     assert dirprim(f"{RUN} --motion constant-velocity") == DONE
-    capsys.readouterr()
     assert dirprim("export out.mcap -o theirs.csv") == DONE
-    assert dirprim(f"smooth theirs.csv -o refined.mcap --particles 50 {options}") == DONE
-    assert motion_line(capsys).startswith("straight on" if options else "as 6 vehicles")
-    assert len(read_estimates("refined.mcap")) == len(read_estimates("out.mcap"))
+    for options in ("", "--motion constant-velocity", "--map map.mcap --motion constant-velocity"):
+        capsys.readouterr()
+        assert dirprim(f"smooth theirs.csv -o refined.mcap --force --particles 50 {options}") == DONE
+        assert motion_line(capsys).startswith("straight on" if options else "as 6 vehicles")
+        assert len(read_estimates("refined.mcap")) == len(read_estimates("out.mcap"))
 
 
 @pytest.mark.parametrize(

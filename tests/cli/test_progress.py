@@ -1,20 +1,14 @@
 """Progress is reported on a terminal alone: how far, how long still; and changes nothing of what is done."""
 
-import io
 import re
 from contextlib import redirect_stderr
 
 import numpy as np
 import pytest
 
-from cli.commands import DONE, GRID, dirprim
+from cli.commands import DONE, GRID, Terminal, dirprim
 from dirprim_filter.cli.progress import learning_progress, step_progress, with_progress, working
 from dirprim_filter.detections import Detections
-
-
-class Terminal(io.StringIO):
-    def isatty(self):
-        return True
 
 
 @pytest.fixture(autouse=True)
@@ -55,7 +49,7 @@ def test_the_long_commands_tell_of_their_steps(here):
         f"learn log.mcap -o m {GRID}": r"how vehicles go on",
         "recover t.mcap -o whole.mcap": r"(\d+) of \1 chunks",
         "view log.mcap --rate inf --save r.rrd": r"(\d+\.\d) of \1 s of the log",
-        "evaluate forecast log.mcap --folds 2 --horizon 1 --samples 20": r"8 of 8 fits",
+        "evaluate cues log.mcap --folds 2 --tessellation grid": r"2 of 2 folds",
     }
     for command, reported in commands.items():
         with redirect_stderr(Terminal()) as shown:

@@ -1,5 +1,6 @@
 """`dirprim evaluate tracking` with trackers of others: commands and tables, in the same table as ours."""
 
+import csv
 import json
 import shlex
 import sys
@@ -71,14 +72,23 @@ def test_tables_for_papers_and_a_picture_have_all_methods(folder, capsys):
     assert [line.replace("\\|", "").count("|") for line in (ruler, *rows)] == [head.count("|")] * 3
     assert rows[1].startswith("| 100%_theirs\\|x | 0.")
     assert Path("out.pdf").read_bytes().startswith(b"%PDF")
+    drawn = list(csv.DictReader(Path("out.csv").read_text().splitlines()))
+    assert {row["panel"] for row in drawn} == {"time", "reliability", "map", "method"}
+    assert {row["method"] for row in drawn if row["panel"] != "map"} == {"constant velocity", "100%_theirs|x"}
+    printed = [float(row.replace("\\|", "").split("|")[2]) for row in rows]
+    assert [float(row["value"]) for row in drawn if row["panel"] == "method"] == pytest.approx(printed, abs=5e-4)
     assert dirprim(f"{command} --latex", *by_script("echo.py", of="100%_theirs|x")) == DONE
     begin, *lines, end = capsys.readouterr().out.splitlines()
     assert (begin, end) == ("\\begin{tabular}{lrrrrrr}", "\\end{tabular}")
     assert lines[-2].startswith("100\\%\\_theirs|x & 0.")
     assert [line.count(" & ") for line in lines if line.endswith(" \\\\")] == [6, 6, 6]
     assert dirprim(f"{command} --latex --json") == USAGE
-    assert dirprim(f"{command} --plot out.pdf") == FAILED  # it is there
-    assert "--force" in capsys.readouterr().err
+    for name in ("out.pdf", "out.png"):  # it is there, or its data are
+        assert dirprim(f"{command} --plot {name}") == FAILED
+        assert "--force" in capsys.readouterr().err
+    Path("few.csv").write_text("time_s,track_id,x_m,y_m\n0,a,0,0\n1,a,1,0\n")
+    assert dirprim("evaluate tracking few.csv --plot few.pdf --force") == FAILED
+    assert "few.csv: is an input of this command" in capsys.readouterr().err
 
 
 def test_a_group_is_a_recording_of_its_own(ring, folder, capsys):

@@ -84,7 +84,6 @@ def on_the_ring(ring):
         return evaluate_density(tracks, n_folds=2, interval_s=0.6, methods=methods, rng=rng)
 
 
-@pytest.mark.slow
 def test_on_a_ring_all_that_knows_the_place_beats_what_does_not(on_the_ring):
     score = {row.name: row for row in on_the_ring.methods}
     assert on_the_ring.split_by == "vehicle"

@@ -3,16 +3,17 @@
 import numpy as np
 import pytest
 
-from dirprim_filter.evaluation.error_curves import reliability, rmse
+from dirprim_filter.evaluation.error_curves import SQUARES, by_place, reliability, rmse
 from dirprim_filter.evaluation.scores import RowErrors, TrackedScene, scored
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
 from situations import tracks_of
 
 
-def errors(cluster, squared, unseen_s, normalised=None):
+def errors(cluster, squared, unseen_s, normalised=None, position=None):
     squared, unseen_s = np.array(squared), np.array(unseen_s)
     known = np.full(squared.shape, np.nan) if normalised is None else np.array(normalised)
-    return RowErrors(np.array(cluster), squared, known, unseen_s > 0, unseen_s)
+    place = np.zeros((squared.size, 2)) if position is None else position
+    return RowErrors(np.array(cluster), squared, known, unseen_s > 0, unseen_s, place)
 
 
 def test_errors_are_of_the_rows_that_were_unseen_so_long_and_intervals_are_over_vehicles_of_all_runs():
@@ -22,6 +23,21 @@ def test_errors_are_of_the_rows_that_were_unseen_so_long_and_intervals_are_over_
     assert (found.n_clusters, found.low < found.value < found.high) == (3, True)
     assert rmse(runs, above_s=-np.inf, to_s=0.0)[:1] == (1.0,)
     assert np.isnan(rmse(runs, above_s=1.0, to_s=2.0).value)
+
+
+def test_errors_by_place_are_those_of_the_rows_in_each_square():
+    rng = np.random.default_rng(1)
+    place, squared = rng.uniform([0.0, 10.0], [60.0, 40.0], (500, 2)), rng.uniform(0.0, 9.0, 500)
+    hidden, squared[7] = np.arange(500) % 5, np.nan
+    runs = [errors(hidden[at], squared[at], hidden[at] / 9, position=place[at]) for at in (np.s_[:200], np.s_[200:])]
+    middles, found = by_place(runs, is_hidden=True)
+    known = (hidden > 0) & np.isfinite(squared)
+    side = np.ptp(place[known], axis=0).max() / SQUARES
+    nearest = np.abs(place[known][:, None] - middles).max(axis=2)  # in the metric whose circles are squares
+    assert nearest.min(axis=1).max() <= side * (0.5 + 1e-9)
+    own = nearest.argmin(axis=1)
+    assert found == pytest.approx([np.sqrt(squared[known][own == i].mean()) for i in range(len(found))])
+    assert [len(of) for of in by_place([errors([0], [np.nan], [1.0])], is_hidden=True)] == [0, 0]
 
 
 def test_a_tracker_that_is_right_is_on_the_diagonal_and_one_that_is_too_sure_below_it():

@@ -169,7 +169,7 @@ def test_constant_velocity_is_as_wide_as_the_training_vehicles_err():
 
 
 def test_on_a_ring_the_prior_beats_constant_velocity_on_the_same_cases():
-    ring = ring_traffic(np.random.default_rng(0), n_vehicles=24)
+    ring = ring_traffic(np.random.default_rng(0), n_vehicles=12)
     table = evaluate_forecasts(ring, horizons_s=HORIZONS, n_folds=2, rng=np.random.default_rng(0))
     rows = {row.name: row.horizons for row in table.methods}
     assert list(rows) == ["prior", "place-free", "prior, leaders", "one cell", "trajectory memory", "constant velocity"]
@@ -177,8 +177,8 @@ def test_on_a_ring_the_prior_beats_constant_velocity_on_the_same_cases():
     assert all(score.gain.low > 0.5 for score in rows["constant velocity"])
     assert all(score.gain.low > 0.3 for score in rows["one cell"][1:])  # the control: one cell knows no ring
     assert [score.gain[:3] for score in rows["prior"]] == [(0.0, 0.0, 0.0)] * 3
-    assert {score.gain.n_clusters for scores in rows.values() for score in scores} == {24}
-    assert table.n_vehicles == 24
+    assert {score.gain.n_clusters for scores in rows.values() for score in scores} == {12}
+    assert table.n_vehicles == 12
     settings = {row.name: row.settings for row in table.methods}
     searched = {key: ["noise_m"] for key in ("prior", "place-free", "prior, leaders", "one cell")}
     for name, names in (searched | {"trajectory memory": ["nearness", "strength"]}).items():
@@ -201,7 +201,7 @@ def shifted(name, metres):
 
 def test_the_gain_is_paired_over_vehicles():
     """Of point forecasts the energy is the distance: 1 and 2 % less with vehicles a hundredfold apart in difficulty."""
-    ring = ring_traffic(np.random.default_rng(0), n_vehicles=24)
+    ring = ring_traffic(np.random.default_rng(0), n_vehicles=12)
     metres = np.geomspace(0.1, 10.0, 24)
     less = np.random.default_rng(1).permutation(np.repeat([0.99, 0.98], 12))
     methods = (shifted("a", metres * less), shifted("b", metres))

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import csv
 from dataclasses import asdict, dataclass, replace
+from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from dirprim_filter.cli.commands import check_outputs
 from dirprim_filter.cli.evaluate.others import files_of, others_of
 from dirprim_filter.cli.options import FILE, PICTURES, WRITTEN, Config, Force, Json, Logs
 from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.results import read_experiment, report
 from dirprim_filter.cli.settings import Settings, deal, taken
 from dirprim_filter.cli.texts import FIGURES, counted, figure_lines, latex, markdown, number
+from dirprim_filter.partial_file import PartialFile
 
 if TYPE_CHECKING:
     from dirprim_filter.evaluation.intervals import Interval
@@ -31,6 +35,9 @@ GAINS = {
     False: {"hota": "HOTA of the first more"},
 }
 """And what the first method gains on the row's, beside them."""
+
+DATA = ".csv"
+"""Ends the name of what a picture shows."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,7 +75,10 @@ def tracking(
     as_markdown: Annotated[bool, typer.Option("--markdown", help="Print the main figures in Markdown.")] = False,
     as_latex: Annotated[bool, typer.Option("--latex", help="Print the main figures in LaTeX.")] = False,
     plot: Annotated[
-        Path | None, typer.Option(help=f"Draw errors and reliability: {', '.join(PICTURES)}."), WRITTEN, PICTURES
+        Path | None,
+        typer.Option(help=f"Draw errors and reliability: {', '.join(PICTURES)}; a .csv beside has the data."),
+        WRITTEN,
+        PICTURES,
     ] = None,
     force: Force = False,
     *,
@@ -101,16 +111,23 @@ def tracking(
     inputs += [path for other in others.values() for path in files_of(other, made)]
     if map_file is not None and primitive_map is not None:
         reading = reading.on_plane_of(map_file, primitive_map.origin)
+    if plot is not None:
+        check_outputs([plot.with_suffix(DATA)], inputs, force=force)
     log = reading.tracks(logs)
     if map_file is not None and primitive_map is not None:
         Coverage(primitive_map, map_file, logs[0]).check(log.tracks.position)
     with step_progress("evaluating", "steps") as step:
         table = evaluate_tracking(log.tracks, made, primitive_map=primitive_map, others=others, progress=step)
     if plot is not None:
+        from dirprim_filter.evaluation.error_curves import HEADS, curves
         from dirprim_filter.viewer.experiment_figure import experiment_figure
         from dirprim_filter.viewer.figures import save_figure
 
         save_figure(experiment_figure(table), plot, force=force)
+        data = StringIO()
+        csv.writer(data).writerows([HEADS, *curves(table)])
+        with PartialFile(plot.with_suffix(DATA), force=force) as file:
+            file.write(data.getvalue().encode())
     lines = markdown if as_markdown else latex if as_latex else None
     return report(
         "evaluate tracking", inputs, reading, log.losses, settings=asdict(made), as_json=as_json,
