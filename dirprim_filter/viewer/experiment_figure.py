@@ -86,7 +86,9 @@ def _draw_places(figure: Figure, axes: Axes, table: TrackingTable) -> None:
     (east, north), error = (column.T for column in by_place(first.errors, is_hidden=table.n_gaps > 0))
     most = float(np.quantile(error, 0.95)) if error.size else 1.0
     shown = axes.scatter(east, north, c=error, s=14, marker="s", linewidths=0, cmap="viridis", vmin=0.0, vmax=most)
-    axes.set(aspect="equal", xlabel="east [m]", ylabel="north [m]")
+    axes.set_aspect("equal")
+    axes.set_xlabel("east [m]", fontsize=NORMAL)
+    axes.set_ylabel("north [m]", fontsize=NORMAL)
     bar = figure.colorbar(shown, ax=axes, extend="max", shrink=0.8)
     where = "in gaps" if table.n_gaps else "in sight"
     bar.set_label(f"RMSE of {first.name.lstrip('_')}, {where} [m]", fontsize=SMALL)
