@@ -5,12 +5,17 @@ Source: EPSG guidance note 7-2, method 9837 (geographic to topocentric); PROJ's 
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterable
+from functools import lru_cache
+from importlib.util import find_spec
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from dirprim_filter.arrays import BoolArray, FloatArray
+
+logger = logging.getLogger(__name__)
 
 FRAME = "plane at "
 """Begins the name of a plane's frame."""
@@ -105,6 +110,18 @@ def exists(geodetic: FloatArray) -> BoolArray:
     return np.asarray((np.abs(geodetic) <= [90.0, 360.0]).all(axis=1))
 
 
+@lru_cache(maxsize=16)
+def drawable(origin: Origin | None) -> Origin | None:
+    """The same, for a map of the Earth; None without pyproj, which is logged."""
+    if origin is not None and find_spec("pyproj") is None:
+        logger.warning(
+            "origin %s: no map of the Earth is drawn without pyproj: pip install 'dirprim-filter[geo]'", origin
+        )
+        return None
+    return origin
+
+
+@lru_cache(maxsize=16)
 def _topocentric(origin: Origin) -> Any:
     from pyproj import Transformer  # noqa: PLC0415  (an extra)
 

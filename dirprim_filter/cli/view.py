@@ -140,6 +140,7 @@ def open_viewer(
     What is shown of one `place` shares the layout of a viewer that stays open. A log may have no tracks unless they
     were asked for.
     """
+    from dirprim_filter.drawing.vehicles import drawn_sizes
     from dirprim_filter.recording.plausibility import DetectionsAloneError
     from dirprim_filter.track_ids import qualified_names
     from dirprim_filter.viewer.sink import RerunSink
@@ -151,7 +152,7 @@ def open_viewer(
     viewer = RerunSink(f"dirprim {place}", **options)
     if true is not None:
         lost += true.losses
-        true_tracks = true.tracks
+        true_tracks = drawn_sizes(true.tracks, true.labels)
         if reading.group is None:  # as the vehicles of several groups are called
             true_tracks = replace(true_tracks, track_id=qualified_names(true_tracks.track_id, true_tracks.group))
         viewer.log_truth(true_tracks)

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from dirprim_filter.arrays import BoolArray
 from dirprim_filter.estimates import Estimates
+from dirprim_filter.track_ids import numbered
+from dirprim_filter.tracks import Tracks
 
 LONGEST = 12
 """Characters of a name that is shown in full."""
@@ -22,6 +26,13 @@ WIDEST_COASTING = 6.0
 TRAIL_NS, TRAIL_POINTS = 5_000_000_000, 16
 """How far back a trail goes, and by how many points it leads to the vehicle."""
 
+CLASS_SIZES: Mapping[str, tuple[float, float, float]] = {
+    "pedestrian|person|people|walker|human": (0.5, 0.6, 1.7), "bicycl|cyclist|biker|bike|scooter": (1.8, 0.6, 1.7),
+    "motor": (2.2, 0.8, 1.5), "bus|tram": (12.0, 2.5, 3.2), "truck|lorry|trailer": (9.0, 2.5, 3.5),
+    "van": (5.5, 2.0, 2.3), "ship|boat|vessel|ferry|tanker": (25.0, 7.0, 6.0), "aircraft|plane": (35.0, 34.0, 11.0),
+}  # fmt: skip
+"""Length, width and height, metres, by words of which a label holds one; the first that fits counts."""
+
 
 def may_be_anywhere(estimates: Estimates) -> BoolArray:
     """(n,) which vehicles have coasted for so long that their ellipse is not drawn."""
@@ -32,6 +43,20 @@ def may_be_anywhere(estimates: Estimates) -> BoolArray:
 def has_no_forecast(estimates: Estimates) -> BoolArray:
     """(n,) of which vehicles no forecast is drawn."""
     return np.asarray(estimates.is_coasting | (estimates.direction_resultant < SURE_FROM))
+
+
+def drawn_sizes(tracks: Tracks, labels: Mapping[str, str]) -> Tracks:
+    """The same with the usual size of their class, to be drawn, of vehicles of unknown size; `labels` are by id."""
+    known = {name: size for name, label in labels.items() if (size := _size_of(label)) is not None}
+    if not known:
+        return tracks
+    names, number = numbered(tracks.track_id)
+    usual = np.array([known.get(name, (np.nan,) * 3) for name in names])[number]
+    return replace(tracks, size=np.where(np.isnan(tracks.size), usual, tracks.size))
+
+
+def _size_of(label: str) -> tuple[float, float, float] | None:
+    return next((size for words, size in CLASS_SIZES.items() if re.search(words, label.lower())), None)
 
 
 def short_name(name: str) -> str:

@@ -96,7 +96,7 @@ def read_track_logs(
     losses = Losses()
     parts: list[Rows] = []
     names: list[str] = []
-    frame = ""
+    frame, labels = "", dict[str, str]()
     options = replace(options, **changes)
     shared = SharedTransforms(one for one in (*sources, *beside) if not is_table(one))
     for one in sources:
@@ -110,13 +110,14 @@ def read_track_logs(
             parts.append(Rows.of_tracks(table.tracks))
             names.append(Path(one).name.partition(".")[0])
             losses += table.losses
+            labels |= {str(name): label for name, label in table.labels.items()}
             options = _of_first(one, options, table.origin)
             continue
         with opened(one) as log:
             own = options.of_log(log.start_ns)
             scan = _wanted(log, choose_topics(log, own), own)
             observations = Observations(scan, own, shared)
-            rows = _bounded(observations, log)
+            rows = _labelled(_bounded(observations, log), labels)
             read = rows_of_log(rows if progress is None else _reporting(rows, scan.end_ns, progress))
             parts.append(plausible(read, observations.losses, log.path))
             if np.count_nonzero(np.bincount(read.track_id)) >= len(read) and not read.has_motion().any():
@@ -130,7 +131,8 @@ def read_track_logs(
     tracks = rows_of_logs(parts, names).to_tracks(alone).on_plane(options.origin)
     alone.log(", ".join(str(one.path if isinstance(one, Log) else one) for one in sources))
     losses += alone
-    return TrackResult(tracks=tracks, losses=losses, frame=tracks.origin.frame if tracks.origin else frame)
+    frame = tracks.origin.frame if tracks.origin else frame
+    return TrackResult(tracks=tracks, losses=losses, frame=frame, labels=labels)
 
 
 def _require_ids(path: Path, n_detections: int) -> None:
@@ -158,6 +160,14 @@ def _bounded(parts: Iterable[Rows], log: Log) -> Iterator[Rows]:
                 f"{log.path}: expected at most {most} rows of objects in so small a log, got more; if they are right, "
                 "write it with less compression (`mcap decompress`)"
             )
+        yield part
+
+
+def _labelled(parts: Iterable[Rows], labels: dict[str, str]) -> Iterator[Rows]:
+    """The same; labels get the last one of each vehicle that has one."""
+    for part in parts:
+        if (part.label != "").any():
+            labels |= {name: of for name, of in zip(part.track_id.tolist(), part.label.tolist(), strict=True) if of}
         yield part
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -158,11 +158,13 @@ class TrackResult:
         tracks: what was read.
         losses: what was damaged, left out or odd.
         frame: of the last log's positions: a frame's name, or "plane at LATITUDE,LONGITUDE"; empty where none is named.
+        labels: what vehicles are, in the words of their log, by id as text; of those that have a label.
     """
 
     tracks: Tracks
     losses: Losses
     frame: str = ""
+    labels: Mapping[str, str] = field(default_factory=dict)
 
 
 OF_MESSAGES = (

@@ -6,6 +6,8 @@ from typing import Literal
 OBJECTS = "/objects"
 DETECTIONS = "/detections"
 ESTIMATES = "/dirprim/tracks"
+MEASURED, COASTING = "/dirprim/tracks/measured", "/dirprim/tracks/coasting"
+ESTIMATES_GLOBE, MAP_GLOBE, LOCATION = "/dirprim/tracks/geojson", "/dirprim/map/geojson", "/dirprim/origin"
 ASSIGNED = "/dirprim/assigned"
 ESTIMATES_SCENE = "/dirprim/tracks/scene"
 SMOOTHED = "/dirprim/smoothed"

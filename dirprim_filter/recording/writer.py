@@ -16,8 +16,10 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.drawing.vehicles import has_no_forecast
 from dirprim_filter.estimates import Particles, TrackedFrame
 from dirprim_filter.forecasting import Forecasts
+from dirprim_filter.origin import drawable
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording import topic_names
+from dirprim_filter.recording.foxglove import globe
 from dirprim_filter.recording.foxglove.elements import origin_of, scene_transform, view_of
 from dirprim_filter.recording.foxglove.scenes import (
     SMOOTHED_COLOR,
@@ -92,9 +94,11 @@ class EstimateWriter:
     """An `EstimateSink` that writes what a tracker believes as an MCAP log; a context manager.
 
     `/dirprim/tracks` holds `dirprim.TrackEstimates`, a message for each frame, and `/dirprim/smoothed` those that a
-    smoother gives later; `/dirprim/assigned` holds `dirprim.Assignments`, a message for each frame of the filter;
+    smoother gives later; `/dirprim/tracks/measured` and `/coasting` those of each state, to be plotted;
+    `/dirprim/assigned` holds `dirprim.Assignments`, a message for each frame of the filter;
     `/dirprim/tracks/scene`, `/dirprim/smoothed/scene`, `/dirprim/particles`, `/dirprim/detections`,
-    `/dirprim/map/scene` and `/dirprim/forecast` are for the eye.
+    `/dirprim/map/scene` and `/dirprim/forecast` are for the eye; where the plane has an origin, so are
+    `/dirprim/origin` and the topics that end in `geojson`, on a map of the Earth.
 
     Messages are encoded, compressed and written in order by a thread of its own, while the tracker goes on: what fails
     there is raised by the next call, or when the log is closed. Ctrl-C closes the log so that it reads; another
@@ -196,6 +200,11 @@ class EstimateWriter:
         estimates, detections, time_ns = frame.estimates, frame.detections, frame.time_ns
         origin = self._begin(np.concatenate([estimates.position, detections.position]), time_ns)
         self._append_estimates(topic_names.ESTIMATES, self._scene, frame, origin)
+        for topic, is_coasting in ((topic_names.MEASURED, False), (topic_names.COASTING, True)):
+            of_state = estimates[estimates.is_coasting == is_coasting]
+            self._log.write(topic, encode_estimates(of_state, time_ns), time_ns)
+        if drawable(estimates.origin) is not None:
+            self._log.write(topic_names.ESTIMATES_GLOBE, globe.estimates_on_globe(estimates), time_ns)
         if particles is not None:
             self._log.write(topic_names.PARTICLES, particle_cloud(particles, time_ns, origin), time_ns)
         self._log.write(topic_names.ASSIGNED, encode_assignments(frame.assignments, time_ns), time_ns)
@@ -226,5 +235,8 @@ class EstimateWriter:
             self._log.write(topic_names.TRANSFORM, scene_transform(time_ns, self._origin), time_ns)
         if self._map is not None:
             write_map(self._log, self._map, time_ns, self._origin)
+            if (on_globe := drawable(self._map.origin)) is not None:
+                self._log.write(topic_names.LOCATION, globe.location(on_globe, time_ns, self._origin), time_ns)
+                self._log.write(topic_names.MAP_GLOBE, globe.map_on_globe(self._map, on_globe), time_ns)
             self._map = None
         return self._origin

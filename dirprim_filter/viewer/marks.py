@@ -20,7 +20,7 @@ from dirprim_filter.drawing.colors import ByteArray, direction_color, fan_opacit
 from dirprim_filter.drawing.vehicles import may_be_anywhere, short_name
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.forecasting import REGION_SHARES
-from dirprim_filter.origin import Origin
+from dirprim_filter.origin import Origin, drawable
 from dirprim_filter.tracks import Tracks
 from tessellation import Tessellation
 
@@ -270,8 +270,8 @@ def _covariance(estimates: Estimates, shade: ByteArray) -> Part:
 
 def _on_earth(rows: Tracks | Estimates, more: Mapping[str, AnyArray]) -> Iterator[Part]:
     """Where their plane lies on the Earth, if that is known."""
-    if rows.origin is not None:
-        yield Part(rr.GeoPoints, {"positions": rows.origin.to_globe(rows.position), **more})
+    if (origin := drawable(rows.origin)) is not None:
+        yield Part(rr.GeoPoints, {"positions": origin.to_globe(rows.position), **more})
 
 
 def _shade(estimates: Estimates) -> ByteArray:

@@ -24,7 +24,7 @@ from dirprim_filter.drawing.colors import track_color
 from dirprim_filter.drawing.vehicles import Trails, has_no_forecast
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.forecasting import Forecasts
-from dirprim_filter.origin import Origin
+from dirprim_filter.origin import Origin, drawable
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
 from dirprim_filter.viewer import curves, marks
@@ -142,9 +142,9 @@ class RerunSink:
         self.stream.log("/map/cells", marks.cells(primitives.tessellation))
         self.stream.log("/map/roses", marks.roses(petals, fastest=fastest))
         self.stream.log("/legend", rr.TextDocument(legend(fastest, most=MOST_OWN), media_type="text/markdown"))
-        if primitives.origin is not None:
-            self._origin = primitives.origin
-            self.stream.log("/map/earth", marks.petals_on_earth(petals, primitives.origin, fastest=fastest))
+        if (origin := drawable(primitives.origin)) is not None:
+            self._origin = origin
+            self.stream.log("/map/earth", marks.petals_on_earth(petals, origin, fastest=fastest))
 
     def log_truth(self, tracks: Tracks) -> None:
         """Outlines and trails of the vehicles from the truth, to which the estimates are compared, one by one."""
@@ -354,7 +354,7 @@ class RerunSink:
             self.stream.log("/map/roses", marks.ROSES_UNDER_TRAFFIC)
         self.stream.send_blueprint(blueprint(
             box, live=self.stream.live, tracked=tracked, with_truth=self._matcher is not None,
-            on_earth=self._origin is not None,
+            on_earth=drawable(self._origin) is not None,
         ))  # fmt: skip
         self._laid_out = True
 

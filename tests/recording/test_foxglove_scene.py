@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from foxglove_schemas_protobuf.GeoJSON_pb2 import GeoJSON
+from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from matplotlib.path import Path as Outline
@@ -18,6 +20,7 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.drawing import shapes
 from dirprim_filter.drawing.vehicles import TRAIL_POINTS
 from dirprim_filter.forecasting import Forecasts
+from dirprim_filter.origin import Origin
 from dirprim_filter.recording import topic_names
 from dirprim_filter.recording.foxglove import scenes
 from dirprim_filter.recording.foxglove.elements import SCENE_FRAME
@@ -239,6 +242,34 @@ def test_of_vehicles_that_are_out_of_sight_no_forecast_is_drawn(tmp_path):
 
 
 PANELS = json.loads((Path(__file__).parents[2] / "docs/guides/foxglove_layout.json").read_text())["configById"]
+
+
+def test_each_state_has_a_topic_to_be_plotted_and_where_the_plane_is_on_the_earth_all_is_there_too(tmp_path, ring_map):
+    frame, origin = a_frame(STEP), Origin(48.0, 11.0)
+    estimates = replace(frame.estimates, unseen_s=np.array([0.0, 0.6, 0.0, 3.0])).on_plane(origin)
+    with EstimateWriter(tmp_path / "a.mcap", metadata={}) as log:
+        log.write_map_scene(replace(ring_map, origin=origin))
+        log.write(replace(frame, estimates=estimates))
+    for topic, rows in ((topic_names.MEASURED, [0, 2]), (topic_names.COASTING, [1, 3])):
+        (message,) = messages(tmp_path / "a.mcap", topic)
+        assert [*dirprim_pb2.TrackEstimates.FromString(message.data).x] == estimates.position[rows, 0].tolist()
+    drawn = {}
+    for topic in (topic_names.ESTIMATES_GLOBE, topic_names.MAP_GLOBE):
+        (message,) = messages(tmp_path / "a.mcap", topic)
+        drawn[topic] = json.loads(GeoJSON.FromString(message.data).geojson)["features"]
+    points = [feature["geometry"]["coordinates"][::-1] for feature in drawn[topic_names.ESTIMATES_GLOBE]]
+    np.testing.assert_allclose(origin.to_plane(np.array(points)), estimates.position, atol=0.02)
+    petals = np.array([feature["geometry"]["coordinates"][0] for feature in drawn[topic_names.MAP_GLOBE]])
+    expected = shapes.rose_petals(ring_map).polygon
+    np.testing.assert_allclose(
+        origin.to_plane(petals[:, :-1, ::-1].reshape(-1, 2)), expected.reshape(-1, 2), atol=0.02
+    )  # fmt: skip
+    (message,) = messages(tmp_path / "a.mcap", topic_names.LOCATION)
+    fix = LocationFix.FromString(message.data)
+    middle = shapes.map_extent(ring_map, share=shapes.BUSY_SHARE).mean(axis=0)
+    np.testing.assert_allclose(origin.to_plane(np.array([[fix.latitude, fix.longitude]])), [middle], atol=0.6)
+
+
 WRITTEN = {value for name, value in vars(topic_names).items() if name.isupper() and isinstance(value, str)}
 
 
@@ -253,5 +284,6 @@ def test_the_layout_shows_topics_and_fields_that_are_written():
     for panel in (panel for name, panel in PANELS.items() if name.startswith("Plot!")):
         for path in panel["paths"]:
             topic, field = re.fullmatch(r"([^.]+)\.(\w+)\[:\]", path["value"]).groups()
-            assert topic == topic_names.ESTIMATES
+            assert topic == f"{topic_names.ESTIMATES}/{path['label']}"
             assert field in fields
+        assert len({path["color"] for path in panel["paths"]}) == len(panel["paths"]) == 2
