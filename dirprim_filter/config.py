@@ -96,9 +96,8 @@ class FilterConfig:
             it: a belief that is sure of what its vehicle did not do, such as to stop, is not lost. Without it errors in
             sight are 5.6 ± 5.3 % larger at the intersection and 5.7 ± 5.0 % at Lankershim.
         own_way_rate: 1/s, how often a vehicle in motion leaves the map's manoeuvres and goes its own way, until it
-            enters a cell of which a manoeuvre fits it: what a map of few vehicles does not know. Without it no error
-            changes beyond its interval (Mcity 2.1 ± 4.0 % larger), but the speed of a vehicle that is seen each 3 s
-            errs by .28 m/s instead of .23.
+            enters a cell of which a manoeuvre fits it, or to other motion of the background within seconds: what a map
+            of few vehicles does not know. Straight on, by the background's own acceleration.
         step_s: seconds, the longest step of the motion model: a vehicle at 15 m/s passes 1.5 m in it.
         max_gap_s: seconds without a measurement after which a belief ends.
         interaction: "leader": in forecasts vehicles respond to the vehicle ahead, as far as the map's vehicles did;

@@ -176,14 +176,14 @@ class WanderingKalman(ConstantVelocityKalman):
     Over a stretch between two measurements it counts as white, of the density that gives the same change of velocity.
 
     Args:
-        white: m^2/s^3 per axis, as of a `ConstantVelocityKalman`.
-        lasting: (k,) m^2/s^4, covariance of the acceleration now with that of multiples of `JUMP_S` later, 0 first.
+        white: (2,) m^2/s^3, as `Motion.wander`: it counts as round.
+        lasting: (k, 2) m^2/s^4, likewise.
         config: as of a `ConstantVelocityKalman`.
     """
 
-    def __init__(self, white: float, lasting: FloatArray, config: FilterConfig | None = None) -> None:
-        super().__init__(acceleration_density=max(white, LEAST_DENSITY), config=config)
-        self._lasting = lasting
+    def __init__(self, white: FloatArray, lasting: FloatArray, config: FilterConfig | None = None) -> None:
+        super().__init__(acceleration_density=max(float(white.mean()), LEAST_DENSITY), config=config)
+        self._lasting = lasting.mean(axis=1)
 
     def density(self, over_s: FloatArray | float) -> FloatArray:
         """As of a `ConstantVelocityKalman`."""

@@ -56,14 +56,14 @@ class ParticleFilter(ParticleBelief):
         self, primitive_map: PrimitiveMap, config: FilterConfig | None = None, sensor: Sensor | None = None
     ) -> None:
         self.config = config = config or FilterConfig()
-        super().__init__(n_particles=config.n_particles, mode_of=primitive_map.motion.mode)
+        super().__init__(n_particles=config.n_particles, mode_of=np.append(primitive_map.motion.mode, 0))
         self._table = motion_table(primitive_map, step_s=config.step_s, own_way_rate=config.own_way_rate)
         self._primitives = primitive_map.compiled()
         self._has_cells = primitive_map.tessellation.n_cells > 0
         self._cell_of, self._wander = primitive_map.tessellation.cell_of, primitive_map.motion.wander()
         self.traffic = Traffic.of(primitive_map.tessellation, primitive_map.motion)
-        self._of_manoeuvre = np.zeros((len(primitive_map.motion), 2))  # whether it is a cell's, and rate of ends
-        self._of_manoeuvre[:, 0] = primitive_map.motion.cell >= 0
+        self._of_manoeuvre = np.zeros((len(self._table.row), 2))  # whether it is a cell's, and rate of ends
+        self._of_manoeuvre[: len(primitive_map.motion), 0] = primitive_map.motion.cell >= 0
         if self.traffic is not None:
             self._of_manoeuvre[: self.traffic.ends.size, 1] = self.traffic.ends
         self._noise, self._sensor = _noise(config), sensor

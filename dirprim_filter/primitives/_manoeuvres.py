@@ -27,8 +27,8 @@ N_COLUMNS, N_FIELDS, LANES = 16, 16, 8
 # Where the fields of eight begin in a row of `Candidates.field`.
 (HEADS, TURNS_E, TURNS_N, PACE, GAIN_E, GAIN_N, PATH_0, PATH_1, PATH_2, COSINE, SINE, BY_COURSE, BY_PACE, BY_PATH,
  BY_VISITS, BY_TIME) = range(0, N_FIELDS * LANES, LANES)  # fmt: skip
-OWN_WAY = -2
-"""The row of who goes straight on, or its own way."""
+OWN_WAY = -1
+"""The row of who goes its own way: straight on."""
 STANDING_BELOW = 0.1
 """m/s: who is faster creeps, which is to start or to stop; queues of real vehicles do so for seconds."""
 DEGREES = 5.0
@@ -54,7 +54,7 @@ class Candidates(NamedTuple):
 
 
 class MotionTable(NamedTuple):
-    """A map's motion as the kernels take it; the last rows are the background manoeuvres'."""
+    """A map's motion as the kernels take it; the last rows are the background manoeuvres', and one's own way."""
 
     locator: Locator
     candidates: Candidates

@@ -135,24 +135,24 @@ class Motion:
         """Number of manoeuvres that are of a cell."""
         return int(np.count_nonzero(self.cell >= 0))
 
-    def wander(self) -> tuple[float, FloatArray]:
-        """By how much the background's vehicles change their velocity, per axis.
+    def wander(self) -> tuple[FloatArray, FloatArray]:
+        """By how much the background's vehicles change their velocity, along and across their course.
 
         Returns:
-            m^2/s^3, the density of what is white: pushes, and turns by chance; and (`LAGS`,) m^2/s^4, the covariance of
-            what their manoeuvres turn and accelerate now with that of multiples of `JUMP_S` later, 0 first.
+            (2,) m^2/s^3, the density of what is white: pushes, and turns by chance; and (`LAGS`, 2) m^2/s^4, the
+            covariance of what manoeuvres accelerate and turn now with that of multiples of `JUMP_S` later, 0 first.
         """
         of = self.without_places()
         moves, share = of.start_rate == 0.0, of.seconds / of.seconds.sum()
         speed = np.where(moves, np.exp(of.log_pace) - CREEP, 0.0)
-        white = share @ (2.0 * of.push**2 / PUSH_RATE + (speed * of.course_spread) ** 2)
+        white = share @ np.column_stack([2.0 * of.push**2 / PUSH_RATE, (speed * of.course_spread) ** 2])
         kept = np.column_stack([of.acceleration[:, 0] + of.acceleration[:, 3] * speed, speed**2 * of.curvature])
         chain = csr_array((of.count, of.following, of.first), shape=(len(of), len(of))).toarray() + 1e-9
         chain, later, lasting = chain / chain.sum(axis=1, keepdims=True), kept, []
         for _ in range(LAGS):
-            lasting.append(0.5 * float(np.einsum("z,zi,zi->", share, kept, later)))
+            lasting.append(share @ (kept * later))
             later = chain @ later
-        return 0.5 * float(white), np.array(lasting)
+        return white, np.array(lasting)
 
     def without_places(self) -> Motion:
         """The background manoeuvres alone."""

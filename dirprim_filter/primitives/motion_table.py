@@ -7,12 +7,23 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dirprim_filter.arrays import FloatArray
-from dirprim_filter.primitives._manoeuvres import LANES, N_FIELDS, OWN_WAY, PUSH, TURNING, Candidates, MotionTable
-from dirprim_filter.primitives.motion import ANYWHERE_PUSH, ANYWHERE_TURNING, COURSE_RATE
+from dirprim_filter.primitives._manoeuvres import (
+    DISTANCE,
+    LANES,
+    N_COLUMNS,
+    N_FIELDS,
+    PUSH,
+    TURNING,
+    Candidates,
+    MotionTable,
+)
+from dirprim_filter.primitives.motion import COURSE_RATE, CREEP, JUMP_S, LAGS, PUSH_RATE, Motion
 
 if TYPE_CHECKING:
     from dirprim_filter.primitives.primitive_map import PrimitiveMap
 
+OWN_WAY_S = 4.0
+"""Seconds over which a vehicle that goes its own way changes its velocity as the background's do."""
 COURSE_FLOOR, PACE_FLOOR, PATH_FLOOR = 0.02, 0.03, 0.1
 """Radians, log speed, metres, added to a manoeuvre's spreads where its fit to a vehicle is computed."""
 
@@ -28,7 +39,7 @@ def motion_table(primitives: PrimitiveMap, *, step_s: float = 0.1, own_way_rate:
         primitives: the map.
         step_s: seconds, the longest step.
         own_way_rate: 1/s, at which vehicles in motion leave what they follow and go their own way: straight on, with
-            the noise of vehicles of which no log says how they move.
+            a white acceleration that changes their velocity as much as the background's motion does.
     """
     motion, cells, may = primitives.motion, primitives.tessellation, _candidates(primitives)
     moves, spread = motion.start_rate == 0.0, motion.log_pace_spread + PACE_FLOOR
@@ -37,25 +48,36 @@ def motion_table(primitives: PrimitiveMap, *, step_s: float = 0.1, own_way_rate:
         moves * motion.push, moves * motion.course_spread, moves & (motion.cell >= 0), moves * (1.0 + motion.stretch),
         motion.start_rate, motion.curvature,
     ])  # fmt: skip
-    if own_way_rate > 0.0:
-        row[OWN_WAY, [PUSH, TURNING]] = ANYWHERE_PUSH, ANYWHERE_TURNING
     of_cell = motion.cell[: motion.n_placed]
+    free = np.column_stack([motion.log_pace, 1.0 / spread, motion.seconds / spread])[motion.n_placed :]
     return MotionTable(
         locator=primitives.compiled().locator,
         candidates=may,
-        row=row,
-        ahead=motion.turn_ahead,
+        row=np.vstack([row, _own_way(motion)]),
+        ahead=np.append(motion.turn_ahead, 0.0),
         begin=np.searchsorted(of_cell, np.arange(cells.n_cells + 1)),
-        first=motion.first,
+        first=np.append(motion.first, motion.first[-1]),
         following=motion.following,
         count=motion.count,
-        free=np.column_stack([motion.log_pace, 1.0 / spread, motion.seconds / spread])[motion.n_placed :],
+        free=np.vstack([free, np.zeros((1, 3))]),
         most=int(np.diff(may.begin).max(initial=0)),
         course_rate=COURSE_RATE,
         background_visits=motion.background_visits,
         own_way_rate=own_way_rate,
         step_s=step_s,
     )
+
+
+def _own_way(motion: Motion) -> FloatArray:
+    """(16,) the row of who goes straight on."""
+    white, lasting = motion.wander()
+    lasts = lasting[0] + 2.0 * np.maximum(1.0 - np.arange(1, LAGS) / OWN_WAY_S, 0.0) @ lasting[1:]
+    along, across = np.maximum(white + JUMP_S * lasts, 0.0)
+    often = motion.seconds * ((motion.cell < 0) & (motion.start_rate == 0.0))
+    speed = np.sqrt(often @ np.square(np.exp(motion.log_pace) - CREEP) / often.sum())
+    row = np.zeros(N_COLUMNS)
+    row[[PUSH, TURNING, DISTANCE]] = np.sqrt(along * PUSH_RATE / 2.0), np.sqrt(across) / max(speed, CREEP), 1.0
+    return row
 
 
 def _centers(primitives: PrimitiveMap) -> FloatArray:

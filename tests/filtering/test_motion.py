@@ -73,7 +73,7 @@ def test_a_cell_without_manoeuvres_of_its_own_is_no_place():
         assert not np.array_equal(getattr(of_nowhere, name), getattr(placed, name)) or name == "push"
 
 
-def test_vehicles_in_motion_leave_the_map_at_their_rate_and_go_on_by_the_noise_of_no_log():
+def test_vehicles_in_motion_leave_the_map_at_their_rate_and_go_on_by_the_noise_of_the_background():
     """On one cell, into which none enters again, an exponential waiting time."""
     n, t, rate = 20_000, 2.0, 0.3
     road = only_places(one_cell_map(side=2000.0, concentration=1e4, shape=1e4))
