@@ -110,7 +110,8 @@ def log_evidence(ends: Ends) -> float:
 
 
 def across(
-    bayes_filter: Smoothable, model: ConstantVelocityKalman, ends: Ends, start: States, time_ns: IntArray, *, key: int
+    bayes_filter: Smoothable, model: ConstantVelocityKalman, ends: Ends, start: States | None, time_ns: IntArray, *,
+    key: int,
 ) -> Way:  # fmt: skip
     """The way at times (t,) within a gap: the mean of both answers by their evidence; without a map, straight on.
 
@@ -118,12 +119,12 @@ def across(
         bayes_filter: whose samples go by the map.
         model: of the straight motion.
         ends: by that.
-        start: the filter's samples at the start.
+        start: the filter's samples at the start; None: the way is straight.
         time_ns: ascending.
         key: seeds the samples' random numbers.
     """
     by_straight = straight(model, ends, time_ns)
-    if not isinstance(bayes_filter, Guided) or (share := bayes_filter.own_way_share) == 1.0:
+    if start is None or not isinstance(bayes_filter, Guided) or (share := bayes_filter.own_way_share) == 1.0:
         return by_straight
     by_map, evidence = guided(bayes_filter, model, ends, start, time_ns, key=key)
     odds = share * math.exp(min(POWER * (log_evidence(ends) - evidence), 500.0))
