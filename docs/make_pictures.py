@@ -4,7 +4,7 @@ The animation of the blind scene is made by `make_animation.py`.
 
 `recordings/viewer.png` is the rerun viewer, without a screen, in the middle of a tracked intersection; it needs a
 Vulkan driver (Debian: mesa-vulkan-drivers). `recordings/gap.png` compares filter and smoother on vehicles that are out
-of sight for three seconds.
+of sight for three seconds. `recordings/experiment.png` is the figure of the experiment in `docs/guides/rival.md`.
 
 `recordings/foxglove.png` is the demo in Lichtblick, the open fork of Foxglove. The environment variable
 FOXGLOVE_PICTURE names a program that opens a log there and writes its window to a PNG of 1600 x 1000, called as
@@ -15,8 +15,11 @@ from __future__ import annotations
 
 import io
 import os
+import re
 import shlex
+import shutil
 import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
@@ -50,6 +53,20 @@ def demo(folder: Path) -> None:
     """The demo, in Foxglove."""
     succeed("demo", "-o", folder / "demo")
     foxglove(folder / "demo" / "tracks.mcap", Path(__file__).with_name("guides") / "foxglove_layout.json")
+
+
+def experiment(folder: Path) -> None:
+    """The figure of the guide's experiment, by its own files and command."""
+    guide = Path(__file__).with_name("guides") / "rival.md"
+    for name, body in re.findall(r"^```\w+ ([\w.]+)\n(.*?)^```$", guide.read_text(), flags=re.MULTILINE | re.DOTALL):
+        (folder / name).write_text(body)
+    tracker = shlex.join([sys.executable, str(folder / "my_tracker.py")])
+    succeed(
+        "evaluate", "tracking", RECORDINGS / "intersection_track.mcap", "--config", folder / "experiment.toml",
+        "--method", f"filterpy={tracker} {{detections}} {{instants}} {{estimates}} 5",
+        "--plot", folder / "experiment.png",
+    )  # fmt: skip
+    shutil.copy(folder / "experiment.png", RECORDINGS)
 
 
 def foxglove(log: Path, layout: Path) -> None:
@@ -137,6 +154,7 @@ def succeed(*arguments: object) -> None:
 
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as made:
+        experiment(Path(made))
         demo(Path(made))
         viewer(Path(made))
         gap(Path(made))

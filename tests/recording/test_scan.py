@@ -23,6 +23,8 @@ LAYOUTS = [
     {"compression": CompressionType.ZSTD, "chunk_size": 400, "repeat_channels": False, "repeat_schemas": False},
     {"compression": CompressionType.NONE, "use_chunking": False, "enable_data_crcs": True},
 ]
+CRC_AT = 1 + 8 + 3 * 8
+"""Of a chunk's record: behind the opcode, the length, two times and a size."""
 
 
 def jittered(n=300):
@@ -47,6 +49,18 @@ def test_delivers_all_messages_in_stable_order_of_log_time(log_file, layout):
     assert (message.schema_name, message.message_encoding) == ("Blob", "blob")
     assert (schema.encoding, schema.data) == ("none", b"definition")
     assert list(scan(path, topics=lambda topic: topic == "/topic1")) == [m for m in log if m.topic == "/topic1"]
+
+
+@pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4, CompressionType.NONE])
+def test_a_chunk_whose_checksum_does_not_hold_is_lost_by_that_name_and_no_other_is(log_file, compression):
+    """The checksum alone is another: all else of the chunk reads as it was written."""
+    data = bytearray(log_bytes(sent := jittered(), compression=compression, chunk_size=400))
+    second = [start for opcode, start, _ in records(data) if opcode == CHUNK][1]
+    data[second + CRC_AT] ^= 1
+    log = scan(log_file(bytes(data)))
+    kept = {message.sequence for message in log}
+    assert [damage.kind for damage in log.damage] == ["chunk_crc"]
+    assert 0 < len(sent) - len(kept) < 30
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
