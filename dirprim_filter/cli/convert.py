@@ -25,7 +25,10 @@ def convert(
     ] = None,
     columns: Annotated[
         str | None,
-        typer.Option(help="csv, parquet, feather: what the table calls columns, as in x_m=Easting,group=site+day"),
+        typer.Option(
+            help="csv, parquet, feather: what the table calls columns, as in x_m=Easting,group=site+day; heading= "
+            "leaves the column heading out."
+        ),
     ] = None,
     origin: Annotated[
         str | None, typer.Option(help="Latitude,longitude of the plane, for satellite positions. Default: the first.")

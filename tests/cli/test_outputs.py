@@ -151,7 +151,7 @@ def test_inputs_of_one_name_have_a_checksum_each(tmp_path):
     assert sum(name.startswith("sha256 ") for name in sums) == 2
 
 
-@pytest.mark.parametrize("closed", ["| true", "| head -1", ">&-", "2>&-", "2>&1 >/dev/null | true"])
+@pytest.mark.parametrize("closed", ["| head -1", ">&-", "2>&-", "2>&1 >/dev/null | true"])
 def test_a_command_whose_texts_nobody_reads_ends_well_and_its_output_is_whole(here, closed):
     shell = f"set -o pipefail; {sys.executable} -m dirprim_filter recover log.mcap -o whole.mcap {closed}"
     done = subprocess.run(["bash", "-c", shell], capture_output=True, check=False)

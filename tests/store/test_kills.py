@@ -20,7 +20,7 @@ COMMANDS = {
 }  # fmt: skip
 STEPS = (3, 12)
 """Of the writing of each command, before or after which it is killed."""
-LATER_S = (0.001, 0.01, 0.03, 0.1)
+LATER_S = (0.001, 0.03)
 """Of a command's own time, from the first step on."""
 
 
