@@ -86,6 +86,7 @@ class RerunSink:
         self._box: FloatArray | None = None
         self._origin: Origin | None = None
         self._laid_out = False
+        self._fastest: float | None = None
         self._primitives: PrimitiveMap | None = None
         self._matcher: Matcher | None = None
         self._focus, self._events = Focus(focus), Events()
@@ -141,7 +142,7 @@ class RerunSink:
         self._primitives, self._box = primitives, shapes.map_extent(primitives, share=shapes.BUSY_SHARE)
         self.stream.log("/map/cells", marks.cells(primitives.tessellation))
         self.stream.log("/map/roses", marks.roses(petals, fastest=fastest))
-        self.stream.log("/legend", rr.TextDocument(legend(fastest, most=MOST_OWN), media_type="text/markdown"))
+        self._fastest = fastest
         if (origin := drawable(primitives.origin)) is not None:
             self._origin = origin
             self.stream.log("/map/earth", marks.petals_on_earth(petals, origin, fastest=fastest))
@@ -350,6 +351,8 @@ class RerunSink:
             self.stream.log(path, style)
         if not self._sensors:
             self.stream.log("/detections", marks.detection_style(0))
+        text = legend(self._fastest, most=MOST_OWN)
+        self.stream.log("/legend", rr.TextDocument(text, media_type="text/markdown"))
         if tracked and self._primitives is not None:
             self.stream.log("/map/roses", marks.ROSES_UNDER_TRAFFIC)
         self.stream.send_blueprint(blueprint(

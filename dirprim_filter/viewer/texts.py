@@ -14,11 +14,13 @@ COASTS, ANEW, MEASURED = "coasts", "reinitialised: its belief did not explain it
 ALONE_NS = 1_000_000_000
 """A vehicle without a track for so long is lost, a track without a vehicle is a ghost."""
 
-LEGEND = """\
+ROSES = """\
 **Roses**: how vehicles move in a cell. A petal points and bends in their direction; its area is their share of those
 that move; its colour is their mean speed, from violet (0 m/s) by green ({half:g} m/s) to yellow ({fastest:g} m/s and
 more). A violet disc: the share of those that stand.
 
+"""
+LEGEND = """\
 **White outlines**: true vehicles, where known. **Small dots**: detections, a colour for each sensor; lines lead to
 the track that they were assigned to.
 
@@ -77,7 +79,7 @@ class Events:
         vehicle_of = {frame.names[row]: name for name, row in zip(matched.names, matched.row, strict=True) if row >= 0}
         for name, row, place in zip(matched.names, matched.row.tolist(), matched.position, strict=True):
             if row < 0:
-                alone["vehicle", name] = place
+                alone["lost", f"vehicle {name}: lost, no track near it for 1 s"] = place
                 continue
             own, last = frame.names[row], self._track_of.get(name, frame.names[row])
             self._track_of[name] = own
@@ -86,20 +88,20 @@ class Events:
                 found.append(Event("WARN", f"vehicle {name}: exchange, {last} was its track, now {own}{other}",
                                    "exchange", place))  # fmt: skip
         places = dict(zip(frame.names, frame.estimates.position, strict=True))
-        alone |= {("track", name): place for name, place in places.items() if name not in vehicle_of}
+        alone |= {
+            ("ghost", f"{name}: ghost, no vehicle near it for 1 s"): place
+            for name, place in places.items()
+            if name not in vehicle_of
+        }
         self._alone_since = {who: self._alone_since.get(who, frame.time_ns) for who in alone}
-        for (kind, name), since_ns in self._alone_since.items():
+        for (word, text), since_ns in self._alone_since.items():
             if frame.time_ns - since_ns >= ALONE_NS:
-                self._alone_since[kind, name] = np.iinfo(np.int64).max  # once
-                what = (
-                    ("lost", "no track near it for 1 s")
-                    if kind == "vehicle"
-                    else ("ghost", "no vehicle near it for 1 s")
-                )
-                found.append(Event("WARN", f"{kind} {name}: {what[0]}, {what[1]}", what[0], alone[kind, name]))
+                self._alone_since[word, text] = np.iinfo(np.int64).max  # once
+                found.append(Event("WARN", text, word, alone[word, text]))
         return found
 
 
-def legend(fastest: float, *, most: int) -> str:
-    """Markdown; `fastest` is the speed of the last colour, m/s, `most` the number of vehicles with an entity each."""
-    return LEGEND.format(half=0.6 * fastest, fastest=fastest, most=most)
+def legend(fastest: float | None, *, most: int) -> str:
+    """Markdown; `fastest`: speed of a map's last colour, m/s; `most`: how many vehicles have an entity each."""
+    roses = "" if fastest is None else ROSES.format(half=0.6 * fastest, fastest=fastest)
+    return roses + LEGEND.format(most=most)

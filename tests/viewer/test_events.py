@@ -65,7 +65,7 @@ def test_an_exchange_a_loss_and_a_ghost_are_found_by_place(two_lanes):
     found = [(i, of) for i, pair in enumerate(zip(frames, matched, strict=True)) for of in events.of(*pair)]
     warned = [(i, of.word, of.text.partition(":")[0]) for i, of in found if of.level == "WARN"]
     assert warned == [
-        (4, "exchange", "vehicle a"), (4, "exchange", "vehicle b"), (8, "ghost", "track 9"), (9, "lost", "vehicle b"),
+        (4, "exchange", "vehicle a"), (4, "exchange", "vehicle b"), (8, "ghost", "9"), (9, "lost", "vehicle b"),
     ]  # fmt: skip
     (text, place) = next((of.text, of.place) for _, of in found if of.word == "exchange")
     assert text.endswith("1 was its track, now 2; 1 now follows b")
