@@ -28,7 +28,8 @@ class LearningConfig:
             densities of cars and bicycles differ by .03 nat; a choice by held-out vehicles lost .03.
         parameter_cost: cost of a parameter of a mode, in units of BIC's: BIC counts vehicles, and several rows of one
             hold more information than one row. 1 loses .05 to .1 nat, .25 loses .02.
-        background_vehicles: pseudo-vehicles with which the background model enters each cell.
+        strengths: pseudo-vehicles with which its parent enters each cell, and the background model the last parent: the
+            candidates, of which held-out vehicles choose.
         broad_share: weight of a mode's tails: a mode of the same mean, of 16 times the variance. Cells know few
             vehicles, and the next drives otherwise: held-out densities gain .01 to .06 nat.
         bend_scale: rad/m, prior standard deviation of a mode's bend: the tightest turns of vehicles have a radius of
@@ -50,7 +51,7 @@ class LearningConfig:
     dbscan_share: float = 0.05
     prior_strength: float = 0.1
     parameter_cost: float = 0.5
-    background_vehicles: float = 1.0
+    strengths: tuple[float, ...] = (16.0, 8.0, 4.0, 2.0, 1.0)
     broad_share: float = 0.05
     bend_scale: float = 0.1
     gain_scale: float = 0.05

@@ -26,7 +26,7 @@ LEAST_ROWS = 4
 CHILD_DISTANCE = 0.8
 """Halves of a normal distribution have their means so many standard deviations from its own."""
 MARGIN = 2.0
-"""Standard errors by which a split must gain."""
+"""Standard errors by which a split, or a merger, must gain."""
 TRIES = 3
 """Steps that raise the objective are halved so often before they are given up."""
 MOVE_WIDTHS = (0.25, 0.1)
@@ -233,17 +233,17 @@ class Search(Generic[Data_contra, Cells]):
             pair = pair[~np.isin(state.signature[pair].sum(axis=1), state.refused)]
         mass = np.maximum(np.bincount(state.cell, minlength=n), 1)
         united = (mass[pair, None] * state.generators[pair]).sum(axis=1) / mass[pair].sum(axis=1)[:, None]
-        fits = self._fit(unite(state.members, pair, united))
-        gain = np.zeros(len(pair))
+        both = part_of_members(state.members, pair.ravel())
+        fits = self._fit(unite(both, np.arange(pair.size) // 2, united))
         order = np.argsort(state.cell, kind="stable")
         begin = np.searchsorted(state.cell[order], np.arange(n + 1))
-        for side in (0, 1):
-            length = np.diff(begin)[pair[:, side]]
-            which = np.repeat(np.arange(len(pair)), length)
-            first = np.cumsum(length) - length
-            held = order[np.arange(which.size) - first[which] + begin[pair[which, side]]]
-            change = self._log_density(fits, held, which) - state.score[held]
-            gain += np.bincount(which, change, minlength=len(pair))
+        length = np.diff(begin)[pair.ravel()]
+        each = np.repeat(np.arange(pair.size), length)
+        held = order[np.arange(each.size) - (np.cumsum(length) - length)[each] + begin[pair.ravel()[each]]]
+        change = self._log_density(fits, held, each // 2) - state.score[held]
+        gain, error = self._total_and_error(change, each // 2, self.group[held], len(pair))
+        if most is None:
+            gain = gain - MARGIN * error
         state.refused = np.union1d(state.refused, state.signature[pair[gain <= 0]].sum(axis=1))
         chosen = _disjoint(pair, gain, least=0.0 if most is None else -np.inf)[:most]
         for _ in range(TRIES):

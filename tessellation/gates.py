@@ -122,15 +122,17 @@ def halve(
     return Members(start, members.row[member], share[half, member], center)
 
 
-def unite(members: Members, pair: IntArray, center: FloatArray) -> Members:
-    """Members of the union of two cells, pair: (n, 2); of a datum that both have, the greater share."""
-    start, row, weight, _ = part_of_members(members, pair.ravel())
-    united = np.repeat(np.arange(pair.size) // 2, np.diff(start))
-    order = np.lexsort((row, united))
-    row, weight, united = row[order], weight[order], united[order]
+def unite(members: Members, into: IntArray, center: FloatArray) -> Members:
+    """Members of unions of cells: cell c goes into that of number into[c]; of a datum of several, the greatest share.
+
+    center: (n, 2) metres, of the unions.
+    """
+    united = np.repeat(into, np.diff(members.start))
+    order = np.lexsort((members.row, united))
+    row, weight, united = members.row[order], members.weight[order], united[order]
     new = np.append(True, (np.diff(united) != 0) | (np.diff(row) != 0))[: row.size]
     share = np.maximum.reduceat(weight, np.flatnonzero(new)) if row.size else weight
-    return Members(_starts(np.bincount(united[new], minlength=len(pair))), row[new], share, center)
+    return Members(_starts(np.bincount(united[new], minlength=len(center))), row[new], share, center)
 
 
 def _sorted_by(cell: IntArray, n_cells: int) -> IntArray:

@@ -5,13 +5,13 @@ that were fitted, that sum falls until each datum has a cell of its own. Here it
 judged by its cell as fitted to the groups of the other folds. This **held-out objective** is the one criterion: it
 places the generators and decides how many there are.
 
-From a few large, even cells on, as long as the objective falls:
+From even cells on, as long as the objective falls:
 
 1. *split* cells in two, across their longest or their shortest axis, where the gain is greater than its own standard
    error over groups;
 2. *move* generators along the gradient of the likelihood of softly gated cells: sum_i (r_ic - g_ic) (x_i - g_c), with
    gates g and responsibilities r (Jordan and Jacobs 1994), where it helps the cells around;
-3. *merge* neighbours that do better as one; cells that starve go this way.
+3. *merge* neighbours that do better as one, by as much; cells that starve go this way.
 
 Every step is judged by the true objective of true Voronoi cells, and is taken back if that has risen: the trace never
 rises. Where a number of cells is asked for, those that lose least by it are then merged, or those that gain most split.
@@ -73,6 +73,7 @@ def fit_jointly(
     group: IntArray | None = None,
     reach: float,
     n_cells: int | None = None,
+    start: FloatArray | None = None,
     softness: float = 0.25,
     max_rows: int = 10_000,
     progress: Callable[[int, float], None] | None = None,
@@ -87,6 +88,7 @@ def fit_jointly(
         group: (n,) whole groups are held out, for data of one group repeat each other; each datum by itself if absent.
         reach: metres around the data that the cells cover; see `VoronoiTessellation.covering`.
         n_cells: how many cells; left out, as many as lower the held-out objective.
+        start: (k, 2) generators to begin with; left out, a few even ones.
         softness: of the gates, see `gates.members_of`.
         max_rows: the cells are laid out by so many data at most, drawn at random.
         progress: called with the number of cells and the objective after each step.
@@ -132,7 +134,7 @@ def fit_jointly(
             progress(*steps[-1])
 
     if search.n_folds > 1:
-        state = _first(search, spread, n_cells, rng)
+        state = _first(search, spread, n_cells, rng) if start is None else search.evaluate(start - origin)
         state = _descend(search, state, np.inf if n_cells is None else OVERSHOOT * n_cells, report)
         generators = (state if n_cells is None else _as_many(search, state, n_cells, report)).generators
     else:  # nothing can be held out, so the data do not determine the number of cells

@@ -2,7 +2,7 @@
 
 Source: Senanayake et al. 2020, section III. Beyond it: direction and speed are fitted together, the number of modes by
 BIC; cells are learned jointly with what happens in them (the paper's section VI); modes that few vehicles drive lean on
-what is usual, and cells that know little on the background model.
+what is usual, and cells that know little on their parents and the background model.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from dirprim_filter.config import LearningConfig
 from dirprim_filter.distributions import von_mises
 from dirprim_filter.primitives._modes import Bounds
 from dirprim_filter.primitives.background import Background, learn_background
-from dirprim_filter.primitives.cell_model import LEAST_SPEED, Layout, PrimitiveModel, assemble, fit_cells
+from dirprim_filter.primitives.cell_model import LEAST_SPEED, Layout, PrimitiveModel, assemble, fit_cells, fit_levels
 from dirprim_filter.primitives.fitting import ROUGH, bounds_of
 from dirprim_filter.primitives.leader_learning import LeaderSums
 from dirprim_filter.primitives.motion_learning import learn_motion
@@ -113,13 +113,13 @@ def learn_primitives(
         config, speed_spread=background.speed_spread, curved=at_once and primitive == "curved",
         parameter_cost=config.parameter_cost, with_speed=at_once,
     )  # fmt: skip
-    layout = lay_out(
+    layout, strength = lay_out(
         rows, tessellation, bounds, background, config, cell_size=cell_size, n_cells=n_cells, progress=progress, rng=rng
     )
     begin(1)
     bounds = leaning(rows.some(TRIAL_ROWS, rng=rng), layout, bounds, background)
     begin(2)
-    learned = assemble(layout.cells, fit_cells(rows, layout, bounds), background, config)
+    learned = assemble(layout.cells, fit_levels(rows, layout, bounds), background, config, strength)
     logger.info("learned %d cells from %d vehicles", layout.cells.n_cells, rows.n_vehicles)
     n_rows = residents(layout.cells.cell_of(rows.position), layout.cells.centers).start
     begin(3)
@@ -149,34 +149,34 @@ def _check_options(
 def lay_out(
     rows: TrackRows, tessellation: str | Tessellation, bounds: Bounds, background: Background, config: LearningConfig,
     *, cell_size: float | None, n_cells: int | None, progress: Progress | None, rng: np.random.Generator,
-) -> Layout:  # fmt: skip
-    """The cells: those given, those learned, or the likeliest of several sizes."""
+) -> tuple[Layout, float]:  # fmt: skip
+    """The cells: those given, those learned, or the likeliest of several sizes; and how much they lean on parents."""
     position, reach = rows.position, rows.scale.reach_m
+    few, joint = rows.some(TRIAL_ROWS, rng=rng), tessellation == "joint"
     if not isinstance(tessellation, str):
-        return Layout(tessellation, 0.0)
-    if tessellation == "grid":
-        if n_cells is not None:
-            return Layout(_grid_of_about(position, n_cells), 0.0)
+        candidates = [Layout(tessellation, 0.0)]
+    elif tessellation == "grid" and n_cells is not None:
+        candidates = [Layout(_grid_of_about(position, n_cells), 0.0)]
+    elif tessellation == "grid":
         sizes = config.cell_sizes if cell_size is None else (cell_size,)
-        grids = [Layout(GridTessellation.covering(position, cell_size=size), 0.0) for size in sizes]
-        return _likeliest(rows, grids, bounds, background, config, rng=rng)
-    if cell_size is not None:
-        n_cells = GridTessellation.covering(position, cell_size=cell_size).n_cells
-    if tessellation == "voronoi":
-        numbers = [1 + int(len(rows) / each) for each in config.rows_per_cell] if n_cells is None else [n_cells]
-        even = [VoronoiTessellation.lloyd(position, n_cells=n, rng=rng, reach=reach) for n in numbers]
-        return _likeliest(rows, [Layout(cells, SOFTNESS) for cells in even], bounds, background, config, rng=rng)
-    few = rows.some(TRIAL_ROWS, rng=rng)
-    n_even = 1 + int(len(few) / config.rows_per_cell[0])
-    even_cells = VoronoiTessellation.lloyd(few.position, n_cells=n_even, rng=rng, reach=reach)
-    rough = leaning(few, Layout(even_cells, SOFTNESS), bounds, background)._replace(**ROUGH)
-    of_background = background.log_density(rows, np.maximum(rows.speed, LEAST_SPEED))
+        candidates = [Layout(GridTessellation.covering(position, cell_size=size), 0.0) for size in sizes]
+    else:
+        if cell_size is not None:
+            n_cells = GridTessellation.covering(position, cell_size=cell_size).n_cells
+        placed, sizes = (few.position, config.rows_per_cell[:1]) if joint else (position, config.rows_per_cell)
+        numbers = [n_cells] if n_cells and not joint else [1 + int(len(placed) / each) for each in sizes]
+        even = [VoronoiTessellation.lloyd(placed, n_cells=n, rng=rng, reach=reach) for n in numbers]
+        candidates = [Layout(cells, SOFTNESS) for cells in even]
+    layout, strength, backing = _likeliest(rows, candidates, bounds, background, config, rng=rng)
+    if not joint:
+        return layout, strength
+    rough = leaning(few, layout, bounds, background)._replace(**ROUGH)
+    model = PrimitiveModel(rough, float(background.modes.rate[-1]), strength, backing)
     found = fit_jointly(
-        PrimitiveModel(rough, background, config.background_vehicles, of_background), position, rows, group=rows.group,
-        reach=reach, n_cells=n_cells, softness=SOFTNESS, progress=progress, rng=rng,
-        max_rows=enough_rows(position, reach),
+        model, position, rows, group=rows.group, reach=reach, n_cells=n_cells, softness=SOFTNESS, progress=progress,
+        rng=rng, max_rows=enough_rows(position, reach), start=layout.cells.centers if n_cells is None else None,
     )  # fmt: skip
-    return Layout(found.tessellation, SOFTNESS)
+    return Layout(found.tessellation, SOFTNESS), strength
 
 
 def enough_rows(position: FloatArray, reach: float) -> int:
@@ -214,26 +214,35 @@ def leaning(rows: TrackRows, layout: Layout, bounds: Bounds, background: Backgro
 def _likeliest(
     rows: TrackRows, candidates: list[Layout], bounds: Bounds, background: Background, config: LearningConfig, *,
     rng: np.random.Generator,
-) -> Layout:  # fmt: skip
-    """The layout in which vehicles are likeliest that were held out from it; the last where none can be."""
-    few = rows.some(TRIAL_ROWS, rng=rng)
-    groups = np.unique(few.group)
-    if len(candidates) == 1 or groups.size < 2:
-        return candidates[-1]
+) -> tuple[Layout, float, FloatArray]:  # fmt: skip
+    """The layout and the strength by which vehicles are likeliest that were held out; (n,) how likely by parents alone.
+
+    The last of both where none can be held out.
+    """
+    speed = np.maximum(rows.speed, LEAST_SPEED)
+    alone = background.log_density(rows, speed)
+    best, found = -np.inf, (candidates[-1], config.strengths[-1], alone)
+    groups, few = np.unique(rows.group), rows.some(TRIAL_ROWS, rng=rng)
     thirds = np.array_split(rng.permutation(groups), min(3, groups.size))
-    masks = [np.isin(few.group, third) for third in thirds[: 1 if groups.size >= MANY_GROUPS else None]]
-
-    def score(layout: Layout) -> float:
+    masks = [np.isin(rows.group, third) for third in thirds if groups.size > 1]
+    if groups.size >= MANY_GROUPS and len(candidates) > 1:
+        masks = masks[:1]
+    for layout in candidates if masks else ():
         rough = leaning(few, layout, bounds, background)._replace(**ROUGH)
-        scores = []
+        log_p = np.full((2, len(config.strengths), len(rows)), np.nan)
+        log_p[1] = alone  # of few cells without parents
         for mask in masks:
-            made = assemble(layout.cells, fit_cells(few[~mask], layout, rough), background, config)
-            kept = few[mask]
-            log_p = made.log_density(kept.position, kept.direction, kept.speed)
-            scores.append(np.average(log_p, weights=kept.weight))
-        return float(np.mean(scores))
-
-    return max(candidates, key=score)
+            levels = fit_levels(few[~np.isin(few.group, rows.group[mask])], layout, rough)
+            for of, part in zip(log_p, (levels, levels[1:])[: len(levels)], strict=False):
+                for i, strength in enumerate(config.strengths):
+                    made = assemble(layout.cells, part, background, config, strength)
+                    of[i, mask] = made.log_density(rows.position[mask], rows.direction[mask], speed[mask])
+        judged = np.isfinite(log_p[0, 0])
+        means = np.average(log_p[0][:, judged], axis=1, weights=rows.weight[judged])
+        if means.max() > best:
+            best, i = means.max(), int(means.argmax())
+            found = layout, config.strengths[i], log_p[1, i]
+    return found
 
 
 def _grid_of_about(position: FloatArray, n_cells: int) -> GridTessellation:

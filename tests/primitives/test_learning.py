@@ -137,7 +137,7 @@ def test_modes_have_tails_of_the_share_asked_for(two_cells):
     at, off = np.array([-5.0, 5.0]), 0.3 + np.array([0.0, 4.0 / np.sqrt(60.0)])
     found = {}
     for share in (0.0, 0.05, 0.2):
-        config = LearningConfig(broad_share=share, background_vehicles=1e-9)
+        config = LearningConfig(broad_share=share, strengths=(1e-9,))
         learned = learn_primitives(
             two_cells, tessellation="grid", cell_size=10.0, config=config, rng=np.random.default_rng(0)
         )
