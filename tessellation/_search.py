@@ -128,27 +128,23 @@ class Search(Generic[Data_contra, Cells]):
 
     # Steps ------------------------------------------------------------------------------------------------------------
 
-    def split(self, state: State[Cells], most: int | None = None) -> State[Cells]:
-        """Split the cells that gain by it more than by chance; or those that gain most, at most so many."""
-        state.finished[:] &= most is None
+    def split(self, state: State[Cells]) -> State[Cells]:
+        """Split the cells that gain by it more than by chance."""
         children, gain, error = self._halves(state)
         axis = gain.argmax(axis=0)
         cells = np.arange(axis.size)
         best = gain[axis, cells]
         needed = MARGIN * error[axis, cells]
         order = np.argsort(-best, kind="stable")
-        if most is None:
-            state.finished[:] |= ~(best > needed)
-            order = order[(best > needed)[order] & (best[order] > 0)]
-        else:
-            order = order[np.isfinite(best[order])][:most]
+        state.finished[:] |= ~(best > needed)
+        order = order[(best > needed)[order] & (best[order] > 0)]
         for _ in range(TRIES):
             if order.size == 0:
                 return state
             kept = np.delete(state.generators, order, axis=0)
             generators = np.vstack([kept, children[axis[order], order].reshape(-1, 2)])
             found = self.evaluate(generators, state)
-            if most is not None or found.objective < state.objective:
+            if found.objective < state.objective:
                 return found
             order = order[: order.size // 2]
         return state
@@ -223,14 +219,13 @@ class Search(Generic[Data_contra, Cells]):
         around = np.bincount(cell.ravel(), np.repeat(gain, cell.shape[1]), minlength=len(before.generators))
         return np.asarray(around, np.float64)
 
-    def merge(self, state: State[Cells], most: int | None = None) -> State[Cells]:
-        """Unite neighbours that do better as one; or those that lose least, at most so many pairs."""
+    def merge(self, state: State[Cells]) -> State[Cells]:
+        """Unite neighbours that do better as one, by more than by chance."""
         n = len(state.generators)
         if n < 2:
             return state
         pair = _neighbors(state.generators)
-        if most is None:
-            pair = pair[~np.isin(state.signature[pair].sum(axis=1), state.refused)]
+        pair = pair[~np.isin(state.signature[pair].sum(axis=1), state.refused)]
         mass = np.maximum(np.bincount(state.cell, minlength=n), 1)
         united = (mass[pair, None] * state.generators[pair]).sum(axis=1) / mass[pair].sum(axis=1)[:, None]
         both = part_of_members(state.members, pair.ravel())
@@ -242,16 +237,15 @@ class Search(Generic[Data_contra, Cells]):
         held = order[np.arange(each.size) - (np.cumsum(length) - length)[each] + begin[pair.ravel()[each]]]
         change = self._log_density(fits, held, each // 2) - state.score[held]
         gain, error = self._total_and_error(change, each // 2, self.group[held], len(pair))
-        if most is None:
-            gain = gain - MARGIN * error
+        gain -= MARGIN * error
         state.refused = np.union1d(state.refused, state.signature[pair[gain <= 0]].sum(axis=1))
-        chosen = _disjoint(pair, gain, least=0.0 if most is None else -np.inf)[:most]
+        chosen = _disjoint(pair, gain)
         for _ in range(TRIES):
             if chosen.size == 0:
                 break
             kept = np.delete(state.generators, pair[chosen].ravel(), axis=0)
             found = self.evaluate(np.vstack([kept, united[chosen]]), state)
-            if most is not None or found.objective < state.objective:
+            if found.objective < state.objective:
                 return found
             chosen = chosen[: chosen.size // 2]
         return state
@@ -269,12 +263,12 @@ def _neighbors(generators: FloatArray) -> IntArray:
     return np.unique(np.sort(np.vstack(pairs).astype(np.int64), axis=1), axis=0)
 
 
-def _disjoint(pair: IntArray, gain: FloatArray, *, least: float) -> IntArray:
-    """Which pairs gain more than the least, best first, none with a cell that a better one has."""
+def _disjoint(pair: IntArray, gain: FloatArray) -> IntArray:
+    """Which pairs gain, best first, none with a cell that a better one has."""
     used: set[int] = set()
     chosen = []
     for p in np.argsort(-gain, kind="stable"):
-        if gain[p] > least and not used.intersection(pair[p].tolist()):
+        if gain[p] > 0.0 and not used.intersection(pair[p].tolist()):
             chosen.append(p)
             used.update(pair[p].tolist())
     return np.array(chosen, dtype=np.int64)

@@ -14,7 +14,7 @@ From even cells on, as long as the objective falls:
 3. *merge* neighbours that do better as one, by as much; cells that starve go this way.
 
 Every step is judged by the true objective of true Voronoi cells, and is taken back if that has risen: the trace never
-rises. Where a number of cells is asked for, those that lose least by it are then merged, or those that gain most split.
+rises. Where a number of cells is asked for, so many even ones are moved alone.
 All steps of a kind are tried together, and only cells whose members have changed are fitted again.
 """
 
@@ -42,8 +42,6 @@ SMALLEST = 0.03
 """Of the reach: no cell is split that is so small; parked vehicles jitter."""
 FEWEST_ROWS = 8
 """For each cell, where the search begins."""
-OVERSHOOT = 4
-"""Of the cells that are asked for, so many times as many are found, if they gain, before they are merged."""
 START_SHARE = 0.5
 """A search begins with so many of the even cells that do best, and splits them: where even ones are too few it gets
 stuck, where they are too many they never find their shape."""
@@ -87,8 +85,8 @@ def fit_jointly(
         data: what the model makes of it; row i belongs to position i.
         group: (n,) whole groups are held out, for data of one group repeat each other; each datum by itself if absent.
         reach: metres around the data that the cells cover; see `VoronoiTessellation.covering`.
-        n_cells: how many cells; left out, as many as lower the held-out objective.
-        start: (k, 2) generators to begin with; left out, a few even ones.
+        n_cells: how many cells, fewer where data are too few; left out, as many as lower the held-out objective.
+        start: (k, 2) generators to begin with, where no number is asked for; left out, a few even ones.
         softness: of the gates, see `gates.members_of`.
         max_rows: the cells are laid out by so many data at most, drawn at random.
         progress: called with the number of cells and the objective after each step.
@@ -98,6 +96,7 @@ def fit_jointly(
         ValueError: no datum, a number that is not finite, or arguments out of range.
     """
     position = as_floats("position", position, "n 2")
+    start = None if start is None else as_floats("start", start, "n 2")
     n = len(position)
     group = np.arange(n) if group is None else np.asarray(group)
     if n == 0 or group.shape != (n,):
@@ -107,6 +106,7 @@ def fit_jointly(
             raise ValueError(f"{name}: expected at least 1, got {number}")
     if not softness >= 0:
         raise ValueError(f"softness: expected a number that is not negative, got {softness}")
+    region = VoronoiTessellation.covering(position, generators=position[:1], reach=reach).region
     origin = np.round(position.mean(axis=0))  # so that no digit is lost far from it
     used = np.arange(n) if n <= max_rows else np.sort(rng.permutation(n)[:max_rows])
     fold = _folds(group[used], rng)
@@ -134,28 +134,28 @@ def fit_jointly(
             progress(*steps[-1])
 
     if search.n_folds > 1:
-        state = _first(search, spread, n_cells, rng) if start is None else search.evaluate(start - origin)
-        state = _descend(search, state, np.inf if n_cells is None else OVERSHOOT * n_cells, report)
-        generators = (state if n_cells is None else _as_many(search, state, n_cells, report)).generators
+        if n_cells is not None:
+            start = spread(rng.random(n_cells)) + origin
+        state = _first(search, spread, rng) if start is None else search.evaluate(start - origin)
+        state = _descend(search, state, n_cells is not None, report)
+        generators = state.generators
     else:  # nothing can be held out, so the data do not determine the number of cells
         generators = spread(rng.random(n_cells or 1))
     nearest = nearest_generators(position - origin, generators, k=1)[1]
     generators = generators[np.bincount(nearest[:, 0], minlength=len(generators)) > 0]  # none that is empty
     logger.info("joint cells: %d, after %d steps", len(generators), len(steps))
     return JointFit(
-        tessellation=VoronoiTessellation.covering(position, generators=generators + origin, reach=reach),
+        tessellation=VoronoiTessellation(generators=generators + origin, region=region),
         trace=np.array([objective for _, objective in steps]),
         n_cells=np.array([n for n, _ in steps], dtype=np.int64),
     )
 
 
 def _first(
-    search: Search[Data_contra, Cells], spread: Callable[[FloatArray], FloatArray], n_cells: int | None,
-    rng: np.random.Generator,
-) -> State[Cells]:  # fmt: skip
+    search: Search[Data_contra, Cells], spread: Callable[[FloatArray], FloatArray], rng: np.random.Generator
+) -> State[Cells]:
     """Even cells to begin with, the best power of two: the objective may have several minima, so all are tried."""
-    most = n_cells or max(1, search.row.size // FEWEST_ROWS)
-    numbers = 2 ** np.arange(int(np.log2(most)) + 1)
+    numbers = 2 ** np.arange(int(np.log2(max(1, search.row.size // FEWEST_ROWS))) + 1)
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         tried = pool.map(lambda uniform: search.evaluate(spread(uniform)).objective, [rng.random(n) for n in numbers])
     best = int(numbers[np.argmin(list(tried))])
@@ -163,36 +163,19 @@ def _first(
 
 
 def _descend(
-    search: Search[Data_contra, Cells], state: State[Cells], most: float, report: Callable[[State[Cells]], None]
+    search: Search[Data_contra, Cells], state: State[Cells], only_move: bool, report: Callable[[State[Cells]], None]
 ) -> State[Cells]:
-    """Step by step, until no kind of step lowers the objective by much, or there are so many cells."""
+    """Step by step, until no kind of step lowers the objective by much."""
     report(state)
     for _ in range(MAX_ROUNDS):
         before = state
-        state = search.move(search.split(state))
+        state = search.move(state if only_move else search.split(state))
         stalls = state.objective >= before.objective - LEAST_GAIN
-        state = search.merge(state) if stalls else state
+        state = search.merge(state) if stalls and not only_move else state
         if state is not before:
             report(state)
-        if len(state.generators) >= most or (stalls and state.objective >= before.objective - LEAST_GAIN):
+        if stalls and state.objective >= before.objective - LEAST_GAIN:
             break
-    return state
-
-
-def _as_many(
-    search: Search[Data_contra, Cells], state: State[Cells], n_cells: int, report: Callable[[State[Cells]], None]
-) -> State[Cells]:
-    """So many cells, or fewer where there are too few data: those that lose least merged, or that gain most split."""
-    for _ in range(MAX_ROUNDS):
-        n, before = len(state.generators), state
-        if n < n_cells:
-            state = search.split(state, n_cells - n)
-        elif n > n_cells:
-            state = search.merge(state, min(n - n_cells, 1 + n // 4))
-        state = search.move(state)
-        if len(state.generators) == n and state.objective >= before.objective - LEAST_GAIN:
-            break
-        report(state)
     return state
 
 

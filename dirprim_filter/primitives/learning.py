@@ -15,7 +15,7 @@ from typing import Literal
 
 import numpy as np
 
-from dirprim_filter.arrays import FloatArray, require
+from dirprim_filter.arrays import FloatArray, as_floats, require
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.distributions import von_mises
 from dirprim_filter.primitives._modes import Bounds
@@ -91,7 +91,7 @@ def learn_primitives(
         The map; the same for the same tracks and the same state of `rng`.
 
     Raises:
-        ValueError: no rows, or options that do not exist or exclude each other.
+        ValueError: no rows, options that do not exist or exclude each other, or weights that are none.
         TypeError: no tracks, no configuration, or no generator.
     """
     require("rng", rng, np.random.Generator)
@@ -103,6 +103,10 @@ def learn_primitives(
     if len(tracks) == 0:
         raise ValueError("tracks: expected at least one row, got none")
     _check_options(tessellation, cell_size, n_cells, modes, primitive)
+    if weight is not None:
+        weight = as_floats("weight", weight, f"{tracks.n_tracks}")
+        if not (weight > 0).all():
+            raise ValueError(f"weight: expected positive numbers, got {weight.min()} for track {weight.argmin()}")
     rows = TrackRows.thinned(tracks, interval_s=config.row_interval_s, weight=weight)
     config = config.scaled(rows.scale.length)
     background = learn_background(rows, config, rng=rng.spawn(1)[0])  # what it draws changes no cell

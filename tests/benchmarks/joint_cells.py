@@ -2,8 +2,8 @@
 
 Defends `tessellation="joint"` as the default: beside it stand square cells of every size, of which the best is picked
 in hindsight, which flatters them; Voronoi cells by positions alone; flat primitives; one cell; and the model without
-the map. What is compared is the mean log density of direction and speed of
-held-out vehicles, or groups, of all folds, rows every 0.5 s, faster than 0.5 m/s. `difference` is that of joint, curved
+the map. What is compared is the mean log density of direction and speed of held-out vehicles, or groups, of all folds,
+of rows at the rate that `learn` sees, faster than 0.5 m/s. `difference` is that of joint, curved
 cells less the row's, with its 95 % interval over vehicles or groups.
 """
 
@@ -15,6 +15,7 @@ import json
 import numpy as np
 
 from dirprim_filter import learn_primitives, read_tracks
+from dirprim_filter.config import LearningConfig
 from dirprim_filter.evaluation.density import Method, evaluate_density
 
 SIZES = (2.0, 3.0, 4.5, 7.0, 10.0, 15.0)
@@ -42,7 +43,10 @@ def table(tracks, n_folds):
         method("joint, flat", primitive="flat"), method("one cell", n_cells=1),
         method("without the map", without_map=True, primitive="flat", tessellation="grid", n_cells=1),
     ]  # fmt: skip
-    scores = evaluate_density(tracks, n_folds=n_folds, interval_s=0.5, methods=methods, rng=np.random.default_rng(0))
+    every_s = LearningConfig().row_interval_s
+    scores = evaluate_density(
+        tracks, n_folds=n_folds, interval_s=every_s, methods=methods, rng=np.random.default_rng(0)
+    )
     found = {
         row.name: {"mean": row.joint.mean_log.value, "cells": np.mean(n_cells[row.name]),
                    "difference": row.joint.behind.value, "low": row.joint.behind.low, "high": row.joint.behind.high}

@@ -217,6 +217,13 @@ def test_no_rows_are_refused(ring):
         ({"cell_size": 0.0}, "cell_size: expected a positive length"),
         ({"cell_size": np.nan}, "cell_size: expected a positive length"),
         ({"cell_size": 1e-5}, "cell_size: .* choose larger cells"),
+        ({"weight": np.ones(3)}, "weight: expected shape .*, got"),
+        (
+            {"weight": np.where(np.arange(40) == 2, -1.0, 1.0)},
+            "weight: expected positive numbers, got -1.0 for track 2",
+        ),
+        ({"weight": np.zeros(40)}, "weight: expected positive numbers, got 0.0"),
+        ({"weight": np.full(40, np.nan)}, "weight: .*finite"),
     ],
 )
 def test_unknown_or_contradictory_options_are_refused_by_name(ring, options, message):

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial import cKDTree
 from toy_model import GaussianCells
 
-from tessellation import OUTSIDE, JointFit, fit_jointly
+from tessellation import OUTSIDE, JointFit, VoronoiTessellation, fit_jointly
 from tessellation.gates import members_of
 
 TRUE = np.array([[0.0, 0.0], [20.0, 4.0], [6.0, 18.0], [26.0, 22.0], [-14.0, 14.0]])
@@ -22,7 +22,7 @@ def sample(n=2500, seed=0, generators=TRUE, level=LEVEL):
 
 def learned(position, value, seed=0, **options):
     return fit_jointly(
-        GaussianCells(), position, value, reach=5.0, rng=np.random.default_rng(seed), **{"softness": 0.0} | options
+        GaussianCells(), position, value, rng=np.random.default_rng(seed), **{"softness": 0.0, "reach": 5.0} | options
     )
 
 
@@ -96,6 +96,32 @@ def test_the_trace_never_rises_is_reported_and_is_that_of_the_seed(found):
     assert [objective for _, objective in reported] == found.trace.tolist()
 
 
+def test_a_number_of_cells_is_found_by_moving_even_ones_and_does_better_than_these():
+    """Five cells of a hill in a plain: on each of eight seeds their levels are nearer to the truth than even cells'."""
+    at = np.stack(np.meshgrid(*[np.linspace(-29, 29, 60)] * 2), axis=-1).reshape(-1, 2)
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        position = rng.uniform(-30, 30, (400, 2))
+        height = 9.0 * np.exp(-(position**2).sum(axis=1) / 200) + rng.normal(size=400)
+        truth = 9.0 * np.exp(-(at**2).sum(axis=1) / 200)
+        joint = learned(position, height, seed=seed, n_cells=5)
+        assert (np.diff(joint.trace) <= 0).all()
+        assert (joint.n_cells == 5).all()
+
+        def error(cells, position=position, height=height, truth=truth):
+            cell = cells.cell_of(position)
+            level = np.bincount(cell, height, cells.n_cells) / np.bincount(cell, minlength=cells.n_cells)
+            return np.sqrt(np.mean((level[cells.cell_of(at)] - truth) ** 2))
+
+        even = VoronoiTessellation.lloyd(position, n_cells=5, reach=5.0, rng=np.random.default_rng(seed))
+        assert error(joint.tessellation) < 0.8 * error(even)
+
+
+def test_a_search_begins_with_the_cells_that_are_given():
+    position, value, _ = sample(600)
+    assert learned(position, value, start=TRUE).n_cells[0] == len(TRUE)
+
+
 def turned(position):
     return np.stack([-position[:, 1], position[:, 0]], axis=1)
 
@@ -148,10 +174,14 @@ def test_little_or_odd_data_give_cells(name, n_cells):
         ({"n_cells": 0}, "n_cells: expected at least 1, got 0"),
         ({"softness": -0.1}, "softness: expected a number that is not negative"),
         ({"max_rows": 0}, "max_rows: expected at least 1, got 0"),
+        ({"reach": 0.0}, "reach: expected a positive length in metres, got 0.0"),
+        ({"reach": np.nan}, "reach: expected a positive length in metres, got nan"),
+        ({"start": np.zeros((5, 3))}, "start"),
     ],
 )
-def test_bad_options_are_refused(options, message):
+def test_bad_options_are_refused_before_anything_is_fitted(options, message, monkeypatch):
     position, value, _ = sample(50)
+    monkeypatch.delattr(GaussianCells, "fit")
     with pytest.raises(ValueError, match=message):
         learned(position, value, **options)
 
