@@ -146,9 +146,9 @@ TABLES: dict[str, Table] = {
         runs=(
             Run(name="GeoLife", options="geolife --seeds 1", source="geolife"),
             Run(name="Chicago", options="chicago_bus --seeds 1", source="chicago_bus"),
-            Run(name="Austin", options="austin_bus --seeds 3", source="austin_bus"),
+            Run(name="Austin", options="austin_bus --seeds 1", source="austin_bus"),
             Run(name="Solent", options="solent_ais --seeds 3", source="solent_ais"),
-            Run(name="Mcity", options="mcity_blind --seeds 2", source="mcity_roadside"),
+            Run(name="Mcity", options="mcity_blind --seeds 1", source="mcity_roadside"),
             Run(name="town", options="town --seeds 1", source="town03"),
         ),
         entries=neutral,
