@@ -37,6 +37,7 @@ def test_every_block_of_a_page_runs(page, beside_recordings, monkeypatch, capsys
     shown: list[list[Path]] = []
     monkeypatch.setenv("PATH", str(Path(sys.executable).parent), prepend=os.pathsep)  # where pages say `python`
     monkeypatch.setattr("dirprim_filter.viewer.process.spawn_viewer", shown.append)  # there is no screen
+    monkeypatch.setattr("dirprim_filter.viewer.process.screenshot", lambda *_: b"a picture")  # nor a driver, perhaps
     blocks = FENCE.findall(page.read_text())
     assert blocks
     names: dict[str, object] = {}
