@@ -148,7 +148,7 @@ TABLES: dict[str, Table] = {
             Run(name="Chicago", options="chicago_bus --seeds 1", source="chicago_bus"),
             Run(name="Austin", options="austin_bus --seeds 1", source="austin_bus"),
             Run(name="Solent", options="solent_ais --seeds 3", source="solent_ais"),
-            Run(name="Mcity", options="mcity_blind --seeds 1", source="mcity_roadside"),
+            Run(name="Mcity", options="mcity_blind --seeds 2", source="mcity_roadside"),
             Run(name="town", options="town --seeds 1", source="town03"),
         ),
         entries=neutral,
@@ -166,8 +166,8 @@ TABLES: dict[str, Table] = {
         command=NEUTRAL,
         runs=(
             Run(name="KITTI", options="kitti --seeds 2", source="kitti_tracking"),
-            Run(name="MOT17", options="mot17 --seeds 5", source="mot17"),
-            Run(name="PETS09", options="pets09 --seeds 5", source="mot15"),
+            Run(name="MOT17", options="mot17 --seeds 2", source="mot17"),
+            Run(name="PETS09", options="pets09 --seeds 3", source="mot15"),
         ),
         entries=neutral,
         columns=(
