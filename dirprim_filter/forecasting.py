@@ -25,7 +25,7 @@ from dirprim_filter.filtering.belief import birth_key, weigh_by_cue
 from dirprim_filter.primitives._leader import ALONE, LeaderTable
 from dirprim_filter.primitives._manoeuvres import MotionTable
 from dirprim_filter.primitives.cues import Cue
-from dirprim_filter.primitives.motion_table import motion_table
+from dirprim_filter.primitives.motion_table import motion_table, under
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 
 REGION_SHARES = (0.9, 0.5)
@@ -87,7 +87,7 @@ def forecast(
         kept = rng.choice(n, n_samples, p=cloud.weight[0])
         columns = {name: column for name, column in cloud._asdict().items() if name not in ("state", "since_s")}
         cloud = cloud._replace(**{name: column.take(kept, axis=1) for name, column in columns.items()})
-    return np.asarray(projected(table, [cloud], dt, leader_table(primitive_map, config))[0])
+    return np.asarray(projected(under(table, cue), [cloud], dt, leader_table(primitive_map, config))[0])
 
 
 def steps(horizon_s: float, dt_s: float, n_samples: int) -> FloatArray:

@@ -44,11 +44,18 @@ class Measured(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy")
-def draw_given(cloud: Cloud, v: int, measured: Measured, kept: float, outlier: float, least: float) -> float:
-    """Draw a vehicle's particles given the place where it was measured; an outlier leaves a particle as it was.
+def draw_given(
+    cloud: Cloud, v: int, measured: Measured, outlier: float, tail: FloatArray, least: float, leaves: float,
+    put_off: float,
+) -> float:  # fmt: skip
+    """Draw a vehicle's particles given the place where it was measured.
+
+    Where it was wrong, of a share `outlier` and by densities `tail` (P,), a particle stays as it was.
 
     Returns:
-        The density of the measurement, 1/m2; 0 where it is below `least` or the belief not wide: it is as before then.
+        The density of the measurement, 1/m2. Or 0, and the belief is as before: where that is below `least`, where the
+        belief is not wide, or where vehicles that left their motion, a share of `leaves`, explain it better, which were
+        put off by a variance of `put_off`, m2.
     """
     room = room_for(cloud.speed.shape[1])
     h, c, s = kernel_of(cloud, v, room)
@@ -62,24 +69,30 @@ def draw_given(cloud: Cloud, v: int, measured: Measured, kept: float, outlier: f
     if determinant_of(kernel, xx, xy, yy) < WIDE * WIDE * along * across:
         return 0.0
     kernel *= h * h
-    determinant = determinant_of(kernel, xx, xy, yy)
+    fit, root, shrunk = room.product, math.sqrt(determinant_of(kernel, xx, xy, yy)), math.sqrt(1.0 - h * h)
+    wider = math.sqrt(determinant_of(kernel, xx + put_off, xy, yy + put_off))
+    scale, put_off = (1.0 - outlier) / (2.0 * math.pi * root), put_off / (root * root)
     xx, xy, yy = (
-        (kernel[ASIDE, ASIDE] + yy) / determinant, -(kernel[AHEAD, ASIDE] + xy) / determinant,
-        (kernel[AHEAD, AHEAD] + xx) / determinant,
+        (kernel[ASIDE, ASIDE] + yy) / root**2, -(kernel[AHEAD, ASIDE] + xy) / root**2,
+        (kernel[AHEAD, AHEAD] + xx) / root**2,
     )  # fmt: skip
-    fit, scale, shrunk = room.product, kept / (2.0 * math.pi * math.sqrt(determinant)), math.sqrt(1.0 - h * h)
+    beside, narrower = 0.0, root * root / (wider * wider)
     for p in range(fit.size):
         x, y = ahead - shrunk * state[AHEAD, p], aside - shrunk * state[ASIDE, p]
-        fit[p] = scale * exp(-0.5 * (xx * x * x + 2.0 * xy * x * y + yy * y * y)) + outlier
-    density = dot(weight, fit)
-    if not density >= least:
+        q = xx * x * x + 2.0 * xy * x * y + yy * y * y
+        fit[p] = scale * exp(-0.5 * q)
+        beside += weight[p] * exp(-0.5 * narrower * (q + put_off * (x * x + y * y)))
+    if not dot(weight, fit) >= max(least, leaves * beside / (2.0 * math.pi * wider)):
         return 0.0
+    for p in range(fit.size):
+        fit[p] += outlier * tail[p]
+    density = dot(weight, fit)
     numbers, before = cloud.state[v].copy(), state.copy()
     random.fill_normals(room.normal, numbers)
     spread(room, h)
     for p in range(fit.size):
         weight[p] *= fit[p] / density
-        if random.uniform(numbers) * fit[p] < outlier:
+        if random.uniform(numbers) * fit[p] < outlier * tail[p]:
             for k in range(len(state)):
                 state[k, p] = before[k, p]
         else:

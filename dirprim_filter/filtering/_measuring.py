@@ -8,12 +8,16 @@ shared axes the mean r b, and the variance along
 
     q (s_1^2 + b_1^2) + (1 - q) (s_2^2 + b_2^2) - r^2 b_1^2
 
-A particle that stands two metres beyond where its vehicle stopped stays there, and so do all others: they are equally
-far off, so none is preferred. But now and then a vehicle leaves its motion model: an *innovation outlier* puts it off
-by a Gaussian of `PLACE_M` in each axis, and its speed by one of `SPEED_OFF` that goes with how far it is ahead. A
-particle is weighed by the mixture (1 - e) N(z; x, R) + e N(z; x, R + PLACE_M^2), and is drawn from the second part
-given the measurement as often as that part weighs. A belief that is sure and wrong then takes a few measurements to
-mend.
+The error of a measured position is wrong with a share e: its density N(z; x, R) has a tail of Student's t with two
+degrees of freedom, `TAIL` times as wide, T(z; x, R), and so has each noise its own. And now and then a vehicle leaves
+its motion model: a particle that stands two metres beyond where its vehicle stopped stays there, and so do all others:
+they are equally far off, so none is preferred. An *innovation outlier*, of a share a, puts it off by a Gaussian of
+K = `PLACE_M`^2 in each axis, and its speed by one of `SPEED_OFF` that goes with how far it is ahead. A particle weighs
+
+    (1 - e) ((1 - a) N(z; x, R) + a N(z; x, R + K)) + e T(z; x, R)
+
+and is drawn from the middle part given the measurement as often as that part weighs. Of one wrong row the tail explains
+most, of a vehicle that is off for longer the outlier: a belief that is sure and wrong takes two measurements to mend.
 
 Source: Fox, Outliers in time series, 1972, for innovation outliers, against additive ones, which are a sensor's; Liu
 and Chen, Sequential Monte Carlo methods for dynamic systems, 1998, for drawing from a transition given the measurement.
@@ -32,6 +36,7 @@ from dirprim_filter.distributions._elementary import cos, exp, sin, squared_sine
 from dirprim_filter.distributions._random import UIntArray
 from dirprim_filter.filtering._conditioning import Measured, draw_given
 from dirprim_filter.filtering._kernels import Cloud
+from dirprim_filter.filtering.measurements import TAIL
 from dirprim_filter.primitives import _map_kernels
 from dirprim_filter.primitives._manoeuvres import STANDING_BELOW
 from dirprim_filter.primitives._map_kernels import MapTable
@@ -44,21 +49,22 @@ LEAST = 1e-200
 PLACE_M, SPEED_OFF, TOGETHER = 1.0, 2.0, 0.7
 """Metres, m/s, and their correlation: an acceleration of 2 m/s^2 beside the model's, for a second."""
 LEAST_SHARE = 0.01
-"""Of the particles, that innovation outliers explain: of beliefs in which fewer do they are left out."""
+"""Of a measurement's density, that innovation outliers make: where it is less they are left out."""
 MOST_OUTLIERS = 0.1
 """Share of the particles that left the motion model since the frame before, at most."""
 
 
 class Noise(NamedTuple):
-    """Densities of measurement errors: (1 - e) of a Gaussian or von Mises, e of an outlier.
+    """Measurement errors: (1 - e) of a Gaussian or von Mises, e of an outlier.
 
     Those of course and speed are ratios to the densities of a false detection's, see `measurements`.
     """
 
     few: float  # share of the particles: where effectively fewer are left, they are drawn given the measurement
-    outlier: float  # per square metre
-    kept: float  # 1 less the probability of an outlier
+    outlier: float  # share of measured positions
+    lost: float  # odds of an outlier to the vehicle from which on a belief explains nothing
     leaves: float  # 1/s, rate of innovation outliers
+    free: int  # the manoeuvre of who goes straight on
     direction_concentration: float
     direction_scale: float
     direction_outlier: float
@@ -105,37 +111,40 @@ def begin(
 def weigh(cloud: Cloud, vehicle: IntArray, measured: FloatArray, evidence: FloatArray, noise: Noise) -> None:
     """Weigh each vehicle's particles by its measurement, and normalise.
 
-    Fills (V, 3): the log density of the measurement given those before it, that of its position alone, and 1 where
-    particles were moved: drawn given it, or as innovation outliers. Loops are kept apart, and without branches, so that
-    they are compiled to vector instructions.
+    Fills (V, 3): the log density of the measurement given those before it; 1 where the vehicle explains it better than
+    an outlier; and 1 where particles were moved: drawn given it, or as innovation outliers. Loops are kept apart, and
+    without branches, so that they are compiled to vector instructions.
     """
     n = cloud.position.shape[1]
-    fit, off = np.empty(n), np.empty((2, n))
-    densest = 1.0 / (2.0 * math.pi * PLACE_M * PLACE_M)
+    fit, far, tail, off = np.empty(n), np.empty(n), np.empty(n), np.empty((2, n))
     for i in range(vehicle.size):
-        v, z = vehicle[i], measured[i]
+        v, z, e = vehicle[i], measured[i], noise.outlier
         weight, share = cloud.weight[v], min(noise.leaves * cloud.since_s[v], MOST_OUTLIERS)
         place = in_shared_axes(cloud, v, z, off)
-        scale = noise.kept * residuals(cloud, v, place, off, fit)
+        scale = residuals(cloud, v, place, off, fit)
         for p in range(n):
-            likely = scale * exp(-0.5 * fit[p]) + noise.outlier
-            fit[p] = likely if fit[p] < np.inf else 0.0  # it has run off to where there are no numbers
-        near, is_drawn = dot(weight, fit), False
-        if noise.few > 0.0 and (near < 2.0 * noise.outlier or effective_share(weight, fit) < noise.few):
-            least = max(2.0 * noise.outlier, share * densest * outlying(weight, off))
-            found = draw_given(cloud, v, place, noise.kept, noise.outlier, least)
+            q = 1.0 + fit[p] / (2.0 * TAIL * TAIL)
+            tail[p] = scale / (TAIL * TAIL * q * q)
+            fit[p] = scale * exp(-0.5 * fit[p]) if fit[p] < np.inf else 0.0  # it has run off to where no numbers are
+        own, wrong = dot(weight, fit), noise.lost * dot(weight, tail)
+        is_moved = own * LEAST_SHARE < share * densest(place)
+        beside = share * outlying(weight, place, off, far) if is_moved else 0.0
+        is_drawn = False
+        if noise.few > 0.0 and (own < wrong or effective_share(weight, fit) < noise.few):
+            found = draw_given(cloud, v, place, e, tail, wrong, share, PLACE_M * PLACE_M)
             if found > 0.0:
-                near, is_drawn, fit[:] = found, True, found
+                own, is_drawn, is_moved, fit[:] = found, True, False, found
+        if is_moved:
+            own = (1.0 - share) * own + beside
+            move_outliers(cloud, v, place, share, noise, off, fit, far, tail)
+        elif not is_drawn:
+            for p in range(n):
+                fit[p] = (1.0 - e) * fit[p] + e * tail[p]
         fit_motion(cloud, v, z, noise, fit)
         total = dot(weight, fit)
         evidence[i, 0] = math.log(total) if total > 0.0 else -np.inf  # no particle has a weight
-        evidence[i, 1] = math.log(near) if near > 0.0 else -np.inf
-        is_explained = near >= 2.0 * noise.outlier and total > 0.0
-        is_moved = is_explained and not is_drawn and near * LEAST_SHARE < share * densest
+        evidence[i, 1] = 1.0 if own >= wrong and total > 0.0 else 0.0
         evidence[i, 2] = 1.0 if is_moved or is_drawn else 0.0
-        if is_moved:
-            move_outliers(cloud, v, place, share, noise, off, fit)
-            fit_motion(cloud, v, z, noise, fit)
         normalise(weight, fit)
         cloud.since_s[v] = 0.0
 
@@ -151,29 +160,44 @@ def effective_share(weight: FloatArray, fit: FloatArray) -> float:
     return total * total / (squares * weight.size) if squares > 0.0 else 0.0
 
 
-@njit(cache=True)
-def outlying(weight: FloatArray, off: FloatArray) -> float:
-    """How probable residuals (2, P) are of innovation outliers, beside one of no residual."""
-    total = 0.0
-    for p in range(weight.size):
-        total += weight[p] * exp(-0.5 * (off[0, p] * off[0, p] + off[1, p] * off[1, p]) / (PLACE_M * PLACE_M))
-    return total
+@njit(cache=True, error_model="numpy")
+def densest(measured: Measured) -> float:
+    """The density of no residual of an innovation outlier, 1/m2."""
+    k = PLACE_M * PLACE_M
+    return 1.0 / (2.0 * math.pi * math.sqrt((k + measured.along) * (k + measured.across)))
+
+
+@njit(cache=True, error_model="numpy")
+def outlying(weight: FloatArray, measured: Measured, off: FloatArray, far: FloatArray) -> float:
+    """Fill (P,) densities of innovation outliers by residuals (2, P); -> that of the belief, 1/m2."""
+    k, scale = PLACE_M * PLACE_M, densest(measured)
+    along, across = 1.0 / (k + measured.along), 1.0 / (k + measured.across)
+    for p in range(far.size):
+        q = along * off[0, p] * off[0, p] + across * off[1, p] * off[1, p]
+        far[p] = scale * exp(-0.5 * q) if q < np.inf else 0.0
+    return float(dot(weight, far))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def log_likelihood(cloud: Cloud, vehicle: IntArray, measured: FloatArray, out: FloatArray, noise: Noise) -> None:
-    """Fills (V,): natural log of the density of each measurement under the belief, outlying positions aside."""
+    """Fills (V,): natural log of the density of each measurement under the belief, wrong positions aside."""
     n = cloud.position.shape[1]
-    fit, off = np.empty(n), np.empty((2, n))
+    fit, far, off = np.empty(n), np.empty(n), np.empty((2, n))
     for i in range(vehicle.size):
-        v = vehicle[i]
-        scale = residuals(cloud, v, in_shared_axes(cloud, v, measured[i], off), off, fit)
+        v, share = vehicle[i], min(noise.leaves * cloud.since_s[vehicle[i]], MOST_OUTLIERS)
+        place = in_shared_axes(cloud, v, measured[i], off)
+        scale = residuals(cloud, v, place, off, fit)
         nearest = fit.min()
         for p in range(n):
             fit[p] = exp(-0.5 * (fit[p] - nearest))
         fit_motion(cloud, v, measured[i], noise, fit)
-        total = dot(cloud.weight[v], fit)
-        out[i] = math.log(total * scale) - 0.5 * nearest if total > 0.0 else -np.inf
+        total = (1.0 - share) * scale * dot(cloud.weight[v], fit)
+        out[i] = math.log(total) - 0.5 * nearest if total > 0.0 else -np.inf
+        if share * densest(place) * 1e6 > math.exp(out[i]):  # else a course or pace gives it no part either
+            outlying(cloud.weight[v], place, off, far)
+            fit_motion(cloud, v, measured[i], noise, far)
+            total = math.exp(out[i]) + share * dot(cloud.weight[v], far)
+            out[i] = math.log(total) if total > 0.0 else out[i]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -241,36 +265,38 @@ def normalise(weight: FloatArray, fit: FloatArray) -> None:
 
 @njit(cache=True, error_model="numpy")
 def move_outliers(
-    cloud: Cloud, v: int, measured: Measured, share: float, noise: Noise, off: FloatArray, fit: FloatArray
-) -> None:
-    """Fill (P,) likelihoods of the mixture, and move the particles that are its outliers, of residuals (2, P)."""
+    cloud: Cloud, v: int, measured: Measured, share: float, noise: Noise, off: FloatArray, fit: FloatArray,
+    far: FloatArray, tail: FloatArray,
+) -> None:  # fmt: skip
+    """Fill (P,) likelihoods of the mixture from its parts, and move the particles that are innovation outliers."""
     k, state, c, s = PLACE_M * PLACE_M, cloud.state[v].copy(), measured.c, measured.s
-    along, across = measured.along, measured.across
+    along, across, kept = measured.along, measured.across, 1.0 - noise.outlier
     gain, gain_across = k / (k + along), k / (k + across)
-    scale = (1.0 - share) * noise.kept / (2.0 * math.pi * math.sqrt(along * across))
-    wide = share * noise.kept / (2.0 * math.pi * math.sqrt((k + along) * (k + across)))
     for p in range(fit.size):
-        ahead, aside = off[0, p], off[1, p]
-        ordinary = scale * exp(-0.5 * (ahead * ahead / along + aside * aside / across)) + (1.0 - share) * noise.outlier
-        far = wide * exp(-0.5 * (gain * ahead * ahead + gain_across * aside * aside) / k)
-        fit[p] = ordinary + far if ordinary + far < np.inf else 0.0
-        if random.uniform(state) * fit[p] < far:
-            ahead = gain * ahead + math.sqrt(gain * along) * random.draw_normal(state)
-            aside = gain_across * aside + math.sqrt(gain_across * across) * random.draw_normal(state)
-            displace(cloud, v, p, ahead * c - aside * s, ahead * s + aside * c, state)
+        fit[p] = kept * ((1.0 - share) * fit[p] + share * far[p]) + noise.outlier * tail[p]
+        if random.uniform(state) * fit[p] < kept * share * far[p]:
+            ahead = gain * off[0, p] + math.sqrt(gain * along) * random.draw_normal(state)
+            aside = gain_across * off[1, p] + math.sqrt(gain_across * across) * random.draw_normal(state)
+            displace(cloud, v, p, ahead * c - aside * s, ahead * s + aside * c, noise.free, state)
     for word in range(state.size):  # a slice would compile numba's strings for its error
         cloud.state[v, word] = state[word]
 
 
 @njit(cache=True)
-def displace(cloud: Cloud, v: int, p: int, east: float, north: float, state: UIntArray) -> None:
-    """Move a particle, and draw its velocity given by how far. Who stands keeps standing, who moves keeps moving."""
+def displace(cloud: Cloud, v: int, p: int, east: float, north: float, free: int, state: UIntArray) -> None:
+    """Move a particle, and draw its velocity given by how far; who moves keeps moving.
+
+    Who stands keeps standing, or as often starts, whichever way it was moved: backwards too, as by a `free` manoeuvre.
+    """
     cloud.position[v, p, 0] += east
     cloud.position[v, p, 1] += north
     theta, pace = cloud.direction[v, p], cloud.speed[v, p]
+    c, s, alone = cos(theta), sin(theta), math.sqrt(1.0 - TOGETHER * TOGETHER)
+    ahead = SPEED_OFF * (TOGETHER * (east * c + north * s) / PLACE_M + alone * random.draw_normal(state))
+    aside = SPEED_OFF * (TOGETHER * (north * c - east * s) / PLACE_M + alone * random.draw_normal(state))
     if pace >= STANDING_BELOW:
-        c, s, alone = cos(theta), sin(theta), math.sqrt(1.0 - TOGETHER * TOGETHER)
-        ahead = SPEED_OFF * (TOGETHER * (east * c + north * s) / PLACE_M + alone * random.draw_normal(state))
-        aside = SPEED_OFF * (TOGETHER * (north * c - east * s) / PLACE_M + alone * random.draw_normal(state))
         cloud.direction[v, p] = wrap(theta + aside / (pace + SPEED_OFF))
         cloud.speed[v, p] = max(pace + ahead, STANDING_BELOW)
+    elif random.uniform(state) < 0.5:
+        cloud.direction[v, p], cloud.manoeuvre[v, p] = wrap(theta + math.atan2(aside, ahead)), free
+        cloud.speed[v, p] = max(math.hypot(ahead, aside), STANDING_BELOW)

@@ -113,8 +113,10 @@ def weigh_by_cue(table: MotionTable, cloud: Cloud, vehicle: IntArray, cue: Cue) 
         (v,) natural log of the density of the cue under each belief, per radian.
     """
     log_fit = cue.belief(0.0).log_density(table.ahead[cloud.manoeuvre[vehicle]])
-    top = log_fit.max(axis=1)
-    weight = cloud.weight[vehicle] * np.exp(log_fit - top[:, None])
+    with np.errstate(divide="ignore"):  # a particle without weight
+        log_weight = np.log(cloud.weight[vehicle]) + log_fit
+    top = log_weight.max(axis=1)
+    weight = np.exp(log_weight - top[:, None])
     total = weight.sum(axis=1)
     cloud.weight[vehicle] = weight / total[:, None]
     return np.asarray(top + np.log(total))

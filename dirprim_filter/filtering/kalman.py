@@ -9,6 +9,7 @@ Source: Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking
 from __future__ import annotations
 
 from copy import copy
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.distributions import gaussian
-from dirprim_filter.filtering.measurements import OUTLIER_EXTENT_M, measured_covariance
+from dirprim_filter.filtering.measurements import LOST, TAIL, measured_covariance
 from dirprim_filter.filtering.protocols import Evidence, States
 from dirprim_filter.primitives.motion import JUMP_S
 from dirprim_filter.tracks import Tracks
@@ -43,9 +44,6 @@ class ConstantVelocityKalman:
         self._density = acceleration_density
         self.mean: FloatArray = np.empty((0, 4))
         self.covariance: FloatArray = np.empty((0, 4, 4))
-        with np.errstate(divide="ignore"):  # what is off has no probability
-            self._log_outlier = float(np.log(config.outlier_probability / OUTLIER_EXTENT_M**2))
-        self._log_kept = float(np.log1p(-config.outlier_probability))
 
     def transition(self, dt_s: FloatArray) -> FloatArray:
         """(v, 4, 4) what the state becomes in (v,) seconds."""
@@ -91,16 +89,18 @@ class ConstantVelocityKalman:
         return gaussian.log_density(measured.position - self.mean[slot, :2], spread)
 
     def weigh(self, slot: IntArray, measured: Detections) -> Evidence:
-        """Correct beliefs by measurements; an outlier corrects nothing."""
+        """Correct beliefs by measurements; an outlier, by `TAIL` wider than expected, corrects nothing."""
         covariance, off = self.covariance[slot], measured.position - self.mean[slot, :2]
-        spread = covariance[:, :2, :2] + measured_covariance(measured, self.config)
-        fit = self._log_kept + gaussian.log_density(off, spread)
-        evidence = np.logaddexp(fit, self._log_outlier)
-        gain = np.linalg.solve(spread, covariance[:, :2]).swapaxes(1, 2) * (fit > self._log_outlier)[:, None, None]
+        spread, e = covariance[:, :2, :2] + measured_covariance(measured, self.config), self.config.outlier_probability
+        fit, squared = gaussian.log_density(off, spread), gaussian.squared_distance(off, spread)
+        tail = fit + 0.5 * squared - 2.0 * np.log(TAIL + 0.5 * squared / TAIL)
+        with np.errstate(divide="ignore"):  # what is off has no probability
+            own, wrong = np.log1p(-e) + fit, np.log(e) + tail
+        gain = np.linalg.solve(spread, covariance[:, :2]).swapaxes(1, 2) * (own > wrong)[:, None, None]
         self.mean[slot] += (gain @ off[..., None])[..., 0]
         self.covariance[slot] = _symmetric(covariance - gain @ covariance[:, :2])
-        unexplained = ~(evidence >= np.log(2.0) + self._log_outlier)
-        return Evidence(evidence, unexplained, np.ones(slot.size, np.bool_))
+        unexplained = ~(fit >= np.log(e or LOST) + tail)
+        return Evidence(np.logaddexp(own, wrong), unexplained, np.ones(slot.size, np.bool_))
 
     def moments(self, slot: IntArray) -> FloatArray:
         """(v,) -> (v, 10), as `Estimates` names them; the course is the mean velocity's, and certain."""
@@ -117,7 +117,7 @@ class ConstantVelocityKalman:
     def straight(self) -> ConstantVelocityKalman:
         """One of the same motion, without beliefs, to which every measurement is of its vehicle."""
         other = copy(self)
-        other._log_outlier = -np.inf
+        other.config = replace(self.config, outlier_probability=0.0)
         other.mean, other.covariance = np.empty((0, 4)), np.empty((0, 4, 4))
         return other
 

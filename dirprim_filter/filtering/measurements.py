@@ -17,8 +17,10 @@ from dirprim_filter.distributions import gaussian
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.sensor import Sensor
 
-OUTLIER_EXTENT_M = 100.0
-"""The side of the square over which a position that is not of the vehicle may lie."""
+TAIL = 6.0
+"""How many times as wide as its Gaussian the tail of a position's error is, Student's t of two degrees of freedom."""
+LOST = 1e-3
+"""Share of wrong positions by which it is judged whether a belief explains one, where none are said to be wrong."""
 MOVING_FROM = 0.5
 """m/s; slower vehicles have no measured course."""
 FASTEST = 60.0

@@ -21,12 +21,13 @@ from dirprim_filter.distributions import von_mises
 from dirprim_filter.filtering import _conditioning, _kernels, _measuring, _resampling
 from dirprim_filter.filtering.belief import BeliefSamples, ParticleBelief, weigh_by_cue
 from dirprim_filter.filtering.kalman import ConstantVelocityKalman, WanderingKalman
-from dirprim_filter.filtering.measurements import FASTEST, MOVING_FROM, OUTLIER_EXTENT_M
+from dirprim_filter.filtering.measurements import FASTEST, LOST, MOVING_FROM
 from dirprim_filter.filtering.protocols import BayesFilter, Evidence, Places, States
 from dirprim_filter.filtering.smoothing import _kernels as smoothing
 from dirprim_filter.primitives._leader import ALONE
+from dirprim_filter.primitives._manoeuvres import OWN_WAY
 from dirprim_filter.primitives.cues import Cue
-from dirprim_filter.primitives.motion_table import motion_table
+from dirprim_filter.primitives.motion_table import motion_table, under
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.traffic import Traffic
 from dirprim_filter.sensor import Sensor
@@ -66,7 +67,7 @@ class ParticleFilter(ParticleBelief):
         self._of_manoeuvre[: len(primitive_map.motion), 0] = primitive_map.motion.cell >= 0
         if self.traffic is not None:
             self._of_manoeuvre[: self.traffic.ends.size, 1] = self.traffic.ends
-        self._noise, self._sensor = _noise(config), sensor
+        self._noise, self._sensor = _noise(config, free=len(primitive_map.motion) + OWN_WAY), sensor
         self._n_threads = os.cpu_count() or 1
         self._threads = ThreadPoolExecutor(self._n_threads - 1, "dirprim") if self._n_threads > 1 else None
 
@@ -123,11 +124,11 @@ class ParticleFilter(ParticleBelief):
         self._split(smoothing.joint_moments, (now.weight, now.sample), pairs, (), each_ns=40.0)
         return mean, covariance
 
-    def predict(self, slot: IntArray, dt_s: FloatArray) -> None:
-        """Move the particles by the map's motion model. (v,), (v,) seconds."""
+    def predict(self, slot: IntArray, dt_s: FloatArray, cue: Cue | None = None) -> None:
+        """Move the particles by the map's motion model, under a cue by Eq. 4. (v,), (v,) seconds."""
         self.step += 1
         self._split(
-            _kernels.advance, (self._table, ALONE, self.cloud, _kernels.NO_SCENE), (slot, dt_s), (),
+            _kernels.advance, (under(self._table, cue), ALONE, self.cloud, _kernels.NO_SCENE), (slot, dt_s), (),
             each_ns=60.0,
         )  # fmt: skip
         self.cloud.since_s[slot] += dt_s
@@ -149,9 +150,7 @@ class ParticleFilter(ParticleBelief):
             _measuring.weigh, (self.cloud,), (slot, self._columns(slot, measured), evidence), (self._noise,),
             each_ns=8.0,
         )  # fmt: skip
-        unexplained = ~(np.exp(evidence[:, 1]) >= 2.0 * self._noise.outlier)  # so that a NaN is unexplained
-        unexplained |= ~np.isfinite(evidence[:, 0])
-        return Evidence(evidence[:, 0], unexplained, evidence[:, 2] > 0.0)
+        return Evidence(evidence[:, 0], evidence[:, 1] == 0.0, evidence[:, 2] > 0.0)
 
     def weigh_by_cue(self, slot: IntArray, cue: Cue) -> FloatArray:
         """Weigh particles by a cue of the turn some seconds later, Eq. 4. (v,) -> (v,) as `OnMap.weigh_by_cue`."""
@@ -226,14 +225,15 @@ class ParticleFilter(ParticleBelief):
             other.result()
 
 
-def _noise(config: FilterConfig) -> _measuring.Noise:
+def _noise(config: FilterConfig, *, free: int) -> _measuring.Noise:
     outlier, astray = config.outlier_probability, config.motion_outlier_probability
     concentration = np.array(1.0 / config.direction_noise**2)
     return _measuring.Noise(
         few=min(_conditioning.FEWEST, config.resample_below),
-        outlier=outlier / OUTLIER_EXTENT_M**2,
-        kept=1.0 - outlier,
+        outlier=outlier,
+        lost=outlier or LOST,
         leaves=config.innovation_outlier_rate,
+        free=free,
         direction_concentration=float(concentration),
         direction_scale=(1.0 - astray) * 2.0 * np.pi * float(np.exp(-von_mises.log_normaliser(concentration))),
         direction_outlier=astray,

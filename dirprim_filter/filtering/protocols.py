@@ -106,6 +106,10 @@ class OnMap(Protocol):
         """The samples behind the beliefs, until the next step; `vehicle` counts the slots given."""
         ...
 
+    def predict(self, slot: IntArray, dt_s: FloatArray, cue: Cue | None = None) -> None:
+        """As a `BayesFilter`'s, of vehicles that give a cue: what they do next is drawn from the product of Eq. 4."""
+        ...
+
     def weigh_by_cue(self, slot: IntArray, cue: Cue) -> FloatArray:
         """Weigh beliefs by a cue, Eq. 4. (v,) -> (v,) natural log of the cue's density under each, per radian."""
         ...

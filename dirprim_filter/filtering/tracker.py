@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterator
 from dataclasses import replace
 from os import PathLike
 
@@ -229,36 +230,29 @@ class Tracker:
         return held
 
     def _advance(self, slot: IntArray, time_ns: IntArray | int) -> None:
-        """Predict beliefs (v,) to a time, with the cues that their vehicles give (Eq. 4).
-
-        A cue bears on what a vehicle does at each instant: its weights are taken away before a step, and given again
-        after it. So a signal that lasts counts once, also where it was given long before the turn.
-        """
+        """Predict beliefs (v,) to a time, under the cues that their vehicles give (Eq. 4)."""
         roster = self._roster
         dt_ns = time_ns - roster.time_ns[slot]
         slot, dt_ns = slot[dt_ns > 0], dt_ns[dt_ns > 0]
         if slot.size:
-            self._weigh_by_cues(slot, away=True)
             if self._recorder is not None:
                 self._recorder.moves(slot, roster.time_ns[slot])
-            self._filter.predict(slot, _seconds(dt_ns))
+            lasts = roster.time_ns[slot] - roster.cue_ns[slot] < CUE_LASTS_S * 1e9
+            for cue, rows in self._by_cue(slot, lasts & (roster.cue_ns == roster.measured_ns)[slot]):
+                if cue is None or self._on_map is None:
+                    self._filter.predict(slot[rows], _seconds(dt_ns[rows]))
+                else:
+                    self._on_map.predict(slot[rows], _seconds(dt_ns[rows]), cue)
             roster.time_ns[slot] += dt_ns
-            roster.cue[slot[self._time_ns - roster.measured_ns[slot] > CUE_LASTS_S * 1e9]] = np.nan
-            self._weigh_by_cues(slot)
 
-    def _weigh_by_cues(self, slot: IntArray, *, away: bool = False) -> None:
-        """Weigh beliefs (v,) by the cues that their vehicles give; or take these weights `away`.
-
-        The inverse of a von Mises is, but for a factor, the one of the opposite direction.
-        """
+    def _by_cue(self, slot: IntArray, counts: BoolArray) -> Iterator[tuple[Cue | None, IntArray]]:
+        """Rows of slots (v,) for each cue that their vehicles give, as far as it counts (v,), and of the others."""
         cue = self._roster.cue[slot]
-        given = ~np.isnan(cue[:, 0])
-        if self._on_map is None or not given.any():
-            return
+        given = np.flatnonzero(counts & ~np.isnan(cue[:, 0]))
+        yield None, np.setdiff1d(np.arange(slot.size), given)
         kinds, kind = np.unique(cue[given], axis=0, return_inverse=True)
         for i, (turn, concentration) in enumerate(kinds):
-            one = Cue(turn=turn + np.pi * away, concentration=concentration)
-            self._on_map.weigh_by_cue(slot[given][kind == i], one)
+            yield Cue(turn=turn, concentration=concentration), given[kind == i]
 
     def _weigh(self, slot: IntArray, measured: Detections, by_chance: FloatArray, *, is_scan: bool) -> IntArray:
         """Weigh the moved beliefs by the frame's measurements; reinitialise those that have lost their vehicle.
@@ -267,11 +261,12 @@ class Tracker:
             (v,) slots of those.
         """
         roster, now_ns = self._roster, self._time_ns
-        signals = (measured.cue == roster.cue[slot]) | (np.isnan(measured.cue) & np.isnan(roster.cue[slot]))
-        changed = slot[~signals.all(axis=1)]
-        self._weigh_by_cues(changed, away=True)
-        roster.cue[slot] = measured.cue
-        self._weigh_by_cues(changed)
+        given = ~np.isnan(measured.cue[:, 0])
+        lasts = (measured.cue == roster.cue[slot]).all(axis=1) & (now_ns - roster.cue_ns[slot] <= CUE_LASTS_S * 1e9)
+        roster.cue[slot[given]], roster.cue_ns[slot[given]] = measured.cue[given], now_ns
+        for cue, rows in self._by_cue(slot, given & ~lasts):
+            if cue is not None and self._on_map is not None:  # at its onset: it weighs once, however long it lasts
+                self._on_map.weigh_by_cue(slot[rows], cue)
         since_s = _seconds(now_ns - roster.measured_ns[slot])
         if self._with_innovations:
             moments = self._filter.moments(slot)

@@ -60,6 +60,7 @@ class MotionTable(NamedTuple):
     candidates: Candidates
     row: FloatArray  # (z, 16), accelerations, turns and distances of those that stand are 0
     ahead: FloatArray  # (z,) radians by which vehicles have turned some seconds later
+    favour: FloatArray  # (z,) how well each fits a cue, by which it is drawn; (0,) without one
     begin: IntArray  # (n_cells + 1,) the first manoeuvre of each cell
     first: IntArray  # (z + 1,)
     following: IntArray  # (t,)
@@ -95,13 +96,13 @@ def weigh_eight(
 @njit(**EXACT | INLINED)
 def weigh_candidates(
     may: Candidates, cell: int, stands: bool, x: float, y: float, direction: float, speed: float, rate: int,
-    cumulative: SingleArray,
+    favour: FloatArray, cumulative: SingleArray,
 ) -> float:  # fmt: skip
     """How often each manoeuvre of a cell is driven, times how well course, pace and path fit it; -> their sum.
 
     Fills the cumulative sums of these weights, (m, LANES). How well is the density of the manoeuvre divided by the
     background one: Student's t of three variables with `DEGREES` of freedom, for a vehicle that fits none well still
-    follows the road.
+    follows the road. Under a cue they are weighed by how well they fit it too: the product of Eq. 4.
     """
     extent = may.center[cell, 2]
     east = single(min(max(x - may.center[cell, 0], -extent), extent))
@@ -113,6 +114,8 @@ def weigh_candidates(
     for b in range(first, last):
         eight, often = cumulative[b - first], may.field[b, rate : rate + LANES]
         weigh_eight(may.field[b], often, east, north, heading, slowed, scale, log_pace, eight)
+        for k in range(LANES if favour.size else 0):
+            eight[k] *= single(favour[may.number[b, k]])
         total = add_up(eight, total)
     return float(total)
 
@@ -136,10 +139,11 @@ def take_up(
     `before` and `cell` are -1 for none. `BY_TIME` weighs manoeuvres by how long they are driven, as found at any
     instant, `BY_VISITS` by how often they are entered. `weight` is room, (most, LANES).
     """
-    stands, total = speed < STANDING_BELOW, 0.0
+    stands, total, free = speed < STANDING_BELOW, 0.0, table.background_visits
     if cell >= 0:
-        total = weigh_candidates(table.candidates, cell, stands, x, y, direction, speed, rate, weight)
-    share = table.background_visits / (total + table.background_visits)
+        total = weigh_candidates(table.candidates, cell, stands, x, y, direction, speed, rate, table.favour, weight)
+        free *= favour_of(table, len(table.row) - 1)
+    share = free / (total + free)
     drawn = random.uniform(state)
     if total > 0.0 and drawn >= share:
         may, at = table.candidates, 2 * cell + stands
@@ -172,11 +176,18 @@ def follow(table: MotionTable, before: int, low: int, high: int, stands: bool, l
     for t in range(table.first[before], table.first[before + 1]):
         z, count = table.following[t], table.count[t]
         if low <= z < high and (table.row[z, STARTS] > 0.0) == stands:
-            total += count
+            favour = favour_of(table, z)
+            total += count * favour
             drawn = random.uniform(state) * total
-            if drawn < count:
-                after = z if drawn < count - less else -1
+            if drawn < count * favour:
+                after = z if drawn < (count - less) * favour else -1
     return after
+
+
+@njit(**EXACT | INLINED)
+def favour_of(table: MotionTable, z: int) -> float:
+    """How well a manoeuvre fits the cue; 1 without one."""
+    return float(table.favour[z]) if table.favour.size else 1.0
 
 
 @njit(**EXACT | INLINED)

@@ -20,6 +20,7 @@ from dirprim_filter.primitives._manoeuvres import (
 from dirprim_filter.primitives.motion import COURSE_RATE, CREEP, JUMP_S, LAGS, PUSH_RATE, Motion
 
 if TYPE_CHECKING:
+    from dirprim_filter.primitives.cues import Cue
     from dirprim_filter.primitives.primitive_map import PrimitiveMap
 
 OWN_WAY_S = 4.0
@@ -27,7 +28,8 @@ OWN_WAY_S = 4.0
 COURSE_FLOOR, PACE_FLOOR, PATH_FLOOR = 0.02, 0.03, 0.1
 """Radians, log speed, metres, added to a manoeuvre's spreads where its fit to a vehicle is computed."""
 
-
+LEAST_LOG_FIT = -60.0
+"""Of a manoeuvre to a cue, against the one that fits best: weights are in single precision."""
 BACKGROUND_DENSITY = np.exp(-2.0)
 """Density of course, log pace and path outside of cells, in those units: any direction or pace, on three lanes."""
 
@@ -55,6 +57,7 @@ def motion_table(primitives: PrimitiveMap, *, step_s: float = 0.1, own_way_rate:
         candidates=may,
         row=np.vstack([row, _own_way(motion)]),
         ahead=np.append(motion.turn_ahead, 0.0),
+        favour=np.empty(0),
         begin=np.searchsorted(of_cell, np.arange(cells.n_cells + 1)),
         first=np.append(motion.first, motion.first[-1]),
         following=motion.following,
@@ -66,6 +69,18 @@ def motion_table(primitives: PrimitiveMap, *, step_s: float = 0.1, own_way_rate:
         own_way_rate=own_way_rate,
         step_s=step_s,
     )
+
+
+def under(table: MotionTable, cue: Cue | None) -> MotionTable:
+    """The motion of a vehicle that gives a cue: it draws its next manoeuvre from p_t p_0 (Eq. 4).
+
+    p_t is the cue, a mixture of von Mises over the direction some seconds later, relative to the current one, at the
+    mean turn of each manoeuvre; p_0 is how often it is driven. A cue that fits none of a place says nothing there.
+    """
+    if cue is None:
+        return table
+    log_fit = cue.belief(0.0).log_density(table.ahead)
+    return table._replace(favour=np.exp(np.maximum(log_fit - log_fit.max(), LEAST_LOG_FIT)))
 
 
 def _own_way(motion: Motion) -> FloatArray:

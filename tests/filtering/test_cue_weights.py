@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from dirprim_filter import forecast
+from dirprim_filter import Tracks, forecast, learn_primitives
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.filtering import ConstantVelocityKalman, Tracker
 from dirprim_filter.filtering.particle_filter import ParticleFilter
 from dirprim_filter.primitives.cues import TURN_LEFT, TURN_RIGHT, Cue
+from dirprim_filter.primitives.motion_table import under
 from moving import motion_by_hand, squares
 from situations import TRUSTING
 
@@ -72,7 +73,19 @@ def test_a_particle_is_weighed_by_how_far_its_manoeuvre_turns(started):
     np.testing.assert_allclose(cloud.weight[0], weight * fit / (weight @ fit), rtol=1e-9)
 
 
-def signalling(side, *, n_frames=8, off_from=99):
+def test_a_cue_sharper_than_any_turn_weighs_too_and_one_that_fits_no_turn_says_nothing(started):
+    slot, cloud = np.zeros(1, np.int64), started.cloud
+    cloud.weight[0, cloud.manoeuvre[0] == 2] = 0.0
+    cloud.weight[0] /= cloud.weight[0].sum()
+    assert np.isfinite(started.weigh_by_cue(slot, Cue(turn=np.pi / 2, concentration=1e4)))
+    assert np.isfinite(cloud.weight[0]).all()
+    assert cloud.weight[0, (cloud.manoeuvre[0] != 0) & (cloud.manoeuvre[0] != 2)].sum() == pytest.approx(1.0)
+    favour = under(started._table, Cue(turn=np.pi / 2, concentration=1e4)).favour
+    assert favour[2] == 1.0
+    assert 0.0 < favour[0] == favour[1] < 1e-20
+
+
+def signalling(side, *, n_frames=8, off=()):
     """Particles after some frames of a vehicle on the crossing that signals from the third on; none is resampled."""
     still = {"resample_below": 0.0, "innovation_outlier_rate": 0.0, "noise_m": 20.0}
     tracker = Tracker(
@@ -80,22 +93,72 @@ def signalling(side, *, n_frames=8, off_from=99):
         rng=np.random.default_rng(3),
     )  # fmt: skip
     for i in range(n_frames):
-        cue = [[np.nan, np.nan] if side is None or not 2 <= i < off_from else [side * np.pi / 2, 2.5]]
+        cue = [[np.nan, np.nan] if side is None or i < 2 or i in off else [side * np.pi / 2, 2.5]]
         place = [[MIDDLE[0] + i, MIDDLE[1]]]
         frame = tracker.track(Detections(track_id=["a"], time_ns=[i * 10**8], position=place, cue=cue))
     return frame.particles.thinned(1)
 
 
 @pytest.mark.parametrize("side", [1, -1])
-def test_through_the_tracker_a_signal_weighs_once_however_long_it_lasts_and_not_when_it_is_off(side):
-    without, given = signalling(None), signalling(side)
+@pytest.mark.parametrize("off", [(), (6, 7), (3, 5, 7)], ids=["lasts", "ends", "blinks"])
+def test_through_the_tracker_a_signal_weighs_once_at_its_onset(side, off):
+    without, given = signalling(None), signalling(side, off=off)
     np.testing.assert_array_equal(given.manoeuvre, without.manoeuvre)
     turn = np.append(TURNS, np.zeros(20))[given.manoeuvre]
     expected = without.weight * stats.vonmises(2.5, loc=side * np.pi / 2).pdf(turn)
     np.testing.assert_allclose(given.weight, expected / expected.sum(), rtol=1e-9)
     its_side, other = (particles.weight[turn == side * np.pi / 2].sum() for particles in (given, without))
     assert its_side > 2 * other
-    np.testing.assert_allclose(signalling(side, off_from=6).weight, without.weight, rtol=1e-9)
+
+
+FORK_M, TURN_M, PACE = 150.0, 10.0, 8.0
+"""Where a road forks into two that are driven as often, straight on and right by an arc; m/s."""
+
+
+def forking(turns, *, from_m=0.0, to_m=300.0, dt_s=0.1, aside=0.0):
+    """(n, 2), (n,) places and courses of a vehicle each `dt_s`."""
+    way = np.arange(from_m, to_m, PACE * dt_s)
+    angle = np.clip((way - FORK_M) / TURN_M, 0.0, np.pi / 2) * turns
+    on = np.maximum(way - FORK_M - TURN_M * np.pi / 2, 0.0)
+    east = np.where(turns, np.minimum(way, FORK_M) + TURN_M * np.sin(angle), way)
+    return np.column_stack([east, aside - turns * (TURN_M * (1.0 - np.cos(angle)) + on)]), -angle
+
+
+@pytest.fixture(scope="module")
+def fork():
+    """A map of forty vehicles, each second of which turns."""
+    parts, rng = [], np.random.default_rng(0)
+    for k in range(40):
+        place, course = forking(k % 2, aside=rng.normal(0.0, 0.3))
+        time_ns = 10**8 * np.arange(len(place))
+        parts.append(
+            Tracks(track_id=np.full(len(place), f"v{k}"), time_ns=time_ns, position=place, direction=course,
+                   speed=np.full(len(place), PACE))
+        )  # fmt: skip
+    return learn_primitives(Tracks.concatenate(parts), tessellation="grid", cell_size=8.0, rng=rng)
+
+
+def mean_north(fork, seen_to_m, cue, *, seconds=2.5):
+    """Of a vehicle so long after it was last seen; without noise of measurements."""
+    place, _ = forking(False, from_m=seen_to_m - 40.0, to_m=seen_to_m)
+    tracker = Tracker(fork, tracking=TRUSTING, rng=np.random.default_rng(1))
+    signal = [[np.nan, np.nan] if cue is None else [cue, 2.5]]
+    for i, z in enumerate(place):
+        tracker.step(Detections(track_id=["a"], time_ns=[i * 10**8], position=[z], cue=signal))
+    later_ns = (len(place) - 1) * 10**8 + round(seconds * 1e9)
+    return tracker.step(Detections.none(), time_ns=later_ns).position[0, 1]
+
+
+def test_past_the_fork_the_signal_is_not_forgotten(fork):
+    """All that turn are as far south as `right`; of two ways as usual Eq. 4 gives exp(2.5) to 1 that it turns."""
+    for seen_to in (FORK_M, FORK_M - 15.0):
+        seconds = 2.5 + (FORK_M - seen_to) / PACE
+        right = forking(True, to_m=FORK_M + 2.5 * PACE)[0][-1, 1]
+        cues = (None, -np.pi / 2, np.pi / 2)
+        without, given, wrong = (mean_north(fork, seen_to, cue, seconds=seconds) for cue in cues)
+        assert 0.3 * right > without > 0.75 * right
+        assert given < 0.8 * right
+        assert wrong > 0.4 * right
 
 
 def test_a_filter_that_does_not_know_what_comes_next_takes_no_cue():

@@ -67,7 +67,7 @@ def test_an_outlier_leaves_a_belief_as_it_was():
     assert evidence.is_unexplained[0]
     np.testing.assert_array_equal(bayes.cloud.position, before.cloud.position)
     np.testing.assert_array_equal(bayes.cloud.speed, before.cloud.speed)
-    assert np.ptp(bayes.cloud.weight[0]) == 0.0
+    assert bayes.moments(SLOT)[0, 9] > 0.95 * bayes.n_particles
 
 
 def speed_error(seed, *, given):
@@ -89,7 +89,7 @@ def speed_error(seed, *, given):
 
 
 def test_a_sensor_of_three_seconds_knows_speeds():
-    """Of sixteen vehicles 0.23 m/s, with a deviation of 0.02; without the draws 1.5, with one of 0.5: means of eight
-    are beyond the limits once in a hundred thousand runs."""
+    """Of sixteen vehicles 0.23 m/s, with a deviation of 0.02; without the draws 0.66: means of eight are beyond the
+    first limit once in a hundred thousand runs."""
     assert np.mean([speed_error(seed, given=True) for seed in range(8)]) < 0.27
-    assert np.mean([speed_error(seed, given=False) for seed in range(8)]) > 0.7
+    assert np.mean([speed_error(seed, given=False) for seed in range(8)]) > 0.4

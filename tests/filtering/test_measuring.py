@@ -8,7 +8,7 @@ from scipy.special import logsumexp
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.filtering import ParticleFilter
-from dirprim_filter.filtering.measurements import FASTEST, OUTLIER_EXTENT_M
+from dirprim_filter.filtering.measurements import FASTEST, TAIL
 from situations import one_cell_map
 
 CONFIG = FilterConfig(n_particles=400, noise_m=0.7, outlier_probability=0.02)
@@ -40,7 +40,8 @@ def fits(made, seen, row, *, outliers=True):
     fit = stats.multivariate_normal(seen.position[row], covariance).logpdf(cloud.position[s])
     if outliers:
         e = CONFIG.outlier_probability
-        fit = np.logaddexp(np.log(1 - e) + fit, np.log(e / OUTLIER_EXTENT_M**2))
+        tail = stats.multivariate_t(seen.position[row], TAIL**2 * covariance, df=2).logpdf(cloud.position[s])
+        fit = np.logaddexp(np.log(1 - e) + fit, np.log(e) + tail)
     e = CONFIG.motion_outlier_probability
     if np.isfinite(seen.direction[row]) and not seen.speed[row] < 0.5:
         course = stats.vonmises(1 / CONFIG.direction_noise**2, loc=seen.direction[row]).pdf(cloud.direction[s])

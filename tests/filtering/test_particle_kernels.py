@@ -160,7 +160,7 @@ def test_birth_follows_the_measurement_and_the_primitive_there(ring_map):
     key = np.array([7], np.uint64)
     first = np.array([0])
     row = np.array([[*place, np.nan, np.nan, 0.0, 1e-4, 1e-4]])
-    noise = particle_filter._noise(FilterConfig())
+    noise = particle_filter._noise(FilterConfig(), free=0)
     _measuring.begin(ring_map.compiled(), belief.cloud, first, key, row, noise)
     _kernels.initialise_motion(table, belief.cloud, first)
     x, y = (belief.cloud.position[0] - place).T

@@ -55,7 +55,7 @@ def test_weights_of_manoeuvres_are_what_the_slow_twin_says(rate, n_moving):
             slow = slow[:-1] if speed > 0.1 else slow[-1:]
             for quicker in (0.0, 1e-2):
                 room = np.full((3, 8), np.nan, np.float32)
-                given = (*place, direction, (speed + 0.3) * (1.0 + quicker) - 0.3, rate, room)
+                given = (*place, direction, (speed + 0.3) * (1.0 + quicker) - 0.3, rate, np.empty(0), room)
                 total = _manoeuvres.weigh_candidates(may, cell, speed < 0.1, *given)
                 found = room[~np.isnan(room)]
                 assert len(found) % 8 == 0
