@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from dirprim_filter.estimates import Particles, TrackedFrame
 from dirprim_filter.filtering import _kernels
 from dirprim_filter.filtering._kernels import Cloud
 from dirprim_filter.filtering.belief import birth_key, weigh_by_cue
+from dirprim_filter.filtering.transition import Moving, Transition
 from dirprim_filter.primitives._leader import ALONE, LeaderTable
 from dirprim_filter.primitives._manoeuvres import MotionTable
 from dirprim_filter.primitives.cues import Cue
@@ -47,6 +49,7 @@ def forecast(
     n_samples: int = 100,
     cue: Cue | None = None,
     config: FilterConfig | None = None,
+    transition: Transition | None = None,
     rng: np.random.Generator,
 ) -> FloatArray:
     """Sample where a vehicle goes from here.
@@ -61,6 +64,7 @@ def forecast(
         n_samples: number of rollouts.
         cue: of where the vehicle will turn, such as its turn signal.
         config: parameters of the motion model.
+        transition: moves the vehicle in place of the map, whatever the cue.
         rng: draws the rollouts.
 
     Returns:
@@ -80,6 +84,8 @@ def forecast(
     check("speed", pace)
     place, one = as_floats("position", position, "2")[None], np.ones(1)
     state = Particles(position=place, direction=course, speed=pace, weight=one, vehicle=one.astype(np.int64))
+    if transition is not None:
+        return rolled(transition, state, n_samples, dt, rng=rng)
     table, n = motion_table(primitive_map, step_s=config.step_s), n_samples * (1 if cue is None else PER_SAMPLE)
     cloud = sampled(table, state, n, rng=rng)
     if cue is not None:  # Eq. 4: of the particles those are drawn that fit it
@@ -132,6 +138,23 @@ def sampled(table: MotionTable, belief: Particles, n_samples: int, *, rng: np.ra
     placed = (drawn.manoeuvre >= 0) & (drawn.manoeuvre < table.begin[-1])
     cloud.manoeuvre[0, placed], cloud.push[0, placed] = drawn.manoeuvre[placed], drawn.push[placed]
     return cloud
+
+
+def rolled(
+    transition: Transition, belief: Particles, n_samples: int, dt_s: FloatArray, *, rng: np.random.Generator
+) -> FloatArray:  # fmt: skip
+    """(n, n_steps, 2) metres: samples of one vehicle's belief, moved by a law of motion whose own columns begin."""
+    drawn = belief[rng.choice(len(belief), n_samples, p=belief.weight / belief.weight.sum())]
+    particles = Moving(
+        position=drawn.position.copy(), direction=drawn.direction.copy(), speed=drawn.speed.copy(),
+        own=np.zeros((n_samples, transition.n_own)),
+    )  # fmt: skip
+    transition.begin(particles, rng)
+    path = np.empty((n_samples, dt_s.size, 2))
+    for t, dt in enumerate(dt_s.tolist()):
+        transition.advance(particles, dt, rng)
+        path[:, t] = particles.position
+    return path
 
 
 def projected(
@@ -196,15 +219,16 @@ class Forecaster:
         dt_s: seconds between positions.
         n_samples: rollouts of each vehicle.
         config: parameters of the motion model.
+        transition: moves vehicles in place of the map.
         rng: one number drawn from it seeds every forecast.
     """
 
     def __init__(
         self, primitive_map: PrimitiveMap, sinks: Sequence[Callable[[Forecasts], None]], *, every_s: float = 1.0,
         horizon_s: float = 5.0, dt_s: float = 0.25, n_samples: int = 30, config: FilterConfig | None = None,
-        rng: np.random.Generator,
+        transition: Transition | None = None, rng: np.random.Generator,
     ) -> None:  # fmt: skip
-        config = config or FilterConfig()
+        config, self._transition = config or FilterConfig(), transition
         self._table = motion_table(primitive_map, step_s=config.step_s)
         self._response = leader_table(primitive_map, config)
         self._sinks = sinks
@@ -226,6 +250,10 @@ class Forecaster:
         """Rollouts of the frame's vehicles from their particles, (n, n_samples, n_steps, 2) metres."""
         particles = frame.particles.thinned(1)
         seeds = [int(birth_key(self._seed, name, frame.time_ns)) for name in frame.names]
+        if self._transition is not None:
+            moved = partial(rolled, self._transition, n_samples=self._n_samples, dt_s=self._dt_s)
+            each = enumerate(map(np.random.default_rng, seeds))
+            return np.array([moved(particles.of(row), rng=rng) for row, rng in each])
         clouds = [
             sampled(self._table, particles.of(row), self._n_samples, rng=np.random.default_rng(seed))
             for row, seed in enumerate(seeds)

@@ -67,7 +67,7 @@ class ParticleFilter(ParticleBelief):
         self._of_manoeuvre[: len(primitive_map.motion), 0] = primitive_map.motion.cell >= 0
         if self.traffic is not None:
             self._of_manoeuvre[: self.traffic.ends.size, 1] = self.traffic.ends
-        self._noise, self._sensor = _noise(config, free=len(primitive_map.motion) + OWN_WAY), sensor
+        self._noise, self._sensor = _noise(config, free=len(self._table.row) + OWN_WAY), sensor
         self._n_threads = os.cpu_count() or 1
         self._threads = ThreadPoolExecutor(self._n_threads - 1, "dirprim") if self._n_threads > 1 else None
 
