@@ -201,7 +201,7 @@ def shifted(name, metres):
 
 def test_the_gain_is_paired_over_vehicles():
     """Of point forecasts the energy is the distance: 1 and 2 % less with vehicles a hundredfold apart in difficulty."""
-    ring = ring_traffic(np.random.default_rng(0), n_vehicles=12)
+    ring = ring_traffic(np.random.default_rng(0), n_vehicles=24)
     metres = np.geomspace(0.1, 10.0, 24)
     less = np.random.default_rng(1).permutation(np.repeat([0.99, 0.98], 12))
     methods = (shifted("a", metres * less), shifted("b", metres))
