@@ -89,7 +89,7 @@ def _own_way(motion: Motion) -> FloatArray:
     lasts = lasting[0] + 2.0 * np.maximum(1.0 - np.arange(1, LAGS) / OWN_WAY_S, 0.0) @ lasting[1:]
     along, across = np.maximum(white + JUMP_S * lasts, 0.0)
     often = motion.seconds * ((motion.cell < 0) & (motion.start_rate == 0.0))
-    speed = np.sqrt(often @ np.square(np.exp(motion.log_pace) - CREEP) / often.sum())
+    speed = np.sqrt(often @ np.square(np.exp(motion.log_pace) - CREEP) / max(often.sum(), 1e-9))
     row = np.zeros(N_COLUMNS)
     row[[PUSH, TURNING, DISTANCE]] = np.sqrt(along * PUSH_RATE / 2.0), np.sqrt(across) / max(speed, CREEP), 1.0
     return row

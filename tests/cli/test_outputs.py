@@ -80,7 +80,7 @@ def test_every_option_that_names_an_output_is_marked(command):
     """Of every command: what is called like an output is asked for before the work, and nothing else is."""
     hints = get_type_hints(command.callback, include_extras=True)
     marked = {name for name, hint in hints.items() if WRITTEN in getattr(hint, "__metadata__", ())}
-    called = {"output", "save", "plot"} & set(inspect.signature(command.callback).parameters)
+    called = {"output", "save", "plot", "screenshot"} & set(inspect.signature(command.callback).parameters)
     assert marked == called
     assert command.callback.__wrapped__.__name__ == command.callback.__name__  # `checked` wraps what is registered
 

@@ -53,7 +53,7 @@ def test_a_store_is_made_told_learned_from_and_forgotten_from(logs, capsys):
         ("store learn fleet -o m --min-vehicles 20", "20 vehicles passed the same way"),
         ("learn fleet 1.mcap -o m", "a store is learned from alone"),
         ("learn fleet -o m --topics x", "fixes how its logs are read"),
-        ("store add fleet 1.mcap --set frame=odom", "expected frame None"),
+        ("store add fleet 1.mcap --set frame=odom", "expected no frame"),
         ("store add fleet absent.mcap", "absent.mcap: No such file"),
         ("store add fleet none.mcap 1.mcap", "none.mcap"),
         ("store forget fleet 1.mcap", "is not in the store"),

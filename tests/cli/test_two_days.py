@@ -9,6 +9,7 @@ import pytest
 
 from cli.commands import DONE, FAILED, dirprim
 from dirprim_filter import load_map, read_estimates, read_tracks
+from dirprim_filter.origin import _topocentric
 from dirprim_filter.recording.tables.files import cells_of
 
 pytest.importorskip("pyproj", reason="the extra geo is not installed")
@@ -93,6 +94,7 @@ def test_another_plane_is_refused(days, capsys, monkeypatch):
         assert said in " ".join(capsys.readouterr().err.split())
     assert dirprim(f"track metres.csv {TRACK} --set origin={origin}") != FAILED
     monkeypatch.setitem(__import__("sys").modules, "pyproj", None)
+    _topocentric.cache_clear()
     for command in (f"track day2.csv {TRACK}", "export out.mcap -o out.csv"):
         capsys.readouterr()
         assert dirprim(command) == FAILED

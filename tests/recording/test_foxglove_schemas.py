@@ -9,7 +9,7 @@ from mcap_files import json_log, scene, write_protobuf_log
 from ros_messages import header, write_ros2_log
 
 from dirprim_filter.cli.main import run
-from dirprim_filter.origin import Origin
+from dirprim_filter.origin import Origin, _topocentric
 from dirprim_filter.recording.errors import MissingExtraError, NoTracksError
 from dirprim_filter.recording.losses import INVALID, UNDECODABLE
 from dirprim_filter.recording.reader import read_track_logs, read_tracks
@@ -77,6 +77,7 @@ def test_satellite_fixes_come_on_a_local_plane(tmp_path, caplog, monkeypatch):
     np.testing.assert_allclose(log.tracks.position, PLACE[1:], atol=1e-3)
     assert log.losses.dropped[INVALID] == 1
     monkeypatch.setitem(__import__("sys").modules, "pyproj", None)
+    _topocentric.cache_clear()
     with pytest.raises(MissingExtraError, match=r"pip install 'dirprim-filter\[geo\]'"):
         read_tracks(path)
 
