@@ -142,7 +142,7 @@ class Motion:
             (2,) m^2/s^3, the density of what is white: pushes, and turns by chance; and (`LAGS`, 2) m^2/s^4, the
             covariance of what manoeuvres accelerate and turn now with that of multiples of `JUMP_S` later, 0 first.
         """
-        n, free = self.n_placed, np.s_[self.n_placed :]
+        free = np.s_[self.n_placed :]
         share = self.seconds[free] / max(self.seconds[free].sum(), 1e-9)
         speed = np.where(self.start_rate[free] == 0.0, np.exp(self.log_pace[free]) - CREEP, 0.0)
         white = share @ np.column_stack(
@@ -150,10 +150,8 @@ class Motion:
         )
         gained = self.acceleration[free, 0] + self.acceleration[free, 3] * speed
         kept = np.column_stack([gained, speed**2 * self.curvature[free]])
-        chain = (
-            csr_array((self.count, self.following, self.first), shape=(len(self), len(self)))[free, free].toarray()
-            + 1e-9
-        )
+        counts = csr_array((self.count, self.following, self.first), shape=(len(self), len(self)))[free, free]
+        chain = counts.toarray() + 1e-9
         chain, later, lasting = chain / chain.sum(axis=1, keepdims=True), kept, []
         for _ in range(LAGS):
             lasting.append(share @ (kept * later))
