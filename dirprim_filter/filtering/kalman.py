@@ -139,7 +139,7 @@ class ConstantVelocityKalman:
 
 def _white_acceleration(dt_s: FloatArray) -> FloatArray:
     """(v,) -> (v, 4, 4) of a density of 1 m^2/s^3."""
-    from filterpy.common import Q_continuous_white_noise  # noqa: PLC0415 - it takes a second, also who tracks by a map
+    from filterpy.common import Q_continuous_white_noise  # noqa: PLC0415 - it takes a second of whoever does not smooth
 
     lengths, row = np.unique(dt_s, return_inverse=True)
     noise = [Q_continuous_white_noise(2, dt, 1.0, block_size=2, order_by_dim=False) for dt in lengths]
