@@ -2,6 +2,8 @@
 
 from typing import NamedTuple, Protocol, TypeVar
 
+import numpy as np
+
 from tessellation._arrays import AnyArray, FloatArray, IntArray
 
 OUTSIDE = -1
@@ -11,7 +13,9 @@ OUTSIDE = -1
 class Tessellation(Protocol):
     """A division of a part of the plane into cells, numbered 0 to n_cells - 1.
 
-    What compiled code needs to find the cell of a point follows from these: see `locate.locator_of`.
+    What compiled code needs to find the cell of a point follows from these: see `locate.locator_of`. Map files hold
+    cells that have `parameters` too, a dict of numbers and of int64 or float64 arrays (n) or (n, k): the keyword
+    arguments by which their class makes them again.
     """
 
     @property
@@ -36,6 +40,32 @@ class Tessellation(Protocol):
     def polygons(self) -> list[FloatArray]:
         """One (k, 2) polygon for each cell, counter-clockwise, not closed."""
         ...
+
+
+Given = TypeVar("Given", bound=Tessellation)
+
+
+def checked(cells: Given, position: FloatArray) -> Given:
+    """The cells, if they say of positions (n, 2) which cell covers them: of cells that users write.
+
+    Raises:
+        ValueError: centres or areas of another shape, or cells that do not exist.
+    """
+    n, name = cells.n_cells, type(cells).__name__
+    found = np.asarray(cells.cell_of(position))
+    for what, got, shape in (
+        ("cell_of", found.shape, (len(position),)),
+        ("centers", np.shape(cells.centers), (n, 2)),
+        ("area", np.shape(cells.area), (n,)),
+    ):
+        if got != shape:
+            raise ValueError(f"tessellation: expected {name}.{what} of shape {shape}, got {got}")
+    if found.dtype.kind not in "iu" or (found.size and not (found.min() >= OUTSIDE and found.max() < n)):
+        span = f"{found.min()} to {found.max()}" if found.size else "none"
+        raise ValueError(
+            f"tessellation: expected {name}.cell_of int64 from {OUTSIDE} to {n - 1}, got {found.dtype}, {span}"
+        )
+    return cells
 
 
 class Members(NamedTuple):

@@ -16,31 +16,40 @@ class Hexagons:
     Hexagon (q, r) has its centre at origin + width (q + r / 2, ROW r).
     """
 
-    def __init__(self, position, *, width):
-        self.origin, self.width = position.min(axis=0), width
-        self.axial = np.unique(self._axial(position), axis=0)
+    def __init__(self, *, origin, width, axial):
+        self.origin, self.width, self.axial = origin, width, axial
         self.n_cells = len(self.axial)
         self.area = np.full(self.n_cells, ROW * width**2)
         self.centers = self.origin + width * (self.axial @ np.array([[1.0, 0.0], [0.5, ROW]]))
         self._number = {tuple(hexagon): cell for cell, hexagon in enumerate(self.axial.tolist())}
 
-    def _axial(self, position):
-        """(n, 2) the hexagon of each position: the nearest, by the three axes of which one follows from the others."""
-        x, y = np.clip((position - self.origin) / self.width, -FARTHEST, FARTHEST).T
-        exact = np.stack([x - y / ROW / 2, y / ROW, -x - y / ROW / 2])
-        q, r, s = np.rint(exact)
-        dq, dr, ds = np.abs([q, r, s] - exact)
-        q, r = np.where((dq > dr) & (dq > ds), -r - s, q), np.where((dr >= dq) & (dr > ds), -q - s, r)
-        return np.column_stack([q, r]).astype(np.int64)
+    @classmethod
+    def covering(cls, position, *, width):
+        origin = position.min(axis=0)
+        return cls(origin=origin, width=width, axial=np.unique(_axial(position, origin, width), axis=0))
+
+    @property
+    def parameters(self):
+        return {"origin": self.origin, "width": self.width, "axial": self.axial}
 
     def cell_of(self, position):
         position = np.asarray(position, dtype=np.float64)
         if not np.isfinite(position).all():
             raise ValueError("position: expected finite numbers")
-        hexagons, of = np.unique(self._axial(position.reshape(-1, 2)), axis=0, return_inverse=True)
+        hexagons, of = np.unique(_axial(position.reshape(-1, 2), self.origin, self.width), axis=0, return_inverse=True)
         cells = np.array([self._number.get(tuple(hexagon), OUTSIDE) for hexagon in hexagons.tolist()], dtype=np.int64)
         return cells[of].reshape(position.shape[:-1])
 
     def polygons(self):
         turn = np.pi / 6 + np.pi / 3 * np.arange(6)
         return list(self.centers[:, None] + self.width / np.sqrt(3) * np.column_stack([np.cos(turn), np.sin(turn)]))
+
+
+def _axial(position, origin, width):
+    """(n, 2) the hexagon of each position: the nearest, by the three axes of which one follows from the others."""
+    x, y = np.clip((position - origin) / width, -FARTHEST, FARTHEST).T
+    exact = np.stack([x - y / ROW / 2, y / ROW, -x - y / ROW / 2])
+    q, r, s = np.rint(exact)
+    dq, dr, ds = np.abs([q, r, s] - exact)
+    q, r = np.where((dq > dr) & (dq > ds), -r - s, q), np.where((dr >= dq) & (dr > ds), -q - s, r)
+    return np.column_stack([q, r]).astype(np.int64)

@@ -29,6 +29,7 @@ from dirprim_filter.primitives.rows import TrackRows
 from dirprim_filter.tracks import Tracks
 from tessellation import GridTessellation, Tessellation, VoronoiTessellation, fit_jointly
 from tessellation.gates import residents
+from tessellation.protocols import checked
 
 logger = logging.getLogger(__name__)
 
@@ -91,7 +92,8 @@ def learn_primitives(
         The map; the same for the same tracks and the same state of `rng`.
 
     Raises:
-        ValueError: no rows, options that do not exist or exclude each other, or weights that are none.
+        ValueError: no rows, options that do not exist or exclude each other, weights that are none, or cells that do
+            not say which covers a row.
         TypeError: no tracks, no configuration, or no generator.
     """
     require("rng", rng, np.random.Generator)
@@ -107,6 +109,8 @@ def learn_primitives(
         weight = as_floats("weight", weight, f"{tracks.n_tracks}")
         if not (weight > 0).all():
             raise ValueError(f"weight: expected positive numbers, got {weight.min()} for track {weight.argmin()}")
+    if not isinstance(tessellation, str):
+        tessellation = checked(tessellation, tracks.position)
     rows = TrackRows.thinned(tracks, interval_s=config.row_interval_s, weight=weight)
     config = config.scaled(rows.scale.length)
     background = learn_background(rows, config, rng=rng.spawn(1)[0])  # what it draws changes no cell

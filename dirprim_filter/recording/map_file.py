@@ -13,14 +13,14 @@ Source: https://arrow.apache.org/docs/format/Columnar.html.
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
-from dirprim_filter.arrays import AnyArray, FloatArray, require
+from dirprim_filter.arrays import AnyArray, FloatArray, IntArray, require
 from dirprim_filter.columns import GLOBE
 from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.origin import Origin
@@ -35,6 +35,7 @@ from dirprim_filter.recording.foxglove.elements import origin_of, scene_transfor
 from dirprim_filter.recording.foxglove.scenes import map_scenes
 from dirprim_filter.recording.log_writer import LogWriter
 from tessellation import GridTessellation, Tessellation, VoronoiTessellation
+from tessellation.protocols import checked
 
 logger = logging.getLogger(__name__)
 
@@ -61,7 +62,7 @@ def save_map(
     Raises:
         OutputExistsError: the file exists, and `force` is not set.
         OSError: the file cannot be written.
-        TypeError: it is no map.
+        TypeError: it is no map, or its cells do not state their parameters, see `tessellation.Tessellation`.
     """
     require("primitive_map", primitive_map, PrimitiveMap)
     with LogWriter(path, metadata=metadata or {}, force=force) as log:
@@ -82,13 +83,14 @@ def write_map(log: LogWriter, primitive_map: PrimitiveMap, time_ns: int, origin:
         log.write(topic_names.MAP_SCENE, drawn, time_ns)
 
 
-def load_map(path: str | Path) -> PrimitiveMap:
+def load_map(path: str | Path, *, tessellation: Callable[..., Tessellation] | None = None) -> PrimitiveMap:
     """Read a map that `save_map` wrote.
 
     A damaged file gives its map if its message can be read; that is logged.
 
     Args:
         path: the MCAP file.
+        tessellation: the class of its cells, where they are neither squares nor Voronoi cells.
 
     Raises:
         RecordingError: the file is no map, or a part of it is missing or broken.
@@ -98,7 +100,7 @@ def load_map(path: str | Path) -> PrimitiveMap:
     found, scan = [], Scan(Log(path), topic_names.MAP.__eq__)
     try:
         found = [message for message in scan if message.schema_name == MAP.name]
-        primitive_map = map_of(_data(found))
+        primitive_map = map_of(_data(found), tessellation)
     except ValueError as error:
         if not found and not scan.damage:
             raise RecordingError(
@@ -129,6 +131,7 @@ def _data(found: list[Message]) -> bytes:
 
 
 Columns = dict[str, AnyArray]
+KINDS = ("grid", "voronoi")
 VERSION = 7
 """Of the message; a map of another version has other tables."""
 MOST_MODES = 4096
@@ -137,10 +140,11 @@ MOST_MODES = 4096
 ROW = ("weight", "mean_direction", "concentration", "shape", "rate", "bend", "gain")
 """Columns of the modes of each cell."""
 LEADER = ("gain", "push", "trust", "start_rate")
-SCALARS = {
-    "version": int, "n_background_modes": int, "kind": str, "origin_x": float, "origin_y": float, "cell_size": float,
-    "n_x": int, "n_y": int, "background_visits": float,
-}  # fmt: skip
+SCALARS = {"version": int, "n_background_modes": int, "kind": str, "background_visits": float}
+SQUARES = {"origin_x": float, "origin_y": float, "cell_size": float, "n_x": int, "n_y": int}
+"""Scalars of grids and of Voronoi cells."""
+OTHERS = "cells."
+"""Before the names of parameters of other cells."""
 TABLES = {
     "row": (*ROW, "n_rows"), "place": ("center",), "square": ("number",),
     "manoeuvre": ("cell", "mode", "n_following", *FLOATS), "transition": ("following", "count"), "leader": LEADER,
@@ -156,9 +160,7 @@ def encoded(primitive_map: PrimitiveMap) -> bytes:
         TypeError: cells of a kind that the message does not know.
     """
     cells, motion = primitive_map.tessellation, primitive_map.motion
-    if not isinstance(cells, GridTessellation | VoronoiTessellation):
-        raise TypeError(f"tessellation: expected a GridTessellation or VoronoiTessellation, got {type(cells).__name__}")
-    grid = cells if isinstance(cells, GridTessellation) else cells.region
+    kind, scalars, square, others = _cells(cells)
     direction, speed = primitive_map.direction, primitive_map.speed
     rows = (
         direction.weight, direction.mean_direction, direction.concentration, speed.shape, speed.rate,
@@ -166,23 +168,42 @@ def encoded(primitive_map: PrimitiveMap) -> bytes:
     )  # fmt: skip
     leaders = [motion.leader] if motion.leader else []
     scalars = {
-        "version": VERSION, "n_background_modes": primitive_map.n_background_modes,
-        "kind": "grid" if grid is cells else "voronoi", "origin_x": float(grid.origin[0]),
-        "origin_y": float(grid.origin[1]), "cell_size": float(grid.cell_size), "n_x": grid.n_x, "n_y": grid.n_y,
+        "version": VERSION, "n_background_modes": primitive_map.n_background_modes, "kind": kind, **scalars,
         "background_visits": float(motion.background_visits),
     }  # fmt: skip
     scalars |= primitive_map.origin._asdict() if primitive_map.origin else {}
     return encode(scalars, {
         "row": dict(zip(ROW, rows, strict=True)) | {"n_rows": primitive_map.n_rows},
-        "place": {"center": cells.centers.reshape(-1, 2)}, "square": {"number": grid.square},
+        "place": {"center": cells.centers.reshape(-1, 2)}, "square": {"number": square},
         "manoeuvre": {"cell": motion.cell, "mode": motion.mode, "n_following": np.diff(motion.first)}
         | {name: getattr(motion, name) for name in FLOATS},
         "transition": {"following": motion.following, "count": motion.count},
-        "leader": {name: np.array([getattr(of, name) for of in leaders], np.float64) for name in LEADER},
+        "leader": {name: np.array([getattr(of, name) for of in leaders], np.float64) for name in LEADER}, **others,
     })  # fmt: skip
 
 
-def map_of(data: bytes) -> PrimitiveMap:
+def _cells(cells: Tessellation) -> tuple[str, dict[str, Any], IntArray, dict[str, Columns]]:
+    """Their kind, scalars, squares and further tables."""
+    if isinstance(cells, GridTessellation | VoronoiTessellation):
+        kind, grid = ("grid", cells) if isinstance(cells, GridTessellation) else ("voronoi", cells.region)
+        values = *grid.origin.tolist(), float(grid.cell_size), grid.n_x, grid.n_y
+        return kind, dict(zip(SQUARES, values, strict=True)), grid.square, {}
+    kind, parameters = type(cells).__name__, getattr(cells, "parameters", None)
+    if not isinstance(parameters, Mapping):
+        raise TypeError(f"tessellation: expected {kind}.parameters, a dict by which {kind} makes it again, got none")
+    scalars, tables = dict[str, Any](), dict[str, Columns]()
+    for name, value in parameters.items():
+        array = np.asarray(value)
+        if array.dtype not in (np.int64, np.float64) or array.ndim > 2:
+            raise TypeError(f"tessellation: expected {kind}.parameters of int64 or float64, got {name} = {value!r}")
+        if array.ndim:
+            tables[OTHERS + name] = {"value": array}
+        else:
+            scalars[OTHERS + name] = array.item()
+    return kind, scalars, np.empty(0, np.int64), tables
+
+
+def map_of(data: bytes, tessellation: Callable[..., Tessellation] | None = None) -> PrimitiveMap:
     """The map of a message.
 
     What it holds is checked where it is made into a value: by `Motion`, `PrimitiveMap` and what these consist of.
@@ -197,7 +218,7 @@ def map_of(data: bytes) -> PrimitiveMap:
     if len(modes) < 2 or modes[1] > MOST_MODES:
         raise ValueError(f"row.weight: expected at most {MOST_MODES} modes, got {modes[1:]}")
     return PrimitiveMap(
-        tessellation=_tessellation(scalars, tables["square"]["number"], tables["place"]["center"]),
+        tessellation=_tessellation(scalars, tables, tessellation),
         direction=VonMisesMixture(**{name: rows[name] for name in ROW[:3]}),
         speed=Gamma(**{name: rows[name] for name in ROW[3:5]}),
         n_rows=rows["n_rows"],
@@ -216,7 +237,7 @@ def _check(scalars: dict[str, Any], tables: dict[str, Columns]) -> None:
     if version != VERSION:
         age = "an older" if version < VERSION else "a newer"
         raise ValueError(f"it is of {age} version, {version}; this program reads version {VERSION}")
-    for name, kind in SCALARS.items():
+    for name, kind in (SCALARS | (SQUARES if scalars.get("kind") in KINDS else {})).items():
         if type(scalars.get(name)) is not kind:
             raise ValueError(f"{name}: expected {kind.__name__}, got {scalars.get(name)!r}")
     for name, columns in TABLES.items():
@@ -227,14 +248,26 @@ def _check(scalars: dict[str, Any], tables: dict[str, Columns]) -> None:
                 raise ValueError(f"{name}.{of}: expected {np.dtype(dtype)}, got {got}")
 
 
-def _tessellation(shared: dict[str, Any], square: AnyArray, place: AnyArray) -> Tessellation:
-    if shared["kind"] not in ("grid", "voronoi"):
-        raise ValueError(f"kind: expected grid or voronoi, got {shared['kind']!r}")
-    squares = GridTessellation(
-        origin=np.array([shared["origin_x"], shared["origin_y"]]), cell_size=shared["cell_size"],
-        n_x=shared["n_x"], n_y=shared["n_y"], square=square,
-    )  # fmt: skip
-    return squares if shared["kind"] == "grid" else VoronoiTessellation(generators=place, region=squares)
+def _tessellation(
+    scalars: dict[str, Any], tables: dict[str, Columns], others: Callable[..., Tessellation] | None
+) -> Tessellation:
+    kind, center = scalars["kind"], tables["place"]["center"]
+    if kind in KINDS:
+        squares = GridTessellation(
+            origin=np.array([scalars["origin_x"], scalars["origin_y"]]), cell_size=scalars["cell_size"],
+            n_x=scalars["n_x"], n_y=scalars["n_y"], square=tables["square"]["number"],
+        )  # fmt: skip
+        return squares if kind == "grid" else VoronoiTessellation(generators=center, region=squares)
+    if others is None or getattr(others, "__name__", None) != kind:
+        raise ValueError(
+            f"kind: expected grid or voronoi, got {kind!r}; load_map(path, tessellation={kind}) takes its class"
+        )
+    given = scalars | {name: columns.get("value") for name, columns in tables.items()}
+    parameters = {name.removeprefix(OTHERS): value for name, value in given.items() if name.startswith(OTHERS)}
+    try:
+        return checked(others(**parameters), center)
+    except (TypeError, LookupError, ArithmeticError) as error:  # of the class of a user, by numbers of a file
+        raise ValueError(f"kind: {kind} cannot be made of {', '.join(parameters)}: {error}") from error
 
 
 def _motion(background_visits: float, tables: dict[str, Columns]) -> Motion:

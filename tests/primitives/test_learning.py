@@ -1,14 +1,17 @@
 """What is learned from tracks of which the truth is known, and from tracks that hold next to nothing."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.special import polygamma
 
-from dirprim_filter import forecast, learn_primitives, save_map
+from dirprim_filter import forecast, learn_primitives, load_map, save_map
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.distributions.angles import difference
 from dirprim_filter.distributions.von_mises import mean_resultant_length
 from dirprim_filter.primitives.rows import TrackRows
+from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.tracks import Tracks
 from hexagons import Hexagons
 from situations import ring_traffic, rows_of, simulated
@@ -242,10 +245,11 @@ def test_given_cells_are_kept_and_one_cell_of_a_grid_is_one(ring):
     assert (learned.tessellation.cell_of(ring.position) == 0).all()
 
 
-def test_a_map_lives_in_any_cells(ring, ring_map):
+def test_a_map_lives_in_any_cells_and_its_file_holds_them(ring, ring_map, tmp_path):
     """Hexagons, nothing of which is compiled: the density is as proper as that of squares, and about as high."""
-    few = ring[ring.track_id < 12]
-    found = learn_primitives(few, tessellation=Hexagons(few.position, width=6.0), rng=np.random.default_rng(0))
+    few, path = ring[ring.track_id < 12], tmp_path / "hexagons.mcap"
+    cells = Hexagons.covering(few.position, width=6.0)
+    found = learn_primitives(few, tessellation=cells, rng=np.random.default_rng(0))
     rows = few.position, few.direction, few.speed
     assert found.log_density(*rows).mean() == pytest.approx(ring_map.log_density(*rows).mean(), abs=0.3)
     turn = np.linspace(-np.pi, np.pi, 721)[:-1]
@@ -254,5 +258,51 @@ def test_a_map_lives_in_any_cells(ring, ring_map):
     paths = forecast(found, position=few.position[0], direction=few.direction[0], speed=few.speed[0], horizon_s=1.0,
                      n_samples=20, rng=np.random.default_rng(0))  # fmt: skip
     assert np.isfinite(paths).all()
-    with pytest.raises(TypeError, match="tessellation: expected a GridTessellation or"):
-        save_map(found, "hexagons.mcap")
+    save_map(found, path)
+    loaded = load_map(path, tessellation=Hexagons)
+    for name, value in cells.parameters.items():
+        np.testing.assert_array_equal(loaded.tessellation.parameters[name], value)
+    np.testing.assert_array_equal(loaded.log_density(*rows), found.log_density(*rows))
+    for given, line in ((None, r"'Hexagons'; load_map\(path, tessellation=Hexagons\)"), (Blind, "cannot be made of"),
+                        (Halved, r"Hexagons.cell_of of shape \(\d+,\), got")):  # fmt: skip
+        with pytest.raises(RecordingError, match=line):
+            load_map(path, tessellation=given)
+    with pytest.raises(TypeError, match=r"expected Hexagons\.parameters, a dict .* makes it again, got none"):
+        save_map(replace(found, tessellation=Blind(cells)), path, force=True)
+
+
+class Blind:
+    """Cells that do not state their parameters."""
+
+    def __init__(self, cells):
+        self.n_cells, self.centers, self.area = cells.n_cells, cells.centers, cells.area
+        self.cell_of, self.polygons = cells.cell_of, cells.polygons
+
+
+class Halved(Hexagons):
+    """Cells that answer for every other position."""
+
+    def cell_of(self, position):
+        return super().cell_of(position)[::2]
+
+
+Blind.__name__ = Halved.__name__ = "Hexagons"
+
+
+@pytest.mark.parametrize(
+    ("wrong", "line"),
+    [
+        ({"cell_of": lambda at: np.zeros((len(at), 1), np.int64)}, r"Cells\.cell_of of shape \(\d+,\), got \(\d+, 1\)"),
+        ({"cell_of": lambda at: np.full(len(at), 7)}, r"Cells\.cell_of int64 from -1 to \d, got int64, 7 to 7"),
+        ({"cell_of": lambda at: np.zeros(len(at))}, r"Cells\.cell_of int64 from -1 to \d, got float64, 0\.0 to 0\.0"),
+        ({"centers": np.zeros((2, 3))}, r"Cells\.centers of shape \(\d, 2\), got \(2, 3\)"),
+        ({"area": 1.0}, r"Cells\.area of shape \(\d,\), got \(\)"),
+    ],
+)
+def test_cells_that_answer_wrongly_are_refused_before_anything_is_learned(ring, wrong, line):
+    cells = Blind(Hexagons.covering(ring.position[:3], width=200.0))
+    cells.__class__ = type("Cells", (Blind,), {})
+    for name, value in wrong.items():
+        setattr(cells, name, value)
+    with pytest.raises(ValueError, match=f"tessellation: expected {line}"):
+        learn_primitives(ring, tessellation=cells, rng=np.random.default_rng(0))

@@ -18,7 +18,7 @@ LAYOUTS = {
     "voronoi": lambda at: Layout(
         VoronoiTessellation.lloyd(at, n_cells=60, rng=np.random.default_rng(0), reach=3.0), 0.25
     ),
-    "hexagons": lambda at: Layout(Hexagons(at, width=4.0), 0.0),
+    "hexagons": lambda at: Layout(Hexagons.covering(at, width=4.0), 0.0),
 }
 
 

@@ -25,7 +25,7 @@ def lloyd(position):
 
 
 def hexagons(position):
-    return Hexagons(position, width=4.0)
+    return Hexagons.covering(position, width=4.0)
 
 
 TWINS = [grid, voronoi, lloyd, hexagons]
