@@ -5,9 +5,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from tessellation._arrays import AnyArray, BoolArray, FloatArray, IntArray, as_floats
+from tessellation._arrays import AnyArray, BoolArray, FloatArray, IntArray, as_floats, read_only
 
-__all__ = ["AnyArray", "ArrayValue", "BoolArray", "FloatArray", "IntArray", "as_floats", "require"]
+__all__ = ["AnyArray", "ArrayValue", "BoolArray", "FloatArray", "IntArray", "as_floats", "read_only", "require"]
 
 Kind = TypeVar("Kind")
 SUCH = {

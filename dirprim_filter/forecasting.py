@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from dirprim_filter.arrays import FloatArray, as_floats, require
+from dirprim_filter.arrays import FloatArray, as_floats, read_only, require
 from dirprim_filter.columns import check
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.distributions.highest_density import Region, highest_density_regions
@@ -117,7 +117,7 @@ def leader_table(primitive_map: PrimitiveMap, config: FilterConfig) -> LeaderTab
     response = primitive_map.motion.leader
     if response is None or config.interaction == "none":
         return ALONE
-    return LeaderTable(response.gain, response.push, response.trust, response.start_rate)
+    return LeaderTable(read_only(response.gain), response.push, response.trust, read_only(response.start_rate))
 
 
 def sampled(table: MotionTable, belief: Particles, n_samples: int, *, rng: np.random.Generator) -> Cloud:

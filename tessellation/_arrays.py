@@ -1,6 +1,6 @@
 """The array types of every signature, and the check of an argument at a public function."""
 
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -9,6 +9,7 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 AnyArray = npt.NDArray[Any]
+Array = TypeVar("Array", bound=npt.NDArray[Any])
 
 FARTHEST_M = 1e9
 """Places are nearer: compiled code squares distances and counts pixels, which must not overflow."""
@@ -45,6 +46,13 @@ def as_floats(name: str, value: npt.ArrayLike, shape: str) -> FloatArray:
             f"{name}: expected finite numbers, got {np.atleast_1d(array)[tuple(place)]} at {tuple(map(int, place))}"
         )
     return array
+
+
+def read_only(array: Array) -> Array:
+    """A view that cannot be written to: of arrays that may be and may not be numba compiles two kernels."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
 
 
 def as_places(name: str, value: npt.ArrayLike, shape: str) -> FloatArray:

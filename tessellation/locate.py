@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from tessellation._arrays import FloatArray, IntArray
+from tessellation._arrays import FloatArray, IntArray, read_only
 from tessellation._kernels import SIDE, Locator, locate_all
 from tessellation.protocols import Tessellation
 
@@ -160,5 +160,5 @@ def _candidates(generators: FloatArray, center: FloatArray, half: float) -> tupl
 def cells_of(locator: Locator, position: FloatArray) -> IntArray:
     """The cell of each position. (n, 2) -> (n,)."""
     cell = np.empty(len(position), np.int64)
-    locate_all(locator, position, cell)
+    locate_all(locator, read_only(position), cell)
     return cell

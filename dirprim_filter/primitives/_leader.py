@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from dirprim_filter.arrays import FloatArray, IntArray
+from dirprim_filter.arrays import FloatArray, IntArray, read_only
 from dirprim_filter.primitives._manoeuvres import BEND_E, BEND_N, CURVATURE, STANDING_BELOW, STARTS, MotionTable
 from dirprim_filter.primitives.leader import N_FEATURES, N_PACES
 
@@ -45,7 +45,7 @@ class LeaderTable(NamedTuple):
     start_rate: FloatArray  # (3,)
 
 
-ALONE = LeaderTable(np.zeros(N_FEATURES), 0.0, 0.0, np.zeros(N_PACES))
+ALONE = LeaderTable(read_only(np.zeros(N_FEATURES)), 0.0, 0.0, read_only(np.zeros(N_PACES)))
 """Of vehicles that go on as if no other vehicle were there."""
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 from scipy.special import gammaln
 
-from dirprim_filter.arrays import FloatArray, IntArray
+from dirprim_filter.arrays import FloatArray, IntArray, read_only
 from dirprim_filter.distributions import _random as random
 from dirprim_filter.distributions import von_mises
 from dirprim_filter.distributions._elementary import EXACT, exp, squared_sine, wrap
@@ -62,9 +62,9 @@ class ModeTable(NamedTuple):
             direction: (n,) radians; None for the density of the speed alone.
             speed: (n,) m/s; None for that of the direction alone.
         """
-        theta, v = (NOTHING if column is None else column for column in (direction, speed))
+        given = (read_only(NOTHING if column is None else column) for column in (position, direction, speed))
         out = np.empty(len(position))
-        log_densities(*self, cell, position, theta, v, out)
+        log_densities(*self, cell, *given, out)
         return out
 
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dirprim_filter.arrays import FloatArray
+from dirprim_filter.arrays import FloatArray, read_only
 from dirprim_filter.primitives._manoeuvres import (
     DISTANCE,
     LANES,
@@ -60,8 +60,8 @@ def motion_table(primitives: PrimitiveMap, *, step_s: float = 0.1, own_way_rate:
         favour=np.empty(0),
         begin=np.searchsorted(of_cell, np.arange(cells.n_cells + 1)),
         first=np.append(motion.first, motion.first[-1]),
-        following=motion.following,
-        count=motion.count,
+        following=read_only(motion.following),
+        count=read_only(motion.count),
         free=np.vstack([free, np.zeros((1, 3))]),
         most=int(np.diff(may.begin).max(initial=0)),
         course_rate=COURSE_RATE,

@@ -3,16 +3,20 @@
 import tempfile
 from collections import Counter
 from dataclasses import fields
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import pytest
+from numba import typeof
 
+from dirprim_filter.config import FilterConfig
 from dirprim_filter.distributions import Gamma, VonMisesMixture
+from dirprim_filter.forecasting import leader_table
 from dirprim_filter.primitives.leader import LeaderResponse
 from dirprim_filter.primitives.motion import FLOATS, Motion
+from dirprim_filter.primitives.motion_table import motion_table
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording import load_map, save_map, topic_names
 from dirprim_filter.recording.container.records import Schema
@@ -93,7 +97,10 @@ def test_what_was_learned_loads_equal_in_equal_bytes_that_any_reader_of_arrow_op
     assert ring_map.motion.count.size > 0
     for name, sent in (("a", ring_map), ("b", ring_map), ("some", some_map(33))):
         save_map(sent, tmp_path / name)
-        assert_equal(load_map(tmp_path / name), sent)
+        loaded = load_map(tmp_path / name)
+        assert_equal(loaded, sent)
+        for table in (motion_table, partial(leader_table, config=FilterConfig(interaction="leader"))):
+            assert typeof(table(loaded)) == typeof(table(sent))  # or each kernel is compiled twice
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
     sent = some_map(20)
     save_map(sent, tmp_path / "map.mcap")

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from dirprim_filter.arrays import AnyArray, IntArray
+from dirprim_filter.arrays import AnyArray, IntArray, read_only
 from dirprim_filter.recording.decoding import _kernels as kernels
 from dirprim_filter.recording.decoding.field_columns import (
     Column,
@@ -163,8 +163,7 @@ class ColumnPlan:
         Raises:
             TooManyRowsError: of more than one message.
         """
-        data = data.view()
-        data.flags.writeable = False  # always: kernels would be compiled for both
+        data = read_only(data)
         n = len(start)
         status = np.zeros(n, np.int64)
         count = np.zeros(self._width.size, np.int64)
