@@ -8,12 +8,6 @@ import tomllib
 from importlib.metadata import packages_distributions
 from pathlib import Path
 
-import pytest
-
-
-def python(code):
-    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
-
 
 def test_what_packages_import_is_installed_with_them():
     root = Path(__file__).parents[1]
@@ -34,39 +28,29 @@ def test_what_packages_import_is_installed_with_them():
     assert not {name for name in others if not {each.lower() for each in found.get(name, [name])} & declared}
 
 
-def test_layers_hold():
-    linter = Path(sys.executable).with_name("lint-imports")
-    root = Path(__file__).parents[1]
-    result = subprocess.run([linter, "--no-cache"], cwd=root, capture_output=True, text=True, check=False)
-    assert result.returncode == 0, result.stdout
+ABSENT = {
+    "dirprim_filter": "numpy numba rerun matplotlib google.protobuf",
+    "tessellation": "numpy",
+    "dirprim_filter.cli.main": "numpy numba rerun matplotlib google.protobuf rich.progress",
+    "dirprim_filter.arrays": "numba scipy",
+    "dirprim_filter.recording.summary": "numba scipy google.protobuf rosbags",
+    "dirprim_filter.evaluation.tracking_experiment": "filterpy scipy.stats",
+    "dirprim_filter.filtering.smoothing": "filterpy scipy.stats scipy.cluster scipy.optimize scipy.sparse.csgraph",
+    "dirprim_filter.replay": "filterpy scipy.stats scipy.cluster scipy.optimize scipy.sparse.csgraph rerun",
+    "dirprim_filter.primitives.learning": "sklearn scipy.stats rerun matplotlib",
+    "dirprim_filter.store.learning": "sklearn scipy.stats filterpy",
+    "dirprim_filter.recording": "sklearn rerun matplotlib",
+}
+"""What is not loaded yet after a module and those above it."""
 
 
-@pytest.mark.parametrize(
-    ("module", "absent"),
-    [
-        ("dirprim_filter", ["numpy", "numba", "rerun", "matplotlib", "google.protobuf"]),
-        ("dirprim_filter.cli.main", ["numpy", "numba", "rerun", "matplotlib", "google.protobuf", "rich.progress"]),
-        ("dirprim_filter.primitives.learning", ["sklearn", "rerun", "matplotlib", "mcap"]),
-        ("dirprim_filter.recording", ["rerun", "matplotlib", "sklearn"]),
-        (
-            "dirprim_filter.replay, dirprim_filter.filtering.smoothing",
-            ["filterpy", "scipy.stats", "rerun", "scipy.cluster", "scipy.optimize", "scipy.sparse.csgraph"],
-        ),
-        ("dirprim_filter.evaluation.tracking_experiment", ["filterpy", "scipy.stats"]),
-        ("dirprim_filter.store.learning, dirprim_filter.primitives.learning", ["scipy.stats", "filterpy"]),
-        ("dirprim_filter.arrays", ["numba", "scipy"]),
-        ("tessellation", ["numpy"]),
-        ("dirprim_filter.recording.summary", ["numba", "scipy", "google.protobuf", "rosbags"]),
-    ],
-)
-def test_heavy_imports_come_late(module, absent):
-    loaded = set(python(f"import sys, {module}; print(*sys.modules)"))
-    assert not loaded & set(absent)
-
-
-def test_the_public_names_are_there_whatever_was_imported_before():
-    code = (
-        "import dirprim_filter.forecasting, dirprim_filter.recording.reader, dirprim_filter as d;"
-        "print(*(callable(getattr(d, n)) for n in d.__all__))"
-    )
-    assert set(python(code)) == {"True"}
+def test_heavy_imports_come_late_and_the_public_names_are_there_whatever_was_imported_before():
+    """In one process, for a start of Python with numba takes seconds."""
+    program = ["import sys", *(f"import {module}; print('{module}', *sys.modules)" for module in ABSENT)]
+    program += ["import dirprim_filter.forecasting, dirprim_filter.recording.reader, dirprim_filter as d"]
+    program += ["print(*(callable(getattr(d, name)) for name in d.__all__))"]
+    done = subprocess.run([sys.executable, "-c", "\n".join(program)], capture_output=True, text=True, check=True)
+    *lines, public = done.stdout.splitlines()
+    for (module, absent), loaded in zip(ABSENT.items(), lines, strict=True):
+        assert not set(absent.split()) & set(loaded.split()), module
+    assert set(public.split()) == {"True"}
