@@ -117,10 +117,9 @@ class Particles(ArrayTable):
         first, end = np.searchsorted(self.vehicle, [row, row + 1])
         return self[slice(first, end)]
 
-    def thinned(self, stride: int, *, rows: BoolArray | None = None) -> Particles:
-        """A copy of every `stride`-th sample; of some vehicles, where `rows` of the frame's estimates are given."""
-        kept = np.arange(0, len(self), stride)
-        return self[kept if rows is None else kept[rows[self.vehicle[kept]]]]
+    def thinned(self, stride: int) -> Particles:
+        """A copy of every `stride`-th sample."""
+        return self[np.arange(0, len(self), stride)]
 
 
 class Samples(Protocol):
@@ -131,8 +130,8 @@ class Samples(Protocol):
 
     def __len__(self) -> int: ...
 
-    def thinned(self, stride: int, *, rows: BoolArray | None = None) -> Particles:
-        """Every `stride`-th sample, 1 for all; of some vehicles, where `rows` of the frame's estimates are given."""
+    def thinned(self, stride: int) -> Particles:
+        """Every `stride`-th sample, 1 for all."""
         ...
 
 
@@ -148,6 +147,7 @@ class TrackedFrame(ArrayValue):
         innovations: (n,) squared distance of each measurement from where it was expected, normalised by its
             covariance; NaN of vehicles that were not measured or are new. Its mean is 2, of chi-squared, where the
             filter is as sure as it should be. None where the tracker was not asked for them.
+        expected: (n, 2) metres, where the measurements were expected; NaN and None likewise.
         reinitialised: ids of the vehicles whose belief no longer explained them, and was reinitialised.
         group: (n,) of the log, each estimate's; left out: all of one.
         assigned: (d,) str, the track that each detection was assigned to; empty for none that has a name yet: an
@@ -159,6 +159,7 @@ class TrackedFrame(ArrayValue):
     estimates: Estimates
     particles: Samples
     innovations: FloatArray | None = None
+    expected: FloatArray | None = None
     reinitialised: tuple[str, ...] = ()
     group: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
     assigned: AnyArray = field(default_factory=lambda: np.empty(0, np.str_))

@@ -8,7 +8,7 @@ import typer
 
 from dirprim_filter.cli import exit_codes
 from dirprim_filter.cli.options import Force, Log, Output, Truth
-from dirprim_filter.cli.reading import Reading, reads_logs
+from dirprim_filter.cli.reading import Reading
 from dirprim_filter.cli.sensing import number_lines
 from dirprim_filter.cli.texts import counted
 
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from dirprim_filter.evaluation.calibration import Calibration
 
 
-@reads_logs()
 def calibrate(
     log: Log,
     truth: Truth,

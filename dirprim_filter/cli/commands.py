@@ -1,7 +1,7 @@
 """How a function becomes a command: its outputs are checked before the work, its `--help` is in groups.
 
-No output takes the place of an input, and none is where it cannot be written: `checked` knows from the options which
-of its files are which.
+No output takes the place of an input, and none is where it cannot be written: the options say which of a command's
+files are which.
 """
 
 from __future__ import annotations
@@ -14,20 +14,21 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext, redirect_stdout, suppress
 from functools import wraps
+from itertools import chain
 from pathlib import Path
-from typing import Annotated, Any, TypeVar, get_type_hints
+from typing import Annotated, Any, get_type_hints
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 
 from dirprim_filter.cli.compiling import mend_cache, quiet_unless_watched
 from dirprim_filter.cli.options import WRITTEN
-from dirprim_filter.cli.reading import OPTIONS
+from dirprim_filter.cli.reading import OPTIONS, Reading
+from dirprim_filter.cli.settings import READING, assignments, deal
 from dirprim_filter.partial_file import PartialFile
 
-Result = TypeVar("Result")
-
-
+MADE = ("reading", "settings")
+"""Parameters of commands that are made of several options."""
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Say more on stderr; show where errors come from.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Only errors on stderr.")]
 
@@ -39,22 +40,52 @@ def say_more_or_less(verbose: bool, quiet: bool) -> None:
 
 
 def register(app: typer.Typer, command: Callable[..., Any]) -> None:
-    """Add a command, whose outputs are checked before its work, and which takes the options of verbosity too."""
-    work = checked(command)
+    """Add a command with options of verbosity; its outputs are checked before its work.
+
+    One with a parameter `reading` has the options of reading, and `--set`. What else `--set` takes its parameter
+    `settings` gets, texts by name; for the help it is annotated with their names, or dataclasses that have them.
+    """
+    hints, named = get_type_hints(command, include_extras=True), inspect.Parameter.KEYWORD_ONLY
+    taken = {name: of.default for name, of in inspect.signature(command).parameters.items() if name not in MADE}
+    if "reading" in hints:
+        own = [getattr(of, "__dataclass_fields__", [of]) for of in getattr(hints.get("settings"), "__metadata__", ())]
+        text = f"NAME=VALUE, again for each: {', '.join([*READING, *chain(*own)])}. See docs/settings.md."
+        hints["given"] = Annotated[list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help=text)]
+        hints |= {name: hint for name, (hint, _) in OPTIONS.items()}
+        taken |= {name: default for name, (_, default) in OPTIONS.items()} | {"given": None}
+    hints |= {"verbose": Verbose, "quiet": Quiet}
+    taken |= {"verbose": False, "quiet": False}
 
     @wraps(command)
     def run(*, verbose: bool, quiet: bool, **given: Any) -> Any:
         say_more_or_less(verbose, quiet)
-        return work(**given)
+        written = _checked(given, {name: getattr(hints[name], "__metadata__", ()) for name in given})
+        mend_cache()
+        quiet_unless_watched()
+        from dirprim_filter.recording.container.source import copied_once  # not for `--help`
 
-    hints = get_type_hints(command, include_extras=True) | {"verbose": Verbose, "quiet": Quiet}
-    own, named = inspect.signature(command).parameters.values(), inspect.Parameter.KEYWORD_ONLY
+        with copied_once(), _beside(written):
+            return command(**_with_reading(given, hints))
+
+    run.__annotations__ = {name: hints[name] for name in taken}
     run.__signature__ = inspect.Signature([  # type: ignore[attr-defined]
-        *(parameter.replace(annotation=hints[parameter.name]) for parameter in own),
-        *(inspect.Parameter(name, named, default=False, annotation=hints[name]) for name in ("verbose", "quiet")),
+        inspect.Parameter(name, named, default=default, annotation=hints[name]) for name, default in taken.items()
     ])  # fmt: skip
-    run.__annotations__ = hints
     app.command(cls=_Grouped)(run)
+
+
+def _with_reading(given: dict[str, Any], hints: Mapping[str, Any]) -> dict[str, Any]:
+    """Arguments as the command takes them: `reading` and `settings` in place of what they are made of."""
+    if "reading" not in hints:
+        return given
+    settings = assignments(given.pop("given") or [])
+    options = {name: of for name, (_, default) in OPTIONS.items() if (of := given.pop(name)) != default}
+    options |= {name: settings.pop(name) for name in READING if name in settings}
+    if "settings" in hints:
+        given["settings"] = settings
+    else:
+        deal(settings)
+    return given | {"reading": Reading(options)}
 
 
 class _Grouped(TyperCommand):
@@ -86,32 +117,18 @@ def titled(commands: Mapping[str, Sequence[str]]) -> type[TyperGroup]:
     return Titled
 
 
-def checked(command: Callable[..., Result]) -> Callable[..., Result]:
-    """The command, which first asks whether its outputs can be written; options that are no outputs are inputs."""
-    marks = {
-        name: getattr(hint, "__metadata__", ()) for name, hint in get_type_hints(command, include_extras=True).items()
-    }
-
-    @wraps(command)
-    def check(*positional: Any, **given: Any) -> Result:
-        arguments = inspect.signature(command).bind(*positional, **given).arguments
-        written = {name: of for name, of in arguments.items() if WRITTEN in marks[name] and isinstance(of, Path)}
-        read = [path for name, of in arguments.items() if WRITTEN not in marks[name] for path in _paths(of)]
-        if any(str(path) == "-" for path in written.values()):
-            raise typer.BadParameter("expected the name of a file, got -; outputs are renamed when they are whole")
-        check_outputs(list(written.values()), read, force=arguments.get("force", False))
-        for path, ends in ((path, mark) for name, path in written.items() for mark in marks[name]):
-            if isinstance(ends, tuple) and path.suffix.lower() not in ends:
-                known, got = ", ".join(ends), path.suffix or "no suffix"
-                raise ValueError(f"{path}: expected a name that ends in {known}, got {got}")
-        mend_cache()
-        quiet_unless_watched()
-        from dirprim_filter.recording.container.source import copied_once  # not for `--help`
-
-        with copied_once(), _beside(list(written.values())):
-            return command(*positional, **given)
-
-    return check
+def _checked(given: Mapping[str, Any], marks: Mapping[str, Sequence[Any]]) -> list[Path]:
+    """The outputs, all of which can be written; options that are marked as no outputs are inputs."""
+    written = {name: of for name, of in given.items() if WRITTEN in marks[name] and isinstance(of, Path)}
+    read = [path for name, of in given.items() if WRITTEN not in marks[name] for path in _paths(of)]
+    if any(str(path) == "-" for path in written.values()):
+        raise typer.BadParameter("expected the name of a file, got -; outputs are renamed when they are whole")
+    check_outputs(list(written.values()), read, force=given.get("force", False))
+    for path, ends in ((path, mark) for name, path in written.items() for mark in marks[name]):
+        if isinstance(ends, tuple) and path.suffix.lower() not in ends:
+            known, got = ", ".join(ends), path.suffix or "no suffix"
+            raise ValueError(f"{path}: expected a name that ends in {known}, got {got}")
+    return list(written.values())
 
 
 def check_outputs(written: Sequence[Path], read: Sequence[Path], *, force: bool) -> None:

@@ -25,6 +25,7 @@ from dirprim_filter.cli.compiling import warm_up
 from dirprim_filter.cli.learn import learn
 from dirprim_filter.cli.options import Force, Seed
 from dirprim_filter.cli.plot import plot
+from dirprim_filter.cli.reading import Reading
 from dirprim_filter.cli.texts import FIGURES, Shown, columns, number
 from dirprim_filter.cli.track import track as track_log
 from dirprim_filter.partial_file import PartialFile
@@ -125,16 +126,19 @@ def demo(
         is_blind, learning, tracking = scene is Scene.BLIND, scene.recording("learn"), scene.recording("track")
         seen, truth, known = _seen(scene, Path(work)), read_tracks(tracking), read_tracks(learning)
         ways = {WITH_MAP: estimates, **{way: Path(work) / f"{way}.mcap" for way in (WITHOUT_MAP, CONSTANT_VELOCITY)}}
-        common = {"log": seen, "seed": seed, "noise": NOISE_M, "force": True}
-        leaving = [f"departure_rate={departure_rate(known)}"] * is_blind
-        straight = common | {"output": ways[CONSTANT_VELOCITY], "motion": "constant-velocity", "given": leaving}
+        common: dict[str, Any] = {"log": seen, "seed": seed, "noise": NOISE_M, "force": True, "reading": Reading()}
+        leaving = {"departure_rate": str(departure_rate(known))} if is_blind else {}
+        straight = common | {"output": ways[CONSTANT_VELOCITY], "motion": "constant-velocity", "settings": leaving}
         rivals = [second.apply_async(_track_straight, (straight, known))]
-        learn(logs=[learning], output=map_file, seed=seed, force=True)
-        without = common | {"output": ways[WITHOUT_MAP], "map_file": map_file, "given": ["without_map=true", *leaving]}
+        learn(logs=[learning], output=map_file, seed=seed, force=True, reading=Reading())
+        without = common | {
+            "output": ways[WITHOUT_MAP], "map_file": map_file, "settings": {"without_map": "true", **leaving},
+        }  # fmt: skip
         rivals.append(second.apply_async(_track, (without,)))
         compiled.wait(LONGEST_S)
         code = track_log(
-            **common, map_file=map_file, output=estimates, save=shown, forecast=FORECAST_S, given=[f"truth={tracking}"],
+            **common, map_file=map_file, output=estimates, save=shown, forecast=FORECAST_S,
+            settings={"truth": str(tracking)},
         )  # fmt: skip
         if code not in (exit_codes.DONE, exit_codes.INPUT_LOST):
             raise typer.Exit(code)
@@ -153,7 +157,7 @@ def demo(
 def _draw(map_file: Path, picture: Path, estimates: Path) -> None:
     """In the second process; who reads what it says may leave."""
     with redirect_stdout(Shown(sys.stdout)):
-        plot(map_file=map_file, output=picture, estimates=estimates, force=True)
+        plot(map_file=map_file, output=picture, estimates=estimates, force=True, reading=Reading())
 
 
 def _seen(scene: Scene, folder: Path) -> Path:
@@ -188,7 +192,7 @@ def _track_straight(way: dict[str, Any], known: Tracks) -> None:
     some = known[np.isin(known.vehicle, rng.permutation(known.n_tracks)[:N_FITTED])]
     noise = config.noise_m * rng.standard_normal(some.position.shape)
     fitted = fitted_acceleration(replace(Detections.of(some), position=some.position + noise), known, config)
-    _track(way | {"given": [*way["given"], f"acceleration_density={fitted.chosen}"]})
+    _track(way | {"settings": way["settings"] | {"acceleration_density": str(fitted.chosen)}})
 
 
 def report(estimates: Estimates, truth: Tracks, *, is_blind: bool) -> TrackingReport:

@@ -32,9 +32,10 @@ def forecast(
 ) -> None:
     """Sample where a vehicle may go.
 
-    `dirprim track --forecast` does so for all vehicles of a log.
+    `dirprim track --forecast` does so for all vehicles of a log. In the picture there are polar plots of the map's
+    density of direction along the paths (the paper's Fig. 8).
 
-    Example: dirprim forecast --map map.mcap --at -30 -1.5 --direction-deg 0 --speed 10 -o forecast.png
+    Example: dirprim forecast --map map.mcap --at -30 -1.5 --direction-deg 0 --speed 10 --horizon 15 -o forecast.png
     """
     import numpy as np
 
@@ -57,7 +58,7 @@ def forecast(
     if output is not None:
         from dirprim_filter.viewer.figures import map_figure, save_figure
 
-        save_figure(map_figure(learned, forecasts={"forecast": paths}), output, force=force)
+        save_figure(map_figure(learned, paths=paths), output, force=force)
     if as_json:
         typer.echo(json.dumps({"dt_s": dt, "paths": paths.tolist()}))
         return

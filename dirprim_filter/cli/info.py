@@ -11,7 +11,7 @@ import typer
 
 from dirprim_filter.cli import exit_codes
 from dirprim_filter.cli.options import Logs
-from dirprim_filter.cli.reading import Reading, reads_logs
+from dirprim_filter.cli.reading import Reading
 from dirprim_filter.cli.texts import columns, counted, say
 
 if TYPE_CHECKING:
@@ -31,7 +31,6 @@ TOPICS_SHOWN = 4
 """Of those that are not read for one reason."""
 
 
-@reads_logs()
 def info(
     logs: Logs,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object for each log.")] = False,

@@ -6,12 +6,11 @@ from pathlib import Path
 from typing import Any
 
 from dirprim_filter.cli import exit_codes, options
-from dirprim_filter.cli.reading import Reading, reads_logs
+from dirprim_filter.cli.reading import Reading
 from dirprim_filter.cli.results import save_learned
 from dirprim_filter.cli.texts import counted
 
 
-@reads_logs()
 def learn(
     logs: options.LogsOrStore,
     output: options.Output,

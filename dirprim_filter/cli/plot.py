@@ -9,13 +9,12 @@ import typer
 
 from dirprim_filter.cli import exit_codes
 from dirprim_filter.cli.options import FILE, Force, MapFile, Picture, existing_log
-from dirprim_filter.cli.reading import Reading, reads_logs
+from dirprim_filter.cli.reading import Reading
 
 SMALLEST_M, LONGEST_TIMES = 1.0, 100.0
 """Of what is shown: the least of a side, and the most of one over the other."""
 
 
-@reads_logs()
 def plot(
     map_file: MapFile,
     output: Picture,

@@ -1,23 +1,19 @@
 """How a command reads its logs: the options that all of them share, and the reading itself.
 
-A command that is decorated with `reads_logs` has one parameter `reading`; on the command line it is an option for each
-of `OPTIONS`, and `--set` for the other fields of `Reading`.
+A command that reads logs has one parameter `reading`; on the command line it is an option for each of `OPTIONS`, and
+`--set` for the other fields of `Reading`.
 """
 
 from __future__ import annotations
 
-import inspect
 import logging
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeVar, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import typer
 
 from dirprim_filter.cli.options import End, Start, Strict, Topics, time_ns
-from dirprim_filter.cli.settings import READING, assignments, deal
 from dirprim_filter.cli.texts import say
 from dirprim_filter.recording.name_patterns import is_table
 
@@ -29,7 +25,6 @@ if TYPE_CHECKING:
     from dirprim_filter.recording.tables.as_log import TableDetections
 
 logger = logging.getLogger(__name__)
-Result = TypeVar("Result")
 
 
 TimeSource = Literal["log", "publish", "header"]
@@ -191,45 +186,3 @@ class Reading:
 def _typed(name: str) -> str:
     """An option or a setting of reading, as it is typed."""
     return f"--{name.replace('_', '-')}" if name in OPTIONS else f"--set {name}=..."
-
-
-def reads_logs(*own: str) -> Callable[[Callable[..., Result]], Callable[..., Result]]:
-    """Decorates a command: in place of its parameter `reading` it has the options of reading, and `--set`.
-
-    Args:
-        own: what else `--set` takes, for the help; the command then has a parameter `settings`, texts by name.
-    """
-    text = f"NAME=VALUE, again for each: {', '.join([*READING, *own])}. See docs/settings.md."
-    given_as = Annotated[list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help=text)]
-
-    def decorate(command: Callable[..., Result]) -> Callable[..., Result]:
-        hints = get_type_hints(command, include_extras=True)
-        named = inspect.Parameter.KEYWORD_ONLY
-        taken = [
-            parameter.replace(kind=named, annotation=hints[name])
-            for name, parameter in inspect.signature(command).parameters.items()
-            if name not in ("reading", "settings")
-        ]
-        taken += [
-            inspect.Parameter(name, named, default=default, annotation=of)
-            for name, (of, default) in (OPTIONS | {"given": (given_as, None)}).items()
-        ]
-
-        @wraps(command)
-        def read(**given: Any) -> Result:
-            settings = assignments(given.pop("given", None) or [])
-            options = {name: given.pop(name, default) for name, (_, default) in OPTIONS.items()}
-            reading = Reading(
-                {name: of for name, of in options.items() if of != OPTIONS[name][1]}
-                | {name: settings.pop(name) for name in READING if name in settings}
-            )
-            if own:
-                return command(reading=reading, settings=settings, **given)
-            deal(settings)
-            return command(reading=reading, **given)
-
-        read.__signature__ = inspect.Signature(taken, return_annotation=hints["return"])  # type: ignore[attr-defined]
-        read.__annotations__ = {parameter.name: parameter.annotation for parameter in taken}
-        return read
-
-    return decorate

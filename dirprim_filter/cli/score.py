@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dirprim_filter.cli.options import Json, Outputs, Truth
-from dirprim_filter.cli.reading import Reading, reads_logs
+from dirprim_filter.cli.reading import Reading
 from dirprim_filter.cli.results import report
 from dirprim_filter.cli.settings import Settings, deal, taken
 from dirprim_filter.cli.texts import counted, figure_lines, number, say
@@ -28,7 +28,6 @@ class Own:
     similarity_m: float = 5.0
 
 
-@reads_logs("similarity_m")
 def score(
     estimates: Outputs,
     truth: Truth,
@@ -42,7 +41,7 @@ def score(
     as_json: Json = False,
     *,
     reading: Reading,
-    settings: Settings,
+    settings: Annotated[Settings, Own],
 ) -> int:
     """Score the outputs of trackers against the truth.
 

@@ -12,7 +12,7 @@ import typer
 from dirprim_filter.cli import exit_codes
 from dirprim_filter.cli.motion import map_of, motion_of
 from dirprim_filter.cli.options import Force, Log, MapOrNone, MaybeTruth, Motion, Output, Particles, Rate, Seed
-from dirprim_filter.cli.reading import Reading, reads_logs
+from dirprim_filter.cli.reading import Reading
 from dirprim_filter.cli.results import read_filter
 from dirprim_filter.cli.settings import Settings
 from dirprim_filter.cli.texts import counted
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from dirprim_filter.tracks import Tracks
 
 
-@reads_logs("fields of FilterConfig and TrackingConfig")
 def smooth(
     estimates: Log,
     output: Output,
@@ -38,7 +37,7 @@ def smooth(
     force: Force = False,
     *,
     reading: Reading,
-    settings: Settings,
+    settings: Annotated[Settings, "fields of FilterConfig and TrackingConfig"],
 ) -> int:
     """Refine the tracks of another tracker, offline.
 

@@ -12,7 +12,7 @@ import typer
 from dirprim_filter.cli import exit_codes, store_maps
 from dirprim_filter.cli.commands import register
 from dirprim_filter.cli.options import Scheduler, StoreFolder, StoreWorkers, month
-from dirprim_filter.cli.reading import Reading, reads_logs
+from dirprim_filter.cli.reading import Reading
 from dirprim_filter.cli.texts import counted, say
 
 store = typer.Typer(
@@ -25,7 +25,6 @@ store = typer.Typer(
 )
 
 
-@reads_logs()
 def add(
     folder: StoreFolder,
     logs: Annotated[list[str], typer.Argument(metavar="LOG...", help="MCAP logs: files, URLs, or quoted patterns.")],

@@ -13,7 +13,7 @@ import typer
 
 from dirprim_filter.cli import exit_codes, options
 from dirprim_filter.cli.motion import map_of, motion_of
-from dirprim_filter.cli.reading import Reading, reads_logs
+from dirprim_filter.cli.reading import Reading
 from dirprim_filter.cli.results import CONFIG_KEY, read_filter
 from dirprim_filter.cli.sensing import sensor_of
 from dirprim_filter.cli.settings import Settings, taken
@@ -42,7 +42,6 @@ class Own:
         acceleration_density: m^2/s^3, of the white acceleration of constant velocity; 0: it is fitted.
         particles_out: so many particles of each vehicle are written, to be looked at.
         truth: a log of true tracks, which the viewer draws and from which it takes the errors.
-        focus: id of the vehicle that the viewer follows; empty: the one with the largest innovations.
 
     Raises:
         ValueError: a number out of its range.
@@ -53,7 +52,6 @@ class Own:
     acceleration_density: float = 0.0
     particles_out: int = 0
     truth: str = ""
-    focus: str = ""
 
     def __post_init__(self) -> None:
         if not 0 <= self.acceleration_density <= LARGEST_DENSITY:
@@ -64,10 +62,6 @@ class Own:
             raise ValueError(f"particles_out: expected at least 0, got {self.particles_out}")
 
 
-@reads_logs(
-    "measured_motion", "without_map", "acceleration_density", "particles_out", "truth", "focus",
-    "fields of FilterConfig and TrackingConfig",
-)  # fmt: skip
 def track(
     log: options.Log,
     output: options.Output,
@@ -97,7 +91,7 @@ def track(
     force: options.Force = False,
     *,
     reading: Reading,
-    settings: Settings,
+    settings: Annotated[Settings, Own, "fields of FilterConfig and TrackingConfig"],
 ) -> int:
     """Track vehicles of a log, with a learned map or without one.
 
@@ -133,7 +127,7 @@ def track(
             "--set",
         ),
         (forecast > 0 and not is_learned, "forecasts are by a map's motion: leave out --motion", "--forecast"),
-        ((own.truth or own.focus) and not watched, "truth and focus need --save, --spawn or --connect", "--set"),
+        (own.truth and not watched, "truth needs --save, --spawn or --connect", "--set"),
     ):
         if is_wrong:
             raise typer.BadParameter(why, param_hint=option)
@@ -180,7 +174,7 @@ def track(
         if watched:
             viewer = files.enter_context(open_viewer(
                 (map_file or log).stem, lost, save=save, spawn=spawn, connect=connect, force=force,
-                n_particles=own.particles_out, focus=own.focus or None, truth=truth,
+                n_particles=own.particles_out, truth=truth,
                 reading=reading.of_truth(truth, *["group"] * (own.truth == str(log))) if truth else None,
             ))  # fmt: skip
             if primitive_map is not None:

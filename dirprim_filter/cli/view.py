@@ -13,7 +13,7 @@ import typer
 
 from dirprim_filter.cli import exit_codes
 from dirprim_filter.cli.options import WRITTEN, Connect, Files, Force, MaybeTruth, Save, Spawn
-from dirprim_filter.cli.reading import OF_TRUTH, Reading, reads_logs
+from dirprim_filter.cli.reading import OF_TRUTH, Reading
 from dirprim_filter.cli.texts import counted, say
 
 if TYPE_CHECKING:
@@ -31,7 +31,6 @@ OF_ESTIMATES = ("start", "end", "strict")
 """Options of reading that act on estimates."""
 
 
-@reads_logs()
 def view(
     files: Files,
     save: Save = None,
@@ -41,7 +40,6 @@ def view(
         float | None, typer.Option(help="Play a log: 2 is twice as fast as recorded, inf does not wait.")
     ] = None,
     truth: MaybeTruth = None,
-    focus: Annotated[str | None, typer.Option(help="Id of the vehicle to follow. Default: the least expected.")] = None,
     screenshot: Annotated[
         Path | None, typer.Option(help="Draw the window, without a screen."), WRITTEN, (".png",)
     ] = None,
@@ -67,14 +65,12 @@ def view(
     if at and screenshot is None:
         raise typer.BadParameter("it is of --screenshot; leave it out", param_hint="--at")
     if recordings:
-        if len(recordings) < len(files) or any((save, connect, rate, truth, focus, reading.given)):
+        if len(recordings) < len(files) or any((save, connect, rate, truth, reading.given)):
             raise ValueError(f"{recordings[0]}: an .rrd opens beside other .rrd files alone, on a screen, as it is")
         return _opened(recordings, at, screenshot, force=force)
     kinds, losses = _sorted(files), Losses()
     if not kinds[LOG] and (rate is None or "topics" not in reading.given):
         reading.require_acting(*OF_ESTIMATES * bool(kinds[RUN]), *(*OF_TRUTH, "group") * bool(truth))
-    if focus is not None and not kinds[RUN] and rate is None:
-        raise typer.BadParameter("there are no estimates in these files; leave it out", param_hint="--focus")
     if len(kinds[RUN]) > 1 and (save or screenshot):
         shown = ", ".join(map(str, kinds[RUN]))
         raise ValueError(f"view: expected at most one run in a file, got {shown}; without --save they open together")
@@ -85,7 +81,7 @@ def view(
         for run in kinds[RUN] or [files[0]]:
             with open_viewer(
                 " ".join(file.stem for file in files), losses, title=run.stem, save=saved,
-                spawn=(spawn or not is_elsewhere) and address is connect, connect=address, force=force, focus=focus,
+                spawn=(spawn or not is_elsewhere) and address is connect, connect=address, force=force,
                 truth=truth or (kinds[LOG][0] if kinds[LOG] and played is None else None),
                 reading=reading.of_truth(truth, "group") if truth else reading, is_asked=truth is not None,
             ) as viewer:  # fmt: skip
@@ -179,7 +175,7 @@ def _sorted(files: Sequence[Path]) -> dict[str, list[Path]]:
             continue
         with scan(file) as log:
             schemas = {channel.schema.name for channel in log.channels()}
-        is_run, is_map = ESTIMATES_SCHEMA in schemas, MAP_SCHEMA.name in schemas
+        is_run, is_map = ESTIMATES_SCHEMA in schemas, MAP_SCHEMA in schemas
         kinds[RUN if is_run else MAP if is_map else LOG].append(file)
         with_map += [file] * (is_run and is_map)
     kinds[MAP] = kinds[MAP] or with_map[:1]

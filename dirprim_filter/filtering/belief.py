@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.estimates import Particles, Samples
 from dirprim_filter.filtering._kernels import Cloud
 from dirprim_filter.primitives._manoeuvres import MotionTable
@@ -81,8 +81,8 @@ class BeliefSamples:
     def __len__(self) -> int:
         return sum(slot.size * belief.n_particles for belief, slot, _ in self._parts)
 
-    def thinned(self, stride: int, *, rows: BoolArray | None = None) -> Particles:
-        """Every `stride`-th sample; of some vehicles, where `rows` are given.
+    def thinned(self, stride: int) -> Particles:
+        """Every `stride`-th sample.
 
         Raises:
             RuntimeError: the beliefs have moved on.
@@ -93,7 +93,7 @@ class BeliefSamples:
                 raise RuntimeError(
                     "these particles have moved on: copy what is wanted of them while their frame is written"
                 )
-            chosen = np.arange(slot.size) if rows is None else np.flatnonzero(rows[first : first + slot.size])
+            chosen = np.arange(slot.size)
             skipped = -chosen * belief.n_particles % stride  # of each vehicle's: all samples are counted through
             count = np.maximum(-((skipped - belief.n_particles) // stride), 0)
             vehicle, before = np.repeat(chosen, count), np.cumsum(count) - count

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from dirprim_filter.arrays import FloatArray
 from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.estimates import Estimates, TrackedFrame
 from dirprim_filter.filtering.belief import BeliefSamples
@@ -70,17 +71,23 @@ class GroupTracker:
             raise ValueError("groups: expected a frame of at least one, got none")
         if len(parts) == 1:
             return parts[0]
-        innovations = [part.innovations for part in parts if part.innovations is not None]
         return TrackedFrame(
             time_ns=parts[0].time_ns,
             detections=Detections.concatenate([part.detections for part in parts]),
             estimates=Estimates.concatenate([part.estimates for part in parts]),
             particles=BeliefSamples.concatenate(part.particles for part in parts),
-            innovations=np.concatenate(innovations) if len(innovations) == len(parts) else None,
+            innovations=_joined([part.innovations for part in parts]),
+            expected=_joined([part.expected for part in parts]),
             reinitialised=tuple(name for part in parts for name in part.reinitialised),
             group=np.concatenate([part.group for part in parts]),
             assigned=np.concatenate([part.assigned for part in parts]),
         )  # fmt: skip
+
+
+def _joined(values: Sequence[FloatArray | None]) -> FloatArray | None:
+    """All of them; None where one is not known."""
+    known = [value for value in values if value is not None]
+    return np.concatenate(known) if len(known) == len(values) else None
 
 
 def _renamed(frame: TrackedFrame, group: int) -> TrackedFrame:

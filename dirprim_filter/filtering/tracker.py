@@ -271,6 +271,7 @@ class Tracker:
         if self._with_innovations:
             moments = self._filter.moments(slot)
             roster.innovation[slot] = innovation(moments, measured, since_s, self.config, self.sensor)
+            roster.expected[slot] = moments[:, :2]
         if self._recorder is None:
             evidence = self._filter.weigh(slot, measured)
         else:
@@ -320,6 +321,7 @@ class Tracker:
             time_ns=time_ns, detections=detections, estimates=estimates,
             particles=Particles.none() if self._on_map is None else self._on_map.particles(slot),
             innovations=np.where(is_measured, roster.innovation[home], np.nan) if self._with_innovations else None,
+            expected=np.where(is_measured[:, None], roster.expected[home], np.nan) if self._with_innovations else None,
             reinitialised=tuple(names[np.isin(home, lost)].tolist()) if lost.size else (),
         )  # fmt: skip
 

@@ -1,11 +1,12 @@
 """A map file: an MCAP log with `/dirprim/map`, a message of its cells, and a drawing of them.
 
-The message `dirprim.PrimitiveMap` is an Arrow IPC stream: one record batch with one row, of numbers, texts and tables:
+The message `dirprim.PrimitiveMap` holds an Arrow IPC stream in protobuf, as Foxglove reports an error for each topic
+that is in no encoding it knows. The stream is one record batch with one row, of numbers, texts and tables:
 `row` with the modes of each cell and then of the background, `place` with the cells' centres, `square` (those that are
 the cells of a grid, or near the data), `manoeuvre` of all cells and then of the background, and `transition` with what
 followed them. A table is a list of structs, so that its columns are of one length however the bytes were made; a column
 of several numbers in each row is one of fixed-size lists. Any reader of Arrow opens it, such as
-`pyarrow.ipc.open_stream(data)`. Where positions have an origin, `latitude_deg` and `longitude_deg` are it.
+`pyarrow.ipc.open_stream(message.arrow)`. Where positions have an origin, `latitude_deg` and `longitude_deg` are it.
 
 Source: https://arrow.apache.org/docs/format/Columnar.html.
 """
@@ -19,6 +20,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+from google.protobuf.message import DecodeError
 
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray, require
 from dirprim_filter.columns import GLOBE
@@ -29,17 +31,19 @@ from dirprim_filter.primitives.motion import FLOATS, Motion
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording import topic_names
 from dirprim_filter.recording.container.log import Log, Scan
-from dirprim_filter.recording.container.records import Message, Schema
+from dirprim_filter.recording.container.records import Message
 from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.foxglove.elements import origin_of, scene_transform, view_of
 from dirprim_filter.recording.foxglove.scenes import map_scenes
 from dirprim_filter.recording.log_writer import LogWriter
+from dirprim_filter.recording.schemas import dirprim_pb2
 from tessellation import GridTessellation, Tessellation, VoronoiTessellation
 from tessellation.protocols import checked
 
 logger = logging.getLogger(__name__)
 
-MAP = Schema(name="dirprim.PrimitiveMap", encoding="arrow", data=b"an Arrow IPC stream of one row")
+MAP = dirprim_pb2.PrimitiveMap.DESCRIPTOR.full_name
+"""Name of the schema."""
 
 
 def save_map(
@@ -77,7 +81,7 @@ def write_map(log: LogWriter, primitive_map: PrimitiveMap, time_ns: int, origin:
     Raises:
         TypeError: as `encoded`.
     """
-    log.write_encoded(topic_names.MAP, MAP, encoded(primitive_map), time_ns)
+    log.write(topic_names.MAP, dirprim_pb2.PrimitiveMap(arrow=encoded(primitive_map)), time_ns)
     log.end_chunk()  # damage to the drawing costs no cell
     for drawn in map_scenes(primitive_map, time_ns, origin):
         log.write(topic_names.MAP_SCENE, drawn, time_ns)
@@ -99,12 +103,12 @@ def load_map(path: str | Path, *, tessellation: Callable[..., Tessellation] | No
     # Of its topic alone: the drawing of a city is many times as large as what it is drawn from.
     found, scan = [], Scan(Log(path), topic_names.MAP.__eq__)
     try:
-        found = [message for message in scan if message.schema_name == MAP.name]
+        found = [message for message in scan if message.schema_name == MAP]
         primitive_map = map_of(_data(found), tessellation)
     except ValueError as error:
         if not found and not scan.damage:
             raise RecordingError(
-                f"{path}: expected a map, with messages of {MAP.name}, got none; make one with `dirprim learn`"
+                f"{path}: expected a map, with messages of {MAP}, got none; make one with `dirprim learn`"
             ) from error
         broken = f" (the file is damaged: {scan.damage[0]})" if scan.damage else ""
         raise RecordingError(
@@ -121,13 +125,20 @@ def _data(found: list[Message]) -> bytes:
     """The bytes of the only message.
 
     Raises:
-        ValueError: there is none, or it is of another form, as maps were before version 5, or before 7 in several.
+        ValueError: there is none, or several, as before version 7; or it is no protobuf, or without a stream, as before
+            version 5.
     """
     if len(found) != 1:
         raise ValueError(f"expected one message, got {len(found)}{', as of an older version' * bool(found)}")
-    if found[0].message_encoding != MAP.encoding:
-        raise ValueError(f"it is of an older version, in {found[0].message_encoding}, not {MAP.encoding}")
-    return found[0].data
+    if found[0].message_encoding == "arrow":  # as of 2026: the stream alone
+        return found[0].data
+    try:
+        message = dirprim_pb2.PrimitiveMap.FromString(found[0].data)
+    except DecodeError as error:
+        raise ValueError(f"expected a message of protobuf, got {error}") from error
+    if not message.arrow:
+        raise ValueError("expected an Arrow stream, got none, as of an older version")
+    return message.arrow
 
 
 Columns = dict[str, AnyArray]

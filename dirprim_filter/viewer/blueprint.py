@@ -20,7 +20,7 @@ from dirprim_filter.viewer.process import ELAPSED
 BACKGROUND = rrb.Background(color=(16, 19, 26))
 LAYERS = (
     "/map/**", "/detections/**", "/assigned", "/truth/**", "/tracks/**", "/smoothed/**", "/particles", "/forecasts/**",
-    "/focus/ring", "/events/marks",
+    "/events/marks",
 )  # fmt: skip
 """Entities of the map view: each can be switched off by its path."""
 ON_EARTH = ("/map/earth", "/truth/**", "/tracks/**")
@@ -28,7 +28,6 @@ EYE_HEIGHT = 1.02
 """Height of the eye as a share of the depth of ground to be seen; the view's opening angle is fixed."""
 VIEW_ASPECT = 1.15
 """The map view's width over its height, when the window is of common shape."""
-POLAR_EXTENT = (-1.45, 1.45)
 
 
 def blueprint(
@@ -49,15 +48,10 @@ def blueprint(
         earth = rrb.MapView(origin="/", contents=[f"+ {layer}" for layer in ON_EARTH], name="On the Earth")
         above = rrb.Vertical(above, earth, row_shares=[2, 1])
     if tracked:
-        panel = rrb.Spatial2DView(
-            origin="/polar", name="Direction of the ringed vehicle (Eq. 4)", background=BACKGROUND,
-            visual_bounds=rrb.VisualBounds2D(x_range=POLAR_EXTENT, y_range=POLAR_EXTENT),
-        )  # fmt: skip
         events = rrb.TextLogView(origin="/events", name="Events")
         read = rrb.Tabs(*((events, legend) if with_truth else (legend, events)))
-        top = rrb.Horizontal(panel, read, column_shares=[1, 1.25])
         plots = [_plots(*pair, with_truth=with_truth) for pair in list(pairwise(PLOTS))[::2]]
-        right = rrb.Vertical(top, *plots, row_shares=[2.0, 1.5, 1.5, 1.2])
+        right = rrb.Vertical(read, *plots)
         whole = rrb.Horizontal(above, right, column_shares=[6, 4])
     else:
         whole = rrb.Horizontal(above, legend, column_shares=[7, 2])

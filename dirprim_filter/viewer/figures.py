@@ -7,6 +7,7 @@ something are in metres, so that they hold at every scale; line widths are in po
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from io import BytesIO
 from itertools import compress
 from pathlib import Path
@@ -39,8 +40,6 @@ PAD = 0.1
 INK, FAINT, CELL_GREY, TRACK_GREY = "0.15", "0.6", "0.87", "0.45"
 ESTIMATES_COLOR, FORECAST_COLOR = "#0072B2", "#D55E00"
 """Of Okabe and Ito (2008)."""
-Forecasts = Mapping[str, FloatArray]
-"""Rollouts by track id, (n_samples, n_steps, 2) metres each."""
 
 WIDTH, TALLEST = 7.9, 9.0
 """Inches across a figure; and the height of one that is longer north to south."""
@@ -62,6 +61,11 @@ WIDE = 1.5
 """A box wider than so many times its height has a second panel below, not beside."""
 FEW_VEHICLES = 12
 """Of more, lines are thin."""
+POLAR = np.array([(x, y) for y in (5 / 6, 3 / 6, 1 / 6) for x in (1 / 6, 3 / 6, 5 / 6)])
+"""Where polar plots are in their panel, as shares of its sides; they follow a path."""
+POLAR_RADIUS, SHARPEST, ANGLES = 0.13, 60.0, np.linspace(-np.pi, np.pi, 361)
+"""Of a polar plot as a share of the panel; its concentrations go up to 7 degrees of deviation: narrower is a line."""
+NUMBERED = {"boxstyle": "circle,pad=0.15", "facecolor": "white", "edgecolor": FAINT, "linewidth": 0.6}
 TRACKS_OPACITY, FAINTEST_TRACK, BOLDEST_TRACK = 30.0, 0.12, 0.5
 """Of all tracks together where they lie over each other, and the limits of each one's."""
 KEY: Mapping[str, dict[str, Any]] = {
@@ -78,7 +82,7 @@ def map_figure(
     *,
     tracks: Tracks | None = None,
     estimates: Estimates | None = None,
-    forecasts: Forecasts | None = None,
+    paths: FloatArray | None = None,
     extent: FloatArray | None = None,
 ) -> Figure:
     """The learned map: cells, and petals coloured by mean speed; a legend explains every kind of line.
@@ -89,31 +93,34 @@ def map_figure(
         primitives: the map.
         tracks: what it was learned from, as thin lines underneath.
         estimates: tracked vehicles, as lines in a panel of their own.
-        forecasts: sampled rollouts.
-        extent: (2, 2) metres, the south-west and the north-east corner to show. Default: the forecasts, else 99 % of
+        paths: (n_samples, n_steps, 2) metres, rollouts of a vehicle. A panel of their own has polar plots of
+            p(theta | x), the map's density of direction, at places along one of them (Senanayake et al. 2020, Fig. 8):
+            areas are probabilities.
+        extent: (2, 2) metres, the south-west and the north-east corner to show. Default: the paths, else 99 % of
             the traffic.
     """
     if extent is not None:
         box = extent
-    elif forecasts:
-        box = shapes.extent(np.concatenate([paths.reshape(-1, 2) for paths in forecasts.values()]))
+    elif paths is not None:
+        box = shapes.extent(paths.reshape(-1, 2))
         box = box.mean(axis=0) + 0.5 * np.ptp(box, axis=0).max() * np.array([[-1.0], [1.0]])
     else:
         box = shapes.map_extent(primitives, share=SHOWN_SHARE)
-    figure, axes, inches = _page(box, n_panels=1 if estimates is None else 2)
+    figure, axes, inches = _page(box, n_panels=1 + (estimates is not None) + (paths is not None))
     colors = _draw_map(axes[0], primitives, spacing=float(np.ptp(box[:, 0])) * ROSE_INCHES / inches)
     if tracks is not None:
         _draw_tracks(axes[0], tracks)
     if estimates is not None:
         _draw_cells(axes[1], primitives)
         _draw_estimates(axes[1], estimates)
-    for paths in (forecasts or {}).values():
+    if paths is not None:
         _draw_forecast(axes[0], paths)
+        _draw_polar(axes[0], axes[-1], primitives, paths, box)
     bar = figure.colorbar(colors, ax=list(axes), extend="max", shrink=0.6, aspect=25)
     bar.set_label("mean speed [m/s]", fontsize=NORMAL)
     bar.ax.tick_params(labelsize=SMALL, color=FAINT)
     bar.outline.set_visible(False)
-    shown = (True, True, tracks is not None, estimates is not None, bool(forecasts))
+    shown = (True, True, tracks is not None, estimates is not None, paths is not None)
     lines = [Line2D([], [], label=name, **style) for name, style in compress(KEY.items(), shown)]
     n_rows = -(-len(lines) // max(int(figure.get_figwidth() / KEY_WIDTH), 2))
     columns = -(-len(lines) // n_rows)
@@ -213,6 +220,29 @@ def _draw_forecast(axes: Axes, paths: FloatArray) -> None:
     """Rollouts of one vehicle, (n_samples, n_steps, 2) metres, as thin lines with a dot at their ends."""
     axes.add_collection(LineCollection(list(paths), colors=FORECAST_COLOR, linewidths=0.7, alpha=0.4, zorder=5))
     axes.plot(*paths[:, -1].T, ".", color=FORECAST_COLOR, markersize=3.5, alpha=0.8, markeredgewidth=0, zorder=5)
+
+
+def _draw_polar(axes: Axes, panel: Axes, primitives: PrimitiveMap, paths: FloatArray, box: FloatArray) -> None:
+    """Numbered places along the path that is longest on the map, and in a panel the density of direction at each."""
+    step = np.hypot(*np.moveaxis(np.diff(paths, axis=1), -1, 0))
+    step[primitives.tessellation.cell_of(paths)[:, 1:] < 0] = 0.0
+    longest = int(step.sum(axis=1).argmax())
+    length = np.concatenate([[0.0], np.cumsum(step[longest])])
+    at = np.linspace(0.0, length[-1], len(POLAR))
+    place = np.column_stack([np.interp(at, length, of) for of in paths[longest].T])
+    mixture = primitives.primitive_at(place[:, None]).direction
+    drawn = replace(mixture, concentration=np.minimum(mixture.concentration, SHARPEST))
+    radius = np.exp(0.5 * drawn.log_density(ANGLES))
+    circle = POLAR_RADIUS * np.ptp(box, axis=0).min() * np.column_stack([np.cos(ANGLES), np.sin(ANGLES)])
+    center = box[0] + POLAR * np.ptp(box, axis=0)
+    curves = center[:, None] + radius[..., None] / radius.max(axis=1)[:, None, None] * circle
+    panel.add_collection(PolyCollection(list(center[:, None] + circle), facecolors="none", edgecolors=FAINT))
+    panel.add_collection(PolyCollection(list(curves), facecolors=FORECAST_COLOR, edgecolors=INK, linewidths=0.6))
+    panel.set_axis_off()
+    ends = center + 1.2 * circle[len(ANGLES) // 8]
+    for number, (there, beside) in enumerate(zip(place, ends, strict=True), 1):
+        axes.text(there[0], there[1], str(number), fontsize=SMALL, ha="center", va="center", bbox=NUMBERED, zorder=8)
+        panel.text(beside[0], beside[1], str(number), fontsize=SMALL, ha="center", va="center", bbox=NUMBERED)
 
 
 def _paths(track_id: AnyArray, time_ns: IntArray, position: FloatArray) -> list[FloatArray]:

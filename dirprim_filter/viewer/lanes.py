@@ -35,14 +35,11 @@ class Lanes:
 
     Args:
         root: what comes before the names.
-        first: has an entity of its own, whenever it comes.
     """
 
-    def __init__(self, root: str, first: str | None = None) -> None:
+    def __init__(self, root: str) -> None:
         self._root, self._path = root, dict[str, str]()
         self._shown, self._known = set[str](), set[str]()
-        if first is not None:
-            self._path_of(first)
 
     def divided(self, names: Sequence[str], instant: IntArray, n_instants: int) -> Iterator[Lane]:
         """Lanes of rows with (n,) ascending instants."""

@@ -33,7 +33,7 @@ FANS = tuple(f"/forecasts/region_{100 * share:.0f}" for share in REGION_SHARES)
 
 FROM_BELOW = (
     "cells", "roses", "region_90", "region_50", "forecasts", "trails", "truth", "particles", "covariance", "motion",
-    "ring", "estimates", "assigned", "detections", "ids",
+    "estimates", "assigned", "detections", "ids",
 )  # fmt: skip
 HEIGHT: Mapping[str, float] = {name: 0.1 * place for place, name in enumerate(FROM_BELOW)}
 """Metres above the ground: what lies in one plane would flicker."""
@@ -48,8 +48,6 @@ PATHS_DRAWN = 6
 """Of each vehicle at most; their fans hold them all."""
 UNSEEN_SHADE = 0.5
 """Vehicles out of sight are darker by this factor."""
-RING_RADIUS = 0.045
-"""Of the depth of ground in view, around the vehicle to look at."""
 ID_OFFSET = 0.035
 """Of the depth of ground in view, northwards; a label on the vehicle would hide what it names."""
 
@@ -65,9 +63,8 @@ def _points(*radius: float) -> npt.ArrayLike:
 
 
 STYLES: Mapping[str, rr.AsComponents] = {
-    "/assigned": rr.LineStrips3D.from_fields(radii=_points(1.0)),
+    "/assigned": rr.Arrows3D.from_fields(radii=_points(1.0)),
     "/forecasts/paths": rr.LineStrips3D.from_fields(radii=_points(0.5)),
-    "/focus/ring": rr.LineStrips3D.from_fields(colors=WHITE, radii=_points(1.0)),
     "/particles": rr.Points3D.from_fields(radii=_points(1.0)),
     "/events/marks": rr.Points3D.from_fields(colors=RED, radii=_points(5.0)),
 }
@@ -178,17 +175,24 @@ def detection_style(number: int) -> rr.AsComponents:
 
 
 def assigned(shown: Sequence[TrackedFrame]) -> Columns:
-    """Lines from where vehicles are to the detections that were assigned to them, in their colours."""
+    """Innovations: arrows from where vehicles were expected to the detections assigned to them, in their colours.
+
+    Where it is not known what was expected, as of tracks that were read from a file, they begin at the estimates.
+    """
     ends, names, n_each = [np.empty((0, 2, 2))], list[str](), []
     for frame in shown:
         row = {name: i for i, name in enumerate(frame.names)}
         own = np.array([row.get(name, -1) for name in frame.assigned.tolist()], np.int64)
         known = own >= 0
-        ends.append(np.stack([frame.detections.position[known], frame.estimates.position[own[known]]], axis=1))
+        begin = frame.estimates.position if frame.expected is None else frame.expected
+        ends.append(np.stack([begin[own[known]], frame.detections.position[known]], axis=1))
         names += [frame.names[i] for i in own[known].tolist()]
         n_each.append(int(known.sum()))
-    strips, color = _raised(np.concatenate(ends), HEIGHT["assigned"]), track_color(names)
-    return "/assigned", rr.LineStrips3D.columns(strips=strips, colors=color).partition(n_each)
+    begin, end = np.concatenate(ends).swapaxes(0, 1)
+    arrows = rr.Arrows3D.columns(
+        origins=_raised(begin, HEIGHT["assigned"]), vectors=_raised(end - begin, 0.0), colors=track_color(names)
+    )
+    return "/assigned", arrows.partition(n_each)
 
 
 def particles(parts: Sequence[Particles]) -> Columns:
@@ -205,13 +209,6 @@ def event_marks(shown: Sequence[Sequence[tuple[str, FloatArray]]]) -> Columns:
     place = np.array([where for _, where in all_of]).reshape(-1, 2)
     labelled = rr.Points3D.columns(positions=_raised(place, HEIGHT["ids"]), labels=[text for text, _ in all_of])
     return "/events/marks", labelled.partition([len(marks) for marks in shown])
-
-
-def ring(position: FloatArray, *, depth: float) -> rr.ComponentColumnList:
-    """A circle around the vehicle to look at, (n, 2) metres; `depth` metres of ground are in view."""
-    angle = np.linspace(0.0, 2.0 * np.pi, 37)
-    circle = position[:, None] + RING_RADIUS * depth * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    return rr.LineStrips3D.columns(strips=_raised(circle, HEIGHT["ring"]))
 
 
 def forecasts(track_id: Sequence[str], paths: FloatArray, regions: Sequence[Sequence[Region]]) -> Iterator[Columns]:

@@ -6,13 +6,12 @@ time, exact to the nanosecond. Truth and detections of a log that lie between tw
 
 from __future__ import annotations
 
-import logging
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence, Sized
 from dataclasses import dataclass, replace
 from itertools import chain, compress
 from types import TracebackType
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 import rerun as rr
@@ -29,31 +28,19 @@ from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
 from dirprim_filter.viewer import curves, marks
 from dirprim_filter.viewer.blueprint import blueprint
-from dirprim_filter.viewer.focus import Focus, Look, polar_columns, polar_styles
 from dirprim_filter.viewer.lanes import MOST_OWN, OTHERS, Lanes
 from dirprim_filter.viewer.matching import Matched, Matcher
 from dirprim_filter.viewer.stream import Stream
 from dirprim_filter.viewer.texts import Event, Events, legend
 
-logger = logging.getLogger(__name__)
-
 BATCH_FRAMES = 64
 """Frames that a file gets at a time;"""
 LIVE_S = 0.1
 """a viewer gets them so often: one by one, a fast run would wait for its viewer."""
-IN_FOCUS = 100
-"""Particles of the vehicle in focus, where none were asked for."""
 FRESH_S = 1.2
 """A forecast is shown until the next, and for so long at most."""
 MARKED_NS = 3_000_000_000
 """So long the map shows what has happened."""
-
-
-class _Shown(NamedTuple):
-    """A frame with the particles that are drawn, and a look at one of its vehicles."""
-
-    frame: TrackedFrame
-    look: Look | None
 
 
 @dataclass(slots=True)
@@ -70,32 +57,28 @@ class RerunSink:
 
     Args:
         application_id: as for `Stream`.
-        n_particles: of each vehicle, drawn in every frame; 0: only some of the vehicle in focus.
-        focus: id of the vehicle to follow; None: the one that is least expected.
+        n_particles: of each vehicle, drawn in every frame.
         places: where they go, as for `Stream`.
 
     Attributes:
         stream: on which they go there.
     """
 
-    def __init__(
-        self, application_id: str = "dirprim", *, n_particles: int = 0, focus: str | None = None, **places: Any
-    ) -> None:  # fmt: skip
+    def __init__(self, application_id: str = "dirprim", *, n_particles: int = 0, **places: Any) -> None:
         self.stream = Stream(application_id, **places)
         self._n_particles = n_particles
         self._box: FloatArray | None = None
         self._origin: Origin | None = None
         self._laid_out = False
         self._fastest: float | None = None
-        self._primitives: PrimitiveMap | None = None
         self._matcher: Matcher | None = None
-        self._focus, self._events = Focus(focus), Events()
+        self._events = Events()
         self._happened: list[tuple[int, Event]] = []
-        self._lanes = {root: Lanes(root, focus) for root in (*marks.OF_VEHICLES, *curves.PLOTS)}
+        self._lanes = {root: Lanes(root) for root in (*marks.OF_VEHICLES, *curves.PLOTS)}
         self._trails = {root: Trails() for root in marks.OF_VEHICLES}
         self._waiting: list[_Waiting] = []
         self._sensors: list[str] = []
-        self._shown: list[_Shown] = []
+        self._shown: list[TrackedFrame] = []
         self._smoothed: list[TrackedFrame] = []
         self._not_forecast: set[str] = set()
         self._forecast_ns: int | None = None
@@ -117,8 +100,6 @@ class RerunSink:
             times = [waiting.rows.time_ns for waiting in self._waiting]
             self.stream.frames_ns += np.unique(np.concatenate([np.empty(0, np.int64), *times])).tolist()
             self._lay_out(tracked=False)
-        elif missing := self._focus.missing:
-            logger.warning("focus: no vehicle is called %s", missing)
         if self.stream.frames_ns:
             self._send_waiting(self.stream.frames_ns[-1], is_last=True)
         self.stream.flush()
@@ -139,7 +120,7 @@ class RerunSink:
         """The cells, their roses coloured by mean speed, and the legend; the view is fitted to them."""
         petals = shapes.rose_petals(primitives)
         fastest = shapes.fastest_speed(petals)
-        self._primitives, self._box = primitives, shapes.map_extent(primitives, share=shapes.BUSY_SHARE)
+        self._box = shapes.map_extent(primitives, share=shapes.BUSY_SHARE)
         self.stream.log("/map/cells", marks.cells(primitives.tessellation))
         self.stream.log("/map/roses", marks.roses(petals, fastest=fastest))
         self._fastest = fastest
@@ -194,8 +175,7 @@ class RerunSink:
         if self._forecast_ns is not None and frame.time_ns > self._forecast_ns + FRESH_S * 1e9:
             self._send(marks.forecasts([], np.empty((0, 0, 0, 2)), []), [frame.time_ns])
             self._forecast_ns = None
-        look = self._focus.see(frame, box=self._box)
-        self._shown.append(_Shown(replace(frame, particles=self._particles(frame, look)), look))
+        self._shown.append(replace(frame, particles=self._particles(frame)))
         self._not_forecast = set(compress(frame.names, has_no_forecast(frame.estimates).tolist()))
         if self._is_due(self._shown):
             self._send_shown()
@@ -217,13 +197,12 @@ class RerunSink:
         self._send(marks.forecasts(names, forecasts.coarse_paths()[shown], regions), [forecasts.time_ns])
         self._forecast_ns = forecasts.time_ns
 
-    def _particles(self, frame: TrackedFrame, look: Look | None) -> Particles:
-        """A copy of so many of each vehicle, or of some of the one in focus."""
-        rows, n = None, self._n_particles
-        if not n:
-            rows, n = np.array([look is not None and name == look.track_id for name in frame.names], np.bool_), IN_FOCUS
+    def _particles(self, frame: TrackedFrame) -> Particles:
+        """A copy of so many of each vehicle."""
+        if not self._n_particles:
+            return Particles.none()
         of_each = len(frame.particles) // max(len(frame.estimates), 1)
-        return frame.particles.thinned(max(of_each // n, 1), rows=rows)
+        return frame.particles.thinned(max(of_each // self._n_particles, 1))
 
     # --- The stream -----------------------------------------------------------------------------------------
 
@@ -258,15 +237,14 @@ class RerunSink:
         return len(batch) >= BATCH_FRAMES or (self.stream.live and time.monotonic() >= self._sent_s + LIVE_S)
 
     def _send_shown(self) -> None:
-        shown, self._shown = self._shown, []
-        if not shown:
+        frames, self._shown = self._shown, []
+        if not frames:
             return
         self._sent_s = time.monotonic()
-        frames, depth = [one.frame for one in shown], self._depth()
         times = [frame.time_ns for frame in frames]
         self._send_waiting(times[-1])
         estimates, instant, names, strips = self._joined("/tracks", frames)
-        self._send_each("/tracks", names, instant, times, marks.vehicles(estimates, strips, depth=depth))
+        self._send_each("/tracks", names, instant, times, marks.vehicles(estimates, strips, depth=self._depth()))
         clouds = [frame.particles.thinned(1) for frame in frames]
         self._send([marks.assigned(frames), marks.particles(clouds)], times)
         if not self._sensors:
@@ -275,12 +253,6 @@ class RerunSink:
             dots = marks.detections(np.concatenate(seen))
             self._send([("/detections", dots.columns(np.arange(counts.sum()), counts))], times)
         self._send_plots(frames, self._matcher.match(frames) if self._matcher else None, times)
-        looks = [one.look for one in shown if one.look is not None]
-        n_shown = [int(one.look is not None) for one in shown]
-        places = np.array([look.position for look in looks]).reshape(-1, 2)
-        polar = polar_columns(looks, self._primitives) if looks else ()
-        focus = chain([("/focus/ring", marks.ring(places, depth=depth))], polar)
-        self._send(((entity, columns.partition(n_shown)) for entity, columns in focus), times)
 
     def _send_plots(self, frames: list[TrackedFrame], matched: list[Matched] | None, times: list[int]) -> None:
         """The curves, and what has happened."""
@@ -347,13 +319,13 @@ class RerunSink:
 
     def _lay_out(self, *, tracked: bool) -> None:
         box = shapes.extent(np.empty((0, 2))) if self._box is None else self._box
-        for path, style in chain(marks.STYLES.items(), curves.styles(), polar_styles()):
+        for path, style in chain(marks.STYLES.items(), curves.styles()):
             self.stream.log(path, style)
         if not self._sensors:
             self.stream.log("/detections", marks.detection_style(0))
         text = legend(self._fastest, most=MOST_OWN)
         self.stream.log("/legend", rr.TextDocument(text, media_type="text/markdown"))
-        if tracked and self._primitives is not None:
+        if tracked and self._fastest is not None:
             self.stream.log("/map/roses", marks.ROSES_UNDER_TRAFFIC)
         self.stream.send_blueprint(blueprint(
             box, live=self.stream.live, tracked=tracked, with_truth=self._matcher is not None,

@@ -21,8 +21,8 @@ more). A violet disc: the share of those that stand.
 
 """
 LEGEND = """\
-**White outlines**: true vehicles, where known. **Small dots**: detections, a colour for each sensor; lines lead to
-the track that they were assigned to.
+**White outlines**: true vehicles, where known. **Small dots**: detections, a colour for each sensor; arrows lead
+there from where the track that they were assigned to was expected: innovations.
 
 **Large dots, arrows, ellipses, trails**: estimates, where they will be in one second, the region that holds the
 vehicle with 90 % probability, the last five seconds. Dark: coasting. With `--smooth`, bold: the smoothed estimates.
@@ -31,11 +31,8 @@ vehicle with 90 % probability, the last five seconds. Dark: coasting. With `--sm
 
 **Red**: an exchange of ids, a vehicle that is lost, a ghost; the tab *Events* says when.
 
-**Particles**: of the ringed vehicle, with `--set particles_out=N` of all. By direction: amber east, green north,
-blue west, magenta south.
-
-**White ring**: the vehicle that was least expected, or the one asked for. Its direction is plotted: the prior of its
-place, the cue (its turn signal, a circle without one), the posterior (Eq. 4), and its particles.
+**Particles**: some of each vehicle, with `--set particles_out=N`. By direction: amber east, green north, blue west,
+magenta south.
 
 A click selects a vehicle; the panel on the left hides it, or whole layers. The first {most} vehicles have an entity
 and curves each, those after share one.

@@ -108,7 +108,6 @@ CASES = [
         ("nowhere", "expected an address such as"), ("rerun+http://127.0.0.1:99999/proxy", "expected an address"),
         ("rerun+http://127.0.0.1:1/proxy", "no viewer answers"))),
     (f"{TRACK} --config log.mcap", FAILED, "MCAP of an earlier run, got none"),
-    ("view log.mcap --save x --focus a", USAGE, "there are no estimates in these files"),
     ("calibrate log.mcap --truth absent -o x", USAGE, "'absent' does not exist"),
     ("info text.mcap", FAILED, "error: text.mcap"),
     ("store learn log.mcap -o x", FAILED, "expected a store"),

@@ -25,7 +25,7 @@ def folder(ring, ring_map, tmp_path_factory):
     save_map(ring_map, folder / "map.mcap")
     write_tracks(few, folder / "log.mcap")
     common = ("track", folder / "log.mcap", "--map", folder / "map.mcap", "--particles", 100)
-    shown = ("--save", folder / "prior.rrd", "--set", f"truth={folder}/log.mcap", "--forecast", 1, "--set", "focus=2")
+    shown = ("--save", folder / "prior.rrd", "--set", f"truth={folder}/log.mcap", "--forecast", 1)
     assert dirprim("", *common, "-o", folder / "prior.mcap", "--smooth", *shown) == DONE
     assert dirprim("", *common, "-o", folder / "free.mcap", "--set", "without_map=true") == DONE
     return folder
@@ -51,7 +51,6 @@ def test_a_tracked_run_has_every_layer_curve_and_text(folder):
     wanted = {
         "/map/cells", "/map/roses", "/detections", "/truth/2", "/tracks/2", "/smoothed/2", "/particles", "/assigned",
         "/forecasts/paths", "/forecasts/region_50", "/forecasts/region_90", "/events/marks",
-        "/focus/ring", "/polar/prior", "/polar/cue", "/polar/posterior", "/polar/belief",
         "/error/2", "/nees/2", "/innovation/2", "/existence/2", "/error/all", "/samples/all", "/vehicles/all",
         "/events", "/__properties/run", "/legend",
     }  # fmt: skip

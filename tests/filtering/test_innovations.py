@@ -41,7 +41,10 @@ def tracked(*, noise_m, n_vehicles=40, n_frames=25, jump_at=None, with_innovatio
 def test_squared_innovations_have_a_mean_of_two_where_the_filter_is_right():
     frames = tracked(noise_m=0.5)
     assert np.isnan(frames[0].innovations).all()  # all were new
+    assert np.isnan(frames[0].expected).all()
     squared = np.concatenate([frame.innovations for frame in frames[5:]])
+    off = np.concatenate([frame.detections.position - frame.expected for frame in frames[5:]])
+    assert 0.5 < np.std(off) < 0.65  # the noise, and what was unknown of where they are
     # 800 of them, chi-squared of two degrees of freedom and nearly independent: deviation of the mean 2 / sqrt(800).
     # Four of these deviations, and 10 % for what the motion model adds: false alarms below one in 10,000.
     assert abs(squared.mean() - 2.0) < 4 * 2.0 / np.sqrt(squared.size) + 0.2

@@ -137,9 +137,9 @@ class Moving:
     def __len__(self):
         return len(self.samples)
 
-    def thinned(self, stride, *, rows=None):
+    def thinned(self, stride):
         assert not self.is_gone
-        return self.samples.thinned(stride, rows=rows)
+        return self.samples.thinned(stride)
 
 
 def test_smoothed_estimates_stand_beside_the_filters_and_come_back_bit_for_bit(tmp_path):

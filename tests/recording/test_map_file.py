@@ -22,9 +22,10 @@ from dirprim_filter.recording import load_map, save_map, topic_names
 from dirprim_filter.recording.container.records import Schema
 from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.foxglove.elements import scene_transform
-from dirprim_filter.recording.log_writer import LogWriter
-from dirprim_filter.recording.map_file import MAP, decode, encode, encoded
+from dirprim_filter.recording.log_writer import LogWriter, schema_of
+from dirprim_filter.recording.map_file import decode, encode, encoded
 from dirprim_filter.recording.scan import scan
+from dirprim_filter.recording.schemas import dirprim_pb2
 from tessellation import GridTessellation, VoronoiTessellation
 
 LEADER = LeaderResponse(gain=np.arange(10.0), push=1.0, trust=0.5, start_rate=np.ones(3))
@@ -106,7 +107,7 @@ def test_what_was_learned_loads_equal_in_equal_bytes_that_any_reader_of_arrow_op
     save_map(sent, tmp_path / "map.mcap")
     (message,) = (message for message in scan(tmp_path / "map.mcap") if message.topic == "/dirprim/map")
     assert message.schema_name == "dirprim.PrimitiveMap"
-    (read,) = pa.ipc.open_stream(message.data).read_all().to_pylist()
+    (read,) = pa.ipc.open_stream(dirprim_pb2.PrimitiveMap.FromString(message.data).arrow).read_all().to_pylist()
     assert [row["rate"] for row in read["row"]] == sent.speed.rate.tolist()
     assert [row["push"] for row in read["manoeuvre"]] == sent.motion.push.tolist()
 
@@ -120,10 +121,19 @@ def test_what_is_no_map_is_reported(tmp_path):
     path.write_text("no log at all")
     with pytest.raises(RecordingError, match="expected an MCAP log"):
         load_map(path)
-    with LogWriter(path, metadata={}, force=True) as writer:
-        writer.write_encoded(topic_names.MAP, Schema(name=MAP.name, encoding="protobuf", data=b""), b"\x58\x04", 0)
-    with pytest.raises(RecordingError, match=r"log\.mcap: .*of an older version, in protobuf.*learn it again"):
-        load_map(path)
+    for data, why in ((b"\x58\x04", "of an older version"), (b"\x0a\xff", "of protobuf, got")):
+        with LogWriter(path, metadata={}, force=True) as writer:
+            writer.write_encoded(topic_names.MAP, schema_of(dirprim_pb2.PrimitiveMap), data, 0)
+        with pytest.raises(RecordingError, match=rf"log\.mcap: .*{why}.*learn it again"):
+            load_map(path)
+
+
+def test_a_map_is_read_as_it_was_written_before_it_was_in_protobuf(tmp_path):
+    sent = some_map(FEW)
+    with LogWriter(tmp_path / "map.mcap", metadata={}) as writer:
+        before = Schema(name="dirprim.PrimitiveMap", encoding="arrow", data=b"")
+        writer.write_encoded(topic_names.MAP, before, encoded(sent), 0)
+    assert encoded(load_map(tmp_path / "map.mcap")) == encoded(sent)
 
 
 # Harm
@@ -138,7 +148,7 @@ def opened(data):
 def write(path, messages):
     with LogWriter(path, metadata={}, force=True) as writer:
         for data in messages:
-            writer.write_encoded(topic_names.MAP, MAP, data, 0)
+            writer.write(topic_names.MAP, dirprim_pb2.PrimitiveMap(arrow=data), 0)
     return path
 
 

@@ -29,10 +29,26 @@ def test_the_map_shows_every_petal_with_north_up_and_equal_scales(scene_map, sce
 
 def test_what_is_asked_for_is_shown_else_the_forecasts_else_the_map(scene_map):
     paths, asked = np.full((2, 3, 2), [30.0, -20.0]), np.array([[0.0, -9.0], [300.0, 9.0]])
-    whole, near = map_figure(scene_map).axes[0], map_figure(scene_map, forecasts={"a": paths}).axes[0]
+    whole, near = map_figure(scene_map).axes[0], map_figure(scene_map, paths=paths).axes[0]
     assert np.mean([near.get_xlim(), near.get_ylim()], axis=1) == pytest.approx([30.0, -20.0])
     assert np.ptp(near.get_xlim()) == np.ptp(near.get_ylim()) < np.ptp(whole.get_xlim())
-    assert map_figure(scene_map, forecasts={"a": paths}, extent=asked).axes[0].get_xlim() == (0.0, 300.0)
+    assert map_figure(scene_map, paths=paths, extent=asked).axes[0].get_xlim() == (0.0, 300.0)
+
+
+def test_beside_paths_there_are_polar_plots_of_the_density_along_the_longest(scene_map):
+    way = np.linspace([2.0, 5.0], [18.0, 12.0], 30)
+    axes, polar, _ = map_figure(scene_map, paths=np.stack([way, way[:1] + 0.1 * (way - way[0])])).axes
+    circles, curves = (c for c in polar.collections if isinstance(c, PolyCollection))
+    places = [text.get_position() for text in axes.texts]
+    np.testing.assert_allclose(places[:: len(places) - 1], way[[0, -1]])
+    for place, circle, curve in zip(places, circles.get_paths(), curves.get_paths(), strict=True):
+        middle = 0.5 * (circle.vertices.min(axis=0) + circle.vertices.max(axis=0))
+        radius = np.hypot(*(curve.vertices[:361] - middle).T)
+        log_p = scene_map.direction_log_density(np.tile(place, (361, 1)), np.linspace(-np.pi, np.pi, 361))
+        if scene_map.primitive_at(np.array(place)).direction.concentration.max() < 60.0:
+            np.testing.assert_allclose(2.0 * np.log(radius / radius.max()), log_p - log_p.max(), atol=1e-6)
+        else:  # narrower than is drawn
+            assert radius.argmax() == log_p.argmax()
 
 
 def test_a_vehicle_is_one_line_for_each_time_it_is_in_sight(scene_map):

@@ -31,7 +31,7 @@ def tracked(scene_frames):
 
 def test_every_vehicle_has_an_entity_that_follows_the_frames_and_empties_with_them(tmp_path, scene_map, tracked):
     """Vehicle 8 coasts: it is drawn darker. A frame has its time, its number, and the seconds since the first."""
-    path = write_run(tmp_path / "run.rrd", tracked, scene_map, focus="8")
+    path = write_run(tmp_path / "run.rrd", tracked, scene_map, n_particles=25)
     for entity, column, n_each in [
         ("/detections", "Points3D:positions", [2, 2, 2, 2, 2, 0]),
         *[
@@ -43,8 +43,6 @@ def test_every_vehicle_has_an_entity_that_follows_the_frames_and_empties_with_th
             ]
         ],
         ("/particles", "Points3D:positions", [50, 50, 50, 50, 50, 0]),
-        ("/focus/ring", "LineStrips3D:strips", [1, 1, 1, 1, 1, 0]),
-        ("/polar/posterior", "LineStrips2D:strips", [1, 1, 1, 1, 1, 0]),
     ]:  # fmt: skip
         rows = rows_of(path, entity, column)
         assert [time_ns for time_ns, _ in rows] == [frame.time_ns for frame in tracked], entity
@@ -60,10 +58,8 @@ def test_every_vehicle_has_an_entity_that_follows_the_frames_and_empties_with_th
     assert dark == pytest.approx(0.5 * bright, abs=1)
     trail = rows_of(path, "/tracks/7", "LineStrips3D:strips")[4][1][0]
     assert trail[[0, -1], :2] == pytest.approx(np.array([tracked[i].estimates.position[0] for i in (0, 4)]), rel=1e-6)
-    for (_, ring), frame in zip(rows_of(path, "/focus/ring", "LineStrips3D:strips"), tracked[:-1], strict=False):
-        assert ring[0, :-1, :2].mean(axis=0) == pytest.approx(frame.estimates.position[1], abs=1e-3)
     (_, cloud), *_ = rows_of(path, "/particles", "Points3D:positions")
-    assert (cloud[:, :2] == tracked[0].particles.of(1).position.astype(np.float32)).all()
+    assert (cloud[:, :2] == tracked[0].particles.position[::2].astype(np.float32)).all()
     ess = [v.tolist() for _, v in rows_of(path, "/samples/all", "Scalars:scalars")]
     assert ess[:5] == [[30, 30]] * 5
     assert np.isnan(ess[5]).all()
@@ -91,8 +87,8 @@ def test_ellipses_lie_as_the_covariance_does(tmp_path, tracked):
 
 def test_vehicles_after_the_first_share_an_entity_and_no_row_is_lost(monkeypatch):
     monkeypatch.setattr(lanes, "MOST_OWN", 2)
-    divided = lanes.Lanes("/tracks", "c")
-    frames = [["a", "b", "c", "d/1"], ["a", "d/1"], [], ["b"]]
+    divided = lanes.Lanes("/tracks")
+    frames = [["c", "a", "b", "d/1"], ["a", "d/1"], [], ["b"]]
     names, instant = [n for of in frames for n in of], np.repeat(np.arange(4), [len(of) for of in frames])
     drawn = {lane.path: lane for lane in divided.divided(names, instant, 4)}
     assert set(drawn) == {"/tracks/a", "/tracks/c", "/tracks/all\\ others"}
@@ -144,21 +140,25 @@ def test_truth_ends_with_the_last_row(tmp_path, scene_tracks):
         assert [len(shown) for _, shown in rows] == [2] * 5 + [0]  # an outline and a trail
 
 
-def test_sensors_have_an_entity_each_and_detections_a_line_to_their_tracks(tmp_path, tracked):
+def test_sensors_have_an_entity_each_and_innovations_lead_to_their_detections(tmp_path, tracked):
     seen = [replace(tracked[0].detections, position=tracked[0].detections.position + east) for east in (1.0, 2.0)]
-    frame = replace(tracked[0], assigned=np.array(["8", "none"]))
+    expected = tracked[0].estimates.position + np.array([[5.0, 0.0], [0.0, 3.0]])
+    frame = replace(tracked[0], assigned=np.array(["8", "none"]), expected=expected)
     with RerunSink(save=tmp_path / "s.rrd") as shown:
         for name, of in zip(("/front", "/rear"), seen, strict=True):
             shown.log_detections(of, name)
         shown.write(frame)
+        shown.write(replace(frame, time_ns=frame.time_ns + 1, expected=None))
     for name, of in zip(("/front", "/rear"), seen, strict=True):
         (_, place), (_, after) = rows_of(tmp_path / "s.rrd", f"/detections{name}", "Points3D:positions")
         assert (place[:, :2] == of.position.astype(np.float32)).all()
         assert len(after) == 0
     assert rows_of(tmp_path / "s.rrd", "/detections", "Points3D:positions") == []
-    ((_, lines),) = rows_of(tmp_path / "s.rrd", "/assigned", "LineStrips3D:strips")
-    ends = np.array([[frame.detections.position[0], frame.estimates.position[1]]])
-    assert lines[..., :2] == pytest.approx(ends, rel=1e-6)
+    begins = [of for _, of in rows_of(tmp_path / "s.rrd", "/assigned", "Arrows3D:origins")]
+    vectors = [of for _, of in rows_of(tmp_path / "s.rrd", "/assigned", "Arrows3D:vectors")]
+    for begin, vector, at in zip(begins, vectors, (expected, frame.estimates.position), strict=True):
+        assert begin[:, :2] == pytest.approx(at[1:], rel=1e-6)
+        assert (begin + vector)[:, :2] == pytest.approx(frame.detections.position[:1], rel=1e-6)
 
 
 def test_where_the_plane_lies_on_the_earth_vehicles_and_petals_do(tmp_path, scene_map, tracked):

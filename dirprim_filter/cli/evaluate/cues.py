@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from dirprim_filter.cli.evaluate.density import interval_text
 from dirprim_filter.cli.options import Folds, Json, Logs, Seed, Split, Tessellation
-from dirprim_filter.cli.reading import Reading, reads_logs
+from dirprim_filter.cli.reading import Reading
 from dirprim_filter.cli.results import report
 from dirprim_filter.cli.texts import columns, counted
 
@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from dirprim_filter.evaluation.cues import CueTable
 
 
-@reads_logs()
 def cues(
     logs: Logs,
     split: Split = None,

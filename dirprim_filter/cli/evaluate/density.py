@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from dirprim_filter.cli.options import Folds, Json, Logs, Seed
-from dirprim_filter.cli.reading import Reading, reads_logs
+from dirprim_filter.cli.reading import Reading
 from dirprim_filter.cli.results import report
 from dirprim_filter.cli.texts import columns, counted
 
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from dirprim_filter.evaluation.settings import Choice
 
 
-@reads_logs()
 def density(
     logs: Logs,
     split: Annotated[

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dirprim_filter.cli.options import Config, Json, Logs, Split
-from dirprim_filter.cli.reading import Reading, reads_logs
+from dirprim_filter.cli.reading import Reading
 from dirprim_filter.cli.results import read_experiment, report
 from dirprim_filter.cli.texts import UNKNOWN, columns, counted
 
@@ -27,7 +27,6 @@ SAID = {"place-free": "the same model without the map", "one cell": "one cell fo
 """What the conclusion calls methods."""
 
 
-@reads_logs()
 def forecast(
     logs: Logs,
     split: Split = None,

@@ -13,7 +13,7 @@ import typer
 from dirprim_filter.cli.commands import check_outputs
 from dirprim_filter.cli.evaluate.others import files_of, others_of
 from dirprim_filter.cli.options import FILE, PICTURES, WRITTEN, Config, Force, Json, Logs
-from dirprim_filter.cli.reading import Reading, reads_logs
+from dirprim_filter.cli.reading import Reading
 from dirprim_filter.cli.results import read_experiment, report
 from dirprim_filter.cli.settings import Settings, deal, taken
 from dirprim_filter.cli.texts import FIGURES, counted, figure_lines, latex, markdown, number
@@ -47,7 +47,6 @@ class Own:
     time_limit_s: float = 600.0
 
 
-@reads_logs("those of an experiment", "fields of FilterConfig and TrackingConfig", "time_limit_s")
 def tracking(
     logs: Logs,
     map_file: Annotated[
@@ -83,7 +82,7 @@ def tracking(
     force: Force = False,
     *,
     reading: Reading,
-    settings: Settings,
+    settings: Annotated[Settings, "those of an experiment", "fields of FilterConfig and TrackingConfig", Own],
 ) -> int:
     """Compare trackers on known traffic, by a simulated sensor.
 

@@ -103,3 +103,9 @@ class TrackEstimates(_message.Message):
     unseen_s: _containers.RepeatedScalarFieldContainer[float]
     follows_map: _containers.RepeatedScalarFieldContainer[float]
     def __init__(self, timestamp: _Optional[_Union[_timestamp_pb2.Timestamp, _Mapping]] = ..., frame_id: _Optional[str] = ..., track_id: _Optional[_Iterable[str]] = ..., x: _Optional[_Iterable[float]] = ..., y: _Optional[_Iterable[float]] = ..., covariance_xx: _Optional[_Iterable[float]] = ..., covariance_xy: _Optional[_Iterable[float]] = ..., covariance_yy: _Optional[_Iterable[float]] = ..., direction: _Optional[_Iterable[float]] = ..., direction_resultant: _Optional[_Iterable[float]] = ..., speed: _Optional[_Iterable[float]] = ..., speed_std: _Optional[_Iterable[float]] = ..., effective_sample_size: _Optional[_Iterable[float]] = ..., log_evidence: _Optional[_Iterable[float]] = ..., existence: _Optional[_Iterable[float]] = ..., unseen_s: _Optional[_Iterable[float]] = ..., follows_map: _Optional[_Iterable[float]] = ...) -> None: ...
+
+class PrimitiveMap(_message.Message):
+    __slots__ = ("arrow",)
+    ARROW_FIELD_NUMBER: _ClassVar[int]
+    arrow: bytes
+    def __init__(self, arrow: _Optional[bytes] = ...) -> None: ...
