@@ -14,15 +14,10 @@ import typer
 from dirprim_filter.cli import exit_codes
 from dirprim_filter.cli.options import WRITTEN, Connect, Files, Force, MaybeTruth, Save, Spawn
 from dirprim_filter.cli.reading import OF_TRUTH, Reading
-from dirprim_filter.cli.texts import counted, say
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from dirprim_filter.estimates import TrackedFrame
     from dirprim_filter.primitives.primitive_map import PrimitiveMap
     from dirprim_filter.recording.losses import Losses
-    from dirprim_filter.recording.playback import Playback
     from dirprim_filter.viewer.sink import RerunSink
 
 MAP, RUN, LOG = "map", "run", "log"
@@ -36,9 +31,6 @@ def view(
     save: Save = None,
     spawn: Spawn = False,
     connect: Connect = None,
-    rate: Annotated[
-        float | None, typer.Option(help="Play a log: 2 is twice as fast as recorded, inf does not wait.")
-    ] = None,
     truth: MaybeTruth = None,
     screenshot: Annotated[
         Path | None, typer.Option(help="Draw the window, without a screen."), WRITTEN, (".png",)
@@ -52,9 +44,8 @@ def view(
 
     A map lies under its tracks, which know the one they were tracked with. Several tracks, or recordings (.rrd), are
     opened together, to compare them: the viewer keeps the time. With --truth there are errors of each vehicle, and
-    exchanges of ids. Without --save, --connect or --screenshot a viewer is started on this machine. With --rate the
-    tracks of one log are played: the estimates that `dirprim track` wrote, else the objects. Options of reading are
-    about logs, times about estimates too.
+    exchanges of ids. Without --save, --connect or --screenshot a viewer is started on this machine. Options of reading
+    are about logs, times about estimates too.
 
     Example: dirprim view map.mcap tracks.mcap --truth log.mcap
     """
@@ -65,30 +56,26 @@ def view(
     if at and screenshot is None:
         raise typer.BadParameter("it is of --screenshot; leave it out", param_hint="--at")
     if recordings:
-        if len(recordings) < len(files) or any((save, connect, rate, truth, reading.given)):
+        if len(recordings) < len(files) or any((save, connect, truth, reading.given)):
             raise ValueError(f"{recordings[0]}: an .rrd opens beside other .rrd files alone, on a screen, as it is")
         return _opened(recordings, at, screenshot, force=force)
     kinds, losses = _sorted(files), Losses()
-    if not kinds[LOG] and (rate is None or "topics" not in reading.given):
+    if not kinds[LOG]:
         reading.require_acting(*OF_ESTIMATES * bool(kinds[RUN]), *(*OF_TRUTH, "group") * bool(truth))
     if len(kinds[RUN]) > 1 and (save or screenshot):
         shown = ", ".join(map(str, kinds[RUN]))
         raise ValueError(f"view: expected at most one run in a file, got {shown}; without --save they open together")
     maps, reading = _on_one_plane(kinds, reading)
-    played = None if rate is None else _played(files, rate, reading)
     with TemporaryDirectory() as work:
         saved, address = save or (Path(work) / "shown.rrd" if screenshot else None), connect
         for run in kinds[RUN] or [files[0]]:
             with open_viewer(
                 " ".join(file.stem for file in files), losses, title=run.stem, save=saved,
                 spawn=(spawn or not is_elsewhere) and address is connect, connect=address, force=force,
-                truth=truth or (kinds[LOG][0] if kinds[LOG] and played is None else None),
+                truth=truth or next(iter(kinds[LOG]), None),
                 reading=reading.of_truth(truth, "group") if truth else reading, is_asked=truth is not None,
             ) as viewer:  # fmt: skip
-                if played is None:
-                    losses += _together(maps, kinds[LOG], run if kinds[RUN] else None, viewer, reading)
-                else:
-                    losses += _play(*played, files[0], viewer, reading)
+                losses += _together(maps, kinds[LOG], run if kinds[RUN] else None, viewer, reading)
             address = viewer.stream.address
         if screenshot is not None and saved is not None:
             _draw(saved, at, screenshot, force=force)
@@ -104,17 +91,6 @@ def _opened(recordings: list[Path], at_s: float, picture: Path | None, *, force:
     else:
         _draw(recordings[-1], at_s, picture, force=force)
     return exit_codes.DONE
-
-
-def _play(playback: Playback, frames: Iterator[TrackedFrame], log: Path, viewer: RerunSink, reading: Reading) -> Losses:
-    """Show frames as they come; what of them was lost."""
-    n_frames = 0
-    for frame in frames:
-        viewer.write(frame)
-        n_frames += 1
-    reading.require_frames(n_frames, log, playback.losses)
-    say(f"{log}: {counted(n_frames, 'frame')} of {', '.join(sorted(playback.topics))}")
-    return playback.losses
 
 
 def _draw(recording: Path, at_s: float, picture: Path, *, force: bool) -> None:
@@ -180,19 +156,6 @@ def _sorted(files: Sequence[Path]) -> dict[str, list[Path]]:
         with_map += [file] * (is_run and is_map)
     kinds[MAP] = kinds[MAP] or with_map[:1]
     return kinds
-
-
-def _played(files: Sequence[Path], rate: float, reading: Reading) -> tuple[Playback, Iterator[TrackedFrame]]:
-    """One log, and its frames, each when its time has come."""
-    from dirprim_filter.cli.progress import with_progress
-    from dirprim_filter.recording.playback import Playback, paced
-
-    if len(files) > 1:
-        raise typer.BadParameter(f"expected one log to play, got {len(files)} files", param_hint="--rate")
-    reading.require_acting_on([*files])
-    playback = Playback(files[0], reading.options())
-    frames = paced(playback, rate)
-    return playback, with_progress(frames, what=f"playing {files[0].name}", end_ns=playback.end_ns)
 
 
 def _on_one_plane(kinds: dict[str, list[Path]], reading: Reading) -> tuple[list[PrimitiveMap], Reading]:

@@ -75,8 +75,6 @@ CASES = [
     ("evaluate tracking log.mcap --config notes.txt", FAILED, "notes.txt: expected an experiment in TOML, or the JSON"),
     ("evaluate forecast log.mcap --config fold.toml", FAILED, "experiment: n_fold: expected one of split_by"),
     ("evaluate density log.mcap --split group", FAILED, "at least two to split by group, got 1"),
-    ("view map.mcap log.mcap --rate inf --save x.rrd", USAGE, "expected one log to play, got 2 files"),
-    ("view log.mcap --rate 0 --save x.rrd", FAILED, "rate: expected more than 0 seconds of the log each second"),
     *((f"plot map.mcap -o x.png --extent {box}", USAGE, "expected west south east north")
       for box in ("10 0 -10 5", "nan 0 1 1", "0 0 1e300 1e300", "0 0 1e-9 1e-9", "0 0 1 1e7")),
     ("convert no_y.csv -o x", FAILED, "missing: y_m"),

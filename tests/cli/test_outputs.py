@@ -45,7 +45,7 @@ TRACK = "track log.mcap --map map.mcap -o"
         ("recover log.mcap -o log.mcap --force", REPLACED),
         ("plot map.mcap -o map.mcap --force", REPLACED),
         ("view shown.rrd --save shown.rrd --force", REPLACED),
-        ("view log.mcap --rate inf --save log.mcap --force", REPLACED),
+        ("view log.mcap --save log.mcap --force", REPLACED),
         ("export log.mcap -o log.mcap --force", REPLACED),
         (f"{TRACK} new.mcap --save new.mcap", "another file for each output"),
         ("learn log.mcap -o there", EXISTS),

@@ -48,7 +48,6 @@ def test_the_long_commands_tell_of_their_steps(here):
         "convert t.csv -o t.mcap": r"9 of 9 instants",
         f"learn log.mcap -o m {GRID}": r"how vehicles go on",
         "recover t.mcap -o whole.mcap": r"(\d+) of \1 chunks",
-        "view log.mcap --rate inf --save r.rrd": r"(\d+\.\d) of \1 s of the log",
         "evaluate cues log.mcap --folds 2 --tessellation grid": r"2 of 2 folds",
     }
     for command, reported in commands.items():

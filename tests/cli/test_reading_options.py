@@ -14,7 +14,7 @@ COMMANDS = {
     "info": "info log.mcap",
     "learn": f"learn log.mcap {GRID} -o out",
     "track": "track log.mcap --map map.mcap --particles 20 -o out",
-    "view": "view log.mcap --rate inf --save out",
+    "view": "view log.mcap --save out",
     "evaluate density": "evaluate density log.mcap",
     "evaluate cues": "evaluate cues log.mcap",
     "evaluate tracking": "evaluate tracking log.mcap",
@@ -102,7 +102,7 @@ def test_a_damaged_log_ends_in_3_and_in_an_error_where_strict(here, capsys, comm
     [
         "plot map.mcap -o out.png --log log.mcap", "plot map.mcap -o out.png --estimates tracks.mcap",
         "export tracks.mcap -o out.csv", "score tracks.mcap --truth whole.mcap", "view log.mcap --save out.rrd",
-        "view tracks.mcap --save out.rrd", "view tracks.mcap --save out.rrd --rate inf",
+        "view tracks.mcap --save out.rrd",
         "view whole.mcap --truth log.mcap --save out.rrd", "calibrate whole.mcap --truth log.mcap -o out.toml",
         "track whole.mcap --map map.mcap -o out --particles 20 --save out.rrd --set truth=log.mcap",
         "smooth whole.mcap --map map.mcap -o out --particles 20 --truth log.mcap",

@@ -11,7 +11,6 @@ from test_ros2_schemas import ARRAYS, N_TIMES, array_log, point, quaternion
 from dirprim_filter import write_tracks
 from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.recording.losses import REPEATED
-from dirprim_filter.recording.playback import Playback
 from dirprim_filter.recording.reader import read_tracks, stream_detections
 from dirprim_filter.recording.schemas import decoders as decoding
 from dirprim_filter.recording.schemas import dirprim_pb2
@@ -129,9 +128,6 @@ def test_rows_without_ids_are_unlabelled_in_the_stream_and_a_track_each_in_track
     assert [frame.track_id.tolist() for frame in frames] == [[NO_ID] * 3] * N_TIMES
     tracks = read_tracks(path)
     assert tracks.n_tracks == len(tracks) == 3 * N_TIMES
-    for frame in Playback(path):
-        assert len(frame.detections) == 3
-        assert len(frame.estimates) == 0
 
 
 def covariance(k, *, n_rows=6):
