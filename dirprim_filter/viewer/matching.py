@@ -13,10 +13,9 @@ import numpy as np
 from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from dirprim_filter.distributions import gaussian
 from dirprim_filter.estimates import Estimates, TrackedFrame
-from dirprim_filter.evaluation.metrics.clear_mot import MATCH_FROM
+from dirprim_filter.evaluation.metrics.clear_mot import MATCH_FROM, UNMATCHED, matched_at_once
 from dirprim_filter.evaluation.metrics.comparison import SIMILARITY_M
 from dirprim_filter.evaluation.truth import INTERVALS, LEAST_GAP_S, interpolated, known_at, usual_interval_s
-from dirprim_filter.filtering.association import best_pairs
 from dirprim_filter.track_ids import as_texts
 from dirprim_filter.tracks import Tracks
 
@@ -25,7 +24,6 @@ MATCH_M = (1.0 - MATCH_FROM) * SIMILARITY_M
 GATE = 13.8
 """or the squared distance in units of the track's covariance: 99.9 % of a Gaussian of the plane."""
 JITTER = 1e-12
-UNMATCHED = -1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,17 +93,14 @@ class Matcher:
 
 def _nearest(position: FloatArray, estimates: Estimates, before: IntArray, is_near: BoolArray) -> IntArray:
     """(n,) rows of the estimates: those `before` while they are near enough, and of the others the best assignment."""
-    row, off = np.full(len(position), UNMATCHED), position[:, None] - estimates.position
+    off = position[:, None] - estimates.position
     precision = np.linalg.inv(estimates.covariance + JITTER * np.eye(2))
     distance = np.hypot(off[..., 0], off[..., 1])
     is_near &= (distance <= MATCH_M) | (np.einsum("vti,tij,vtj->vt", off, precision, off) <= GATE)
-    kept = np.flatnonzero(before >= 0)
-    kept = kept[is_near[kept, before[kept]]]
-    row[kept] = before[kept]
-    is_near[kept], is_near[:, before[kept]] = False, False
-    one, other = np.nonzero(is_near)
-    best = best_pairs(one, other, 1.0 / (1.0 + distance[one, other])) if one.size else one
-    row[one[best]] = other[best]
+    vehicle, track = np.nonzero(is_near)
+    matched = matched_at_once(vehicle, track, 1.0 / (1.0 + distance[vehicle, track]), before)
+    row = np.full(len(position), UNMATCHED)
+    row[vehicle[matched]] = track[matched]
     return row
 
 

@@ -43,9 +43,7 @@ def spawn_viewer(recordings: Sequence[Path] = ()) -> str:
     Raises:
         ConnectionError: none could be started.
     """
-    with socket.socket() as probe:
-        probe.bind((THIS_MACHINE, 0))
-        port = int(probe.getsockname()[1])
+    port = _free_port()
     shown = [str(path) for path in recordings] or ["--expect-data-soon"]
     try:
         viewer = subprocess.Popen(  # noqa: S603 - the SDK's own program, without a shell
@@ -75,11 +73,8 @@ def screenshot(recording: Path, elapsed_s: float) -> bytes:
     """
     from rerun.experimental import ViewerClient  # noqa: PLC0415 - only for pictures
 
-    with socket.socket() as free:
-        free.bind((THIS_MACHINE, 0))
-        port = int(free.getsockname()[1])
     try:
-        client = ViewerClient.spawn(headless=True, port=port, executable_path=viewer_program())
+        client = ViewerClient.spawn(headless=True, port=_free_port(), executable_path=viewer_program())
     except (OSError, RuntimeError) as error:
         raise ConnectionError(f"{NO_PICTURE} ({error})") from error
     try:
@@ -118,6 +113,12 @@ def require_listener(url: str) -> None:
         socket.create_connection((host, port), timeout=5.0).close()
     except OSError as error:
         raise ConnectionError(f"{url}: no viewer answers ({error}); start one with `rerun`") from error
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind((THIS_MACHINE, 0))
+        return int(probe.getsockname()[1])
 
 
 def _answers(program: subprocess.Popen[bytes], port: int) -> bool:

@@ -17,11 +17,11 @@ def test_a_sound_installation_is_called_so(capsys):
 
 @pytest.mark.parametrize("check", CHECKS)
 def test_what_fails_is_named_and_the_others_are_checked(check, monkeypatch, capsys):
-    def broken():
+    def broken(**_):
         raise OSError("the disk is full")
 
     for name in CHECKS:
-        monkeypatch.setattr(doctor, name, broken if name == check else lambda: "well")
+        monkeypatch.setattr(doctor, name, broken if name == check else lambda **_: "well")
     assert dirprim("doctor") == FAILED
     said = capsys.readouterr().out
     assert said.count("ok: ") == 3

@@ -12,6 +12,7 @@ import typer
 
 from dirprim_filter.cli.commands import check_outputs
 from dirprim_filter.cli.evaluate.others import files_of, others_of
+from dirprim_filter.cli.motion import map_of
 from dirprim_filter.cli.options import FILE, PICTURES, WRITTEN, Config, Force, Json, Logs
 from dirprim_filter.cli.reading import Reading
 from dirprim_filter.cli.results import read_experiment, report
@@ -94,7 +95,6 @@ def tracking(
     from dirprim_filter.cli.coverage import Coverage
     from dirprim_filter.cli.progress import step_progress
     from dirprim_filter.evaluation.tracking import evaluate_tracking
-    from dirprim_filter.recording import load_map
 
     if as_json + as_markdown + as_latex > 1:
         raise typer.BadParameter("expected one of --json, --markdown and --latex")
@@ -106,15 +106,12 @@ def tracking(
     if not own.time_limit_s > 0:
         raise typer.BadParameter(f"time_limit_s: expected positive seconds, got {own.time_limit_s}", param_hint="--set")
     others = others_of(commands, estimates or (), made, limit_s=own.time_limit_s)
-    inputs, primitive_map = [*logs, *([map_file] if map_file else [])], load_map(map_file) if map_file else None
-    inputs += [path for other in others.values() for path in files_of(other, made)]
-    if map_file is not None and primitive_map is not None:
-        reading = reading.on_plane_of(map_file, primitive_map.origin)
+    primitive_map, reading = map_of(map_file, reading)
+    inputs = [*logs, *filter(None, [map_file]), *(path for other in others.values() for path in files_of(other, made))]
     if plot is not None:
         check_outputs([plot.with_suffix(DATA)], inputs, force=force)
     log = reading.tracks(logs)
-    if map_file is not None and primitive_map is not None:
-        Coverage(primitive_map, map_file, logs[0]).check(log.tracks.position)
+    Coverage(primitive_map, map_file, logs[0]).check(log.tracks.position)
     with step_progress("evaluating", "steps") as step:
         table = evaluate_tracking(log.tracks, made, primitive_map=primitive_map, others=others, progress=step)
     if plot is not None:

@@ -57,7 +57,7 @@ def _matched(comparison: Comparison, valid: Pairs, similarity: FloatArray) -> tu
     switches = 0
     for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
         pairs = slice(start, end)
-        chosen = start + _of_instant(vehicle[pairs], track[pairs], similarity[pairs], before)
+        chosen = start + matched_at_once(vehicle[pairs], track[pairs], similarity[pairs], before)
         who, by = vehicle[chosen], track[chosen]
         switches += int(((last[who] != UNMATCHED) & (last[who] != by)).sum())
         before[:] = UNMATCHED
@@ -66,8 +66,15 @@ def _matched(comparison: Comparison, valid: Pairs, similarity: FloatArray) -> tu
     return np.concatenate(matched) if matched else np.empty(0, np.int64), switches
 
 
-def _of_instant(vehicle: IntArray, track: IntArray, similarity: FloatArray, before: IntArray) -> IntArray:
-    """The pairs that are matched: those of the instant before, then the most similar of what is left."""
+def matched_at_once(vehicle: IntArray, track: IntArray, similarity: FloatArray, before: IntArray) -> IntArray:
+    """Of (p,) valid pairs of one instant those that are matched: as the instant before, of what is left the most alike.
+
+    Args:
+        vehicle: (p,) its number.
+        track: (p,) its number.
+        similarity: (p,) positive.
+        before: the track of each vehicle, by its number, in the instant before; `UNMATCHED` for none.
+    """
     kept = before[vehicle] == track
     if kept.all():
         return np.arange(vehicle.size)
