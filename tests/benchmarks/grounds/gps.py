@@ -10,7 +10,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -168,10 +168,10 @@ def of_gps(name: str, asked: Asked) -> list[Findings]:
         noise_m=source.noise_m, interaction="none", n_particles=100 if asked.is_smoke else 1000,
         step_s=max(usual_s / STEPS, FilterConfig().step_s),
     )  # fmt: skip
-    tables, choice = [], ()
+    tables, configs, choices = [], (config, config), ()
     if with_map:
         training = windows_of(train, 5 * usual_s, most=6 if asked.is_smoke else FITTED_WINDOWS, seed=1)
-        config, choice = noise_fitted(training, with_map.without_places(), _lasting(config, 5 * usual_s))
+        configs, choices = noises_fitted(training, with_map.without_places(), _lasting(config, 5 * usual_s))
     by_map = {WITH: with_map, WITHOUT: with_map.without_places() if with_map else None}
     gaps_s = {*(times * usual_s for times in INTERVALS[: 1 if asked.is_smoke else None]), *source.gaps_s}
     for gap_s in sorted(gaps_s):
@@ -180,14 +180,14 @@ def of_gps(name: str, asked: Asked) -> list[Findings]:
         if not windows or not training:
             logging.getLogger(__name__).warning("%s: no trip with a gap of %g s between other rows", name, gap_s)
             continue
-        answers = {
-            method: partial(_answers, windows, model, _lasting(config, gap_s)) for method, model in by_map.items()
-        }  # fmt: skip
+        asked_of = [_lasting(of, gap_s) for of in configs]
+        answers = {method: partial(_answers, windows, model, asked_of) for method, model in by_map.items()}
         tables += judged(
             windows, training, answers, about=f"{name}, gaps of {gap_s:g} s ({gap_s / usual_s:.1f} intervals)",
             n_seeds=asked.n_seeds, density=source.density, noise_m=source.noise_m,
         )  # fmt: skip
-        tables[-1].settings += choice
+        for table, choice in zip(tables[-2:], choices, strict=False):
+            table.settings.append(choice)
     return tables
 
 
@@ -196,24 +196,31 @@ def _lasting(config: FilterConfig, gap_s: float) -> FilterConfig:
     return replace(config, max_gap_s=2.0 * gap_s + 5.0)
 
 
-def noise_fitted(
+def noises_fitted(
     windows: Sequence[Window], model: PrimitiveMap, config: FilterConfig
-) -> tuple[FilterConfig, tuple[Choice, ...]]:
-    """Our noise, as the rivals' is chosen: by energy scores on training windows, of the filter without the map."""
+) -> tuple[tuple[FilterConfig, FilterConfig], tuple[Choice, ...]]:
+    """Our noise online and smoothed, as the rivals': by energy scores on training windows, of ours without the map."""
 
-    def score(values: tuple[float, ...]) -> float:
-        found = ours(windows, model, replace(config, noise_m=values[0]), seed=0)
-        return -float(sum(np.log(marks(windows, answer).energy.mean()) for answer in found))
+    @cache
+    def energies(noise_m: float) -> tuple[float, ...]:
+        found = ours(windows, model, replace(config, noise_m=noise_m), seed=0)
+        return tuple(float(np.log(marks(windows, answer).energy.mean())) for answer in found)
 
-    choice = choose([Axis("our noise_m", config.noise_m)], score, least_gain=OUR_GAIN)
-    return replace(config, noise_m=choice[0].chosen), choice
+    def chosen(how: str, which: int) -> Choice:
+        axis = Axis(f"our {how} noise_m", config.noise_m)
+        return choose([axis], lambda values: -energies(values[0])[which], least_gain=OUR_GAIN)[0]
+
+    online, smoothed = chosen("online", 0), chosen("smoothed", 1)
+    return (replace(config, noise_m=online.chosen), replace(config, noise_m=smoothed.chosen)), (online, smoothed)
 
 
 def _answers(
-    windows: Sequence[Window], model: PrimitiveMap | None, config: FilterConfig, seed: int
+    windows: Sequence[Window], model: PrimitiveMap | None, configs: Sequence[FilterConfig], seed: int
 ) -> tuple[Answer, Answer]:
+    """Online by the first configuration, smoothed by the second."""
     if model is None:
         n = sum(of.hidden_s.size for of in windows)
         silent = Answer(*(np.full((n, *shape), np.nan) for shape in ((2,), (2, 2), (N_SAMPLES, 2))))
         return silent, silent
-    return ours(windows, model, config, seed=seed)
+    online, smoothed = ours(windows, model, configs[0], seed=seed)
+    return online, smoothed if configs[1] == configs[0] else ours(windows, model, configs[1], seed=seed)[1]
