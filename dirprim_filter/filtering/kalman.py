@@ -173,7 +173,8 @@ def acceleration_density(tracks: Tracks) -> float:
 class WanderingKalman(ConstantVelocityKalman):
     """Whose acceleration lasts: white noise, and manoeuvres that go on for seconds, as those of a map's background do.
 
-    Over a stretch between two measurements it counts as white, of the density that gives the same change of velocity.
+    Over a stretch between two measurements it counts as white, of the density that gives the same change of velocity;
+    over less than `JUMP_S` as over that: what acts now acts in the next stretch too.
 
     Args:
         white: (2,) m^2/s^3, as `Motion.wander`: it counts as round.
@@ -187,8 +188,8 @@ class WanderingKalman(ConstantVelocityKalman):
 
     def density(self, over_s: FloatArray | float) -> FloatArray:
         """As of a `ConstantVelocityKalman`."""
-        over = np.asarray(over_s, np.float64)[..., None] / JUMP_S
+        over = np.fmax(np.asarray(over_s, np.float64), JUMP_S)[..., None] / JUMP_S
         lag = np.arange(1, self._lasting.size)
-        later = np.maximum(1.0 - lag / np.fmax(over, 1e-9), 0.0) @ self._lasting[1:]
-        lasts = JUMP_S * (np.fmin(over[..., 0], 1.0) * self._lasting[0] + 2.0 * later)
+        later = np.maximum(1.0 - lag / over, 0.0) @ self._lasting[1:]
+        lasts = JUMP_S * (self._lasting[0] + 2.0 * later)
         return np.asarray(super().density(over_s) + np.maximum(lasts, 0.0)[..., None, None])

@@ -45,6 +45,23 @@ def test_who_is_named_and_seen_again_is_estimated_at_every_instant_between_howev
             assert np.abs(later.position[:, 0] - 1e-8 * later.time_ns).max() < 20.0
 
 
+def test_a_vehicle_of_which_is_heard_each_ten_minutes_is_waited_for_for_hours():
+    """But not for days: the control is the same name, seen again in another week."""
+    before, slow = 600.0 * np.arange(9), replace(CONFIG, max_gap_s=1000.0, step_s=30.0)
+    for away_s, is_known in ((3 * 3600.0, True), (5 * 86400.0, False)):
+        seen = driven(*before, *(before[-1] + away_s + before[:3]), speed=0.5)
+        times = [*asked(before[-1] + away_s, every_s=(before[-1] + away_s) / 200)]
+        later = smoothed(seen, model=EAST.without_places(), times=times, config=slow)[1]
+        assert (np.isin(times, later.time_ns).mean() == 1.0) == is_known
+
+
+def test_stretches_of_less_than_a_second_know_that_an_acceleration_lasts():
+    """So its density over a tenth of one is that over a second; over five it is that of what lasts longer, too."""
+    kalman = WanderingKalman(np.array([0.1, 0.1]), np.array([[4.0, 4.0], [2.0, 2.0]]))
+    np.testing.assert_allclose(kalman.density(0.1), kalman.density(1.0))
+    assert (np.diagonal(kalman.density(5.0)) > 1.5 * np.diagonal(kalman.density(1.0))).all()
+
+
 def test_a_false_name_far_away_is_another_vehicle():
     seen = Detections.concatenate([driven(*np.arange(0.0, 3.0, 0.5)), driven(*np.arange(8.0, 10.0, 0.5), speed=300.0)])
     later = smoothed(seen, model=EAST, times=asked(9.5), config=CONFIG)[1]

@@ -24,7 +24,7 @@ LONG, USUAL_OF = 3.0, 9
 """Times the usual interval between measurements, the median of the last, after which the map may know more of the way
 than both ends do. Below, on GeoLife and Chicago's buses, ways by the map are 6 to 10 % farther off."""
 LABELLED_GAP_NS = 300_000_000_000
-"""A vehicle that its sensor names is waited for so long: seen again, it existed in between."""
+"""A vehicle that its sensor names is waited for at least so long: seen again, it existed in between."""
 SAME_VEHICLE = 36.0
 """Squared Mahalanobis distance up to which one belief may be the continuation of another."""
 HARDEST = 8.0
@@ -94,6 +94,7 @@ class Chain:
         name: of the vehicle; empty until it is reported. One that its sensor named and saw again was there.
         label: as given.
         is_joined: whether it took up another.
+        patience_ns: how long its vehicle, if its sensor named it, is waited for.
         existence: the largest reported probability that the track is a vehicle.
         first_ns: time of the first measurement.
         last: the filter's belief at the last measurement.
@@ -106,7 +107,7 @@ class Chain:
     def __init__(self, first: Belief, straight: Gaussian, samples: States, label: str = "") -> None:
         self.name, self.label = "", label
         self.is_joined = self.is_replaced = False
-        self.existence = 0.0
+        self.existence, self.patience_ns = 0.0, LABELLED_GAP_NS
         self.first_ns = first.time_ns
         self.last, self.straight, self.samples = first, straight, samples
         self.path: list[Step] = []
@@ -119,7 +120,7 @@ class Chain:
 
     def is_over(self, now_ns: int, gap_ns: int) -> bool:
         """Whether its vehicle, of which all is known up to a time, will not be measured again as this one."""
-        return self.is_replaced or now_ns - self.last.time_ns > (LABELLED_GAP_NS if self.label else gap_ns)
+        return self.is_replaced or now_ns - self.last.time_ns > (self.patience_ns if self.label else gap_ns)
 
     def reaches(self, time_ns: IntArray) -> BoolArray:
         """(n,) whether its vehicle is estimated at these times."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import deque
+
 import numpy as np
 
 from dirprim_filter.arrays import FloatArray, IntArray
@@ -12,10 +14,14 @@ from dirprim_filter.filtering.measurements import of_sensor
 from dirprim_filter.filtering.protocols import BayesFilter, Evidence, Smoothable, States
 from dirprim_filter.filtering.smoothing import bridge
 from dirprim_filter.filtering.smoothing.bridge import Gaussian
-from dirprim_filter.filtering.smoothing.chain import GAP_NS, LABELLED_GAP_NS, Chain, Smoothed, may_lead
+from dirprim_filter.filtering.smoothing.chain import GAP_NS, LABELLED_GAP_NS, PAUSE_NS, Chain, Smoothed, may_lead
 from dirprim_filter.filtering.smoothing.links import MOVES, Belief, Step, links_of, moments_of, tempered, unlinked
 from dirprim_filter.sensor import Sensor
 from dirprim_filter.track_ids import qualified_names
+
+WAITED, WAITED_OF = 50, 99
+"""Times the usual interval between measurements of one name, the median of the log's last, that a vehicle is waited
+for: a bus tells where it is each few minutes."""
 
 
 class Recorder:
@@ -49,6 +55,7 @@ class Recorder:
         self.frames_ns: list[int] = []
         self._chain: dict[int, Chain] = {}  # of each slot
         self._labelled: dict[str, Chain] = {}  # the last of each label
+        self._intervals: deque[int] = deque(maxlen=WAITED_OF)
 
     def begun(self, slot: IntArray, measured: Detections, time_ns: int) -> None:
         """Beliefs were initialised by one measurement each: a chain of each begins.
@@ -69,6 +76,8 @@ class Recorder:
                 former.samples = samples
                 continue
             away = self._labelled.get(label)
+            if away is not None:
+                self._intervals.append(time_ns - away.last.time_ns)
             if away is not None and self._is_back(away, belief):
                 self.straight.mean[s], self.straight.covariance[s] = away.straight
                 self._measure(here, measured[i : i + 1], np.array([(time_ns - away.last.time_ns) * 1e-9]))
@@ -77,14 +86,19 @@ class Recorder:
                 continue
             self.straight.begin(here, here, measured[i : i + 1])
             self._chain[s] = chain = Chain(belief, self._straight_of(s), samples, label)
+            chain.patience_ns = self._patience_ns()
             self.chains.append(chain)
             if label:
                 self._labelled[label] = chain
 
     def _is_back(self, away: Chain, belief: Belief) -> bool:
         out_ns = belief.time_ns - away.last.time_ns
-        is_known = not away.is_replaced and 0 < out_ns <= LABELLED_GAP_NS
+        is_known = not away.is_replaced and 0 < out_ns <= away.patience_ns
         return is_known and bool(may_lead(away.last.mean[:MOVES], out_ns * 1e-9, belief.mean[:2]))
+
+    def _patience_ns(self) -> int:
+        """How long a vehicle that its sensor named is waited for."""
+        return max(LABELLED_GAP_NS, WAITED * int(np.median(self._intervals or [0])))
 
     def waits_ns(self, now_ns: int) -> int:
         """Since when a vehicle that its sensor named is away and may come back; or the present."""
@@ -140,7 +154,10 @@ class Recorder:
         fair = ~evidence.is_unexplained | (since_ns > GAP_NS)
         self.straight.predict(slot, since_ns * 1e-9)
         self.straight.weigh(slot[fair], self._fair(measured, moments[2], since_ns * 1e-9)[fair])
+        self._intervals.extend(since_ns.tolist())
         for i, (chain, own, *of_one) in enumerate(zip(chains, links, *moments, strict=True)):
+            if since_ns[i] > PAUSE_NS:
+                chain.patience_ns = self._patience_ns()
             chain.extend(own, Belief(time_ns, *of_one), self._straight_of(int(slot[i])), _row(found, i))
         return evidence
 
