@@ -63,13 +63,14 @@ def test_at_a_rate_each_group_has_estimates_in_its_own_gaps_as_if_it_were_alone(
         for group, (low, high) in gaps.items()
     }
 
-    def tracked(seen):
+    def tracked(seen, rate_hz=5.0):
         kept, config = EstimateList(), FilterConfig(n_particles=50)
         smoother = Smoother(sinks=[kept.write])
         options = {"config": config, "tracking": TRUSTING}
         tracker = GroupTracker(lambda group: smoother.tracker(group, ring_map, **options, rng=np.random.default_rng(0)))
         with smoother:
-            replay(seen.frames(), tracker, [smoother] if smooth else [kept], rate_hz=5.0)
+            n_frames = replay(seen.frames(), tracker, [smoother] if smooth else [kept], rate_hz=rate_hz)
+        assert n_frames == np.unique(seen.time_ns).size
         return kept.all()
 
     together = tracked(Detections.concatenate(parts.values()))
@@ -80,34 +81,13 @@ def test_at_a_rate_each_group_has_estimates_in_its_own_gaps_as_if_it_were_alone(
         own = ours[ours.time_ns <= seen.time_ns.max()]
         for column in fields(Estimates):
             np.testing.assert_array_equal(getattr(own, column.name), getattr(alone, column.name))
-        between = np.unique(alone.time_ns[~np.isin(alone.time_ns, seen.time_ns)]) * 1e-9
+        of_frame, plain = np.isin(alone.time_ns, seen.time_ns), tracked(seen, rate_hz=None)
+        between = np.unique(alone.time_ns[~of_frame]) * 1e-9
         low, high = gaps[group]
         last = seen.time_ns[seen.time_ns < low * 1e9].max() * 1e-9
         expected = np.arange(last + 0.2, high - 0.05, 0.2)
         np.testing.assert_allclose(between, expected)
-
-
-def test_at_a_rate_the_log_has_estimates_also_where_it_has_no_frame_and_those_of_its_frames_stay(ring_map, ring):
-    seen = Detections.of(
-        ring[(ring.track_id < 3) & (ring.time_ns < 4e9) & ((ring.time_ns < 1e9) | (ring.time_ns > 3e9))]
-    )
-
-    def tracked(rate_hz):
-        config, kept = FilterConfig(n_particles=50), EstimateList()
-        tracker = GroupTracker(
-            lambda _: Tracker(ring_map, config=config, tracking=TRUSTING, rng=np.random.default_rng(0))
-        )
-        assert replay(seen.frames(), tracker, [kept], rate_hz=rate_hz) == np.unique(seen.time_ns).size
-        return kept.all()
-
-    plain, rated = tracked(None), tracked(5.0)
-    in_gap = ~np.isin(rated.time_ns, seen.time_ns)
-    times = np.unique(rated.time_ns[in_gap]) * 1e-9
-    np.testing.assert_allclose(times, np.arange(1.1, 3.0, 0.2))
-    assert (rated.unseen_s[in_gap] > 0).all()
-    for column in fields(Estimates):
-        one, other = (getattr(of, column.name) for of in (plain, rated[~in_gap]))
-        if column.name == "existence":  # ages by another number of steps
-            np.testing.assert_allclose(one, other, rtol=1e-12)
-        else:
-            np.testing.assert_array_equal(one, other)
+        if not smooth:  # estimates of frames stay, but for existence, which ages by another number of steps
+            assert (alone.unseen_s[~of_frame] > 0).all()
+            np.testing.assert_allclose(alone.existence[of_frame], plain.existence, rtol=1e-12)
+            assert replace(alone[of_frame], existence=plain.existence) == plain

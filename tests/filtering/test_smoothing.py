@@ -235,10 +235,11 @@ def test_a_vehicle_is_smoothed_the_same_whichever_others_there_are():
     same(both[both.track_id == 1], alone)
 
 
-def test_where_a_belief_was_reinitialised_nothing_is_carried_across():
-    def at(time_s, x):
-        return Detections(track_id=["a"], time_ns=[round(time_s * 1e9)], position=[[x, 0.0]])
+def at(time_s, x):
+    return Detections(track_id=["a"], time_ns=[round(time_s * 1e9)], position=[[x, 0.0]])
 
+
+def test_where_a_belief_was_reinitialised_nothing_is_carried_across():
     first, second = ([at(t0 + 0.1 * i, x0 + i) for i in range(20)] for t0, x0 in ((0.0, 0.0), (10.0, 500.0)))
     _, both = smoothed(Detections.concatenate([*first, *second]))
     same(both[both.time_ns < 9e9], smoothed(Detections.concatenate(first))[1])
@@ -247,9 +248,6 @@ def test_where_a_belief_was_reinitialised_nothing_is_carried_across():
 
 
 def test_a_belief_that_was_lost_in_a_gap_is_smoothed_up_to_where_its_vehicle_was_found():
-    def at(time_s, x):
-        return Detections(track_id=["a"], time_ns=[round(time_s * 1e9)], position=[[x, 0.0]])
-
     def halfway(end, seed):
         """Drives at 10 m/s, and is found at `end` after three seconds out of sight: at 50 m it would have been."""
         seen = Detections.concatenate([at(0.1 * i, i) for i in range(20)] + [at(5.0 + 0.1 * i, end) for i in range(5)])

@@ -89,28 +89,6 @@ def test_a_vehicle_unseen_for_longer_than_the_gap_is_reinitialised(ring_map, lat
     assert of_vehicle(fresh, "a") == [column[-len(column) // 6 :] for column in of_vehicle(found, "a")]
 
 
-def test_a_jump_of_a_kilometre_is_reinitialised_and_counted(ring_map):
-    times = 0.1 * np.arange(20)
-    path = {
-        "a": np.array([on_the_ring(t) + np.array([1000.0 * (t > 0.95), 0.0]) for t in times]),
-        "b": np.array([on_the_ring(t + 4.0) for t in times]),
-    }
-    frames = [
-        Detections(track_id=["a", "b"], time_ns=np.full(2, round(t * 1e9)), position=[path["a"][i], path["b"][i]])
-        for i, t in enumerate(times)
-    ]
-    found, tracker = track(ring_map, frames)
-    assert tracker.recoveries == 1
-    for f in column_fields(found)[1:]:
-        assert np.isfinite(getattr(found, f.name)).all()
-    error = np.abs(found.position[found.track_id == "a"] - path["a"]).max(axis=1)
-    assert error[10] > 900  # the first might be an outlier, the second is not
-    assert np.delete(error, 10).max() < 2.0
-    calm, tracker = track(ring_map, [one("b", t, *path["b"][i]) for i, t in enumerate(times)])
-    assert tracker.recoveries == 0
-    assert of_vehicle(calm, "b") == of_vehicle(found, "b")
-
-
 def both(times_s, names=("a", "b")):
     return Detections(
         track_id=list(names), time_ns=[round(t * 1e9) for t in times_s], position=[[20.0, 0.5], [0.0, 20.0]]
