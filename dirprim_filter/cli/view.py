@@ -58,7 +58,13 @@ def view(
     if recordings:
         if len(recordings) < len(files) or any((save, connect, truth, reading.given)):
             raise ValueError(f"{recordings[0]}: an .rrd opens beside other .rrd files alone, on a screen, as it is")
-        return _opened(recordings, at, screenshot, force=force)
+        if screenshot is None:
+            from dirprim_filter.viewer.process import spawn_viewer
+
+            spawn_viewer(recordings)
+        else:
+            _draw(recordings[-1], at, screenshot, force=force)
+        return exit_codes.DONE
     kinds, losses = _sorted(files), Losses()
     if not kinds[LOG]:
         reading.require_acting(*OF_ESTIMATES * bool(kinds[RUN]), *(*OF_TRUTH, "group") * bool(truth))
@@ -80,17 +86,6 @@ def view(
         if screenshot is not None and saved is not None:
             _draw(saved, at, screenshot, force=force)
     return exit_code(viewer, exit_codes.of_losses(losses))
-
-
-def _opened(recordings: list[Path], at_s: float, picture: Path | None, *, force: bool) -> int:
-    """Recordings as they are, on a screen or as a picture."""
-    from dirprim_filter.viewer.process import spawn_viewer
-
-    if picture is None:
-        spawn_viewer(recordings)
-    else:
-        _draw(recordings[-1], at_s, picture, force=force)
-    return exit_codes.DONE
 
 
 def _draw(recording: Path, at_s: float, picture: Path, *, force: bool) -> None:
