@@ -31,6 +31,7 @@ from dirprim_filter.recording.foxglove.scenes import (
     map_scenes,
     particle_cloud,
 )
+from dirprim_filter.recording.scan import scan
 from dirprim_filter.recording.schemas import dirprim_pb2
 from dirprim_filter.recording.writer import EstimateWriter
 
@@ -250,6 +251,10 @@ def test_each_state_has_a_topic_to_be_plotted_and_where_the_plane_is_on_the_eart
     with EstimateWriter(tmp_path / "a.mcap", metadata={}) as log:
         log.write_map_scene(replace(ring_map, origin=origin))
         log.write(replace(frame, estimates=estimates))
+    with scan(
+        tmp_path / "a.mcap"
+    ) as log:  # Foxglove shows an error for each topic in an encoding that it does not know
+        assert {channel.message_encoding for channel in log.channels()} == {"protobuf"}
     for topic, rows in ((topic_names.MEASURED, [0, 2]), (topic_names.COASTING, [1, 3])):
         (message,) = messages(tmp_path / "a.mcap", topic)
         assert [*dirprim_pb2.TrackEstimates.FromString(message.data).x] == estimates.position[rows, 0].tolist()
