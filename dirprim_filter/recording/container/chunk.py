@@ -139,7 +139,9 @@ def read_contents(file: FileBytes, chunk: Chunk) -> tuple[bytes, Damage | None]:
     if chunk.is_cut:
         detail = f"the file ends inside a chunk; {len(contents)} of {chunk.size} bytes are read unchecked"
         return contents, chunk.damaged("truncated", None, detail)
-    found, crc = zlib.crc32(contents), chunk.crc or _crc_of(file, chunk)
+    found, crc = zlib.crc32(contents), chunk.crc
+    if not crc and chunk.data_offset > chunk.offset:  # of one that came only as it was read the outline knows none
+        crc = int(CHUNK.unpack(file.peek(chunk.offset + RECORD_HEADER_SIZE, CHUNK.size))[3])
     if crc not in (0, found):
         return b"", _lost(file, chunk, "chunk_crc", f"expected CRC {crc:#010x}, got {found:#010x}")
     if len(contents) == chunk.size:
@@ -147,12 +149,6 @@ def read_contents(file: FileBytes, chunk: Chunk) -> tuple[bytes, Damage | None]:
     wrong = f"expected {chunk.size} bytes of contents, got {len(contents)}"
     forgiven = chunk.damaged("chunk_header", 0, f"{wrong}; the checksum confirms the contents")
     return (contents, forgiven) if crc else (b"", _lost(file, chunk, "chunk_header", wrong))
-
-
-def _crc_of(file: FileBytes, chunk: Chunk) -> int:
-    """Its checksum by what the file says now: of a chunk that came only as it was read, the outline knows none."""
-    at = chunk.offset + RECORD_HEADER_SIZE
-    return int(CHUNK.unpack(file.peek(at, CHUNK.size))[3]) if chunk.data_offset > chunk.offset else 0
 
 
 def _decompress(data: bytes, chunk: Chunk) -> bytes:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import zlib
 from collections.abc import Callable, Iterator
+from io import BufferedReader
 
 WINDOW_BYTES = 1 << 16
 """Short reads are served from a window of this size."""
@@ -76,6 +77,13 @@ class FileBytes:
         """The bytes between two places, some at a time."""
         end = len(self) if stop is None else stop
         return (self.read(at, min(at + BLOCK_BYTES, end)) for at in range(start, end, BLOCK_BYTES))
+
+    def stream(self) -> BufferedReader:
+        """All of it as a file, from its start on."""
+        self._need(0, len(self))
+        stream = os.fdopen(os.dup(self._number), "rb")
+        stream.seek(0)
+        return stream
 
     def crc(self, start: int, stop: int) -> int:
         """CRC-32 of the bytes between two places."""

@@ -12,20 +12,20 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from functools import partial
 from os import PathLike, fspath
 from pathlib import Path
 
 from dirprim_filter.recording.container.errors import READ_BYTES, NotMcapError, RecordingError
 from dirprim_filter.recording.container.file_bytes import FileBytes
-from dirprim_filter.recording.container.pipe import Pipe
 from dirprim_filter.recording.container.records import MAGIC
 from dirprim_filter.recording.container.remote_file import as_url, remote_copy
-from dirprim_filter.recording.container.temporary_copy import Copy
+from dirprim_filter.recording.container.temporary_copy import GZIP, Copy, Pipe, decompressed
 
 STDIN = "-"
 BAGS = (".db3", ".bag")
 """What the names of bags end in: in SQLite, and of ROS 1."""
-COMPRESSED = b"\x28\xb5\x2f\xfd", b"\x1f\x8b"
+COMPRESSED = b"\x28\xb5\x2f\xfd", GZIP
 """What files of zstd and of gzip begin with."""
 VERSION_FREE_MAGIC = MAGIC[:5]
 """A log whose opening magic differs only behind this is read, and reported as damaged."""
@@ -58,7 +58,9 @@ def open_files(path: str | PathLike[str], *, live: bool = False) -> Files:
     """
     name, file = fspath(path), Path(path)
     if name == STDIN:
-        return [(file, _copy(file, _standard_input).bytes_of(live=live))]
+        if (stdin := sys.stdin) is None:
+            raise RecordingError("-: expected a log on standard input, which is closed; give a file, or open it")
+        return [(file, _copy(file, lambda: Pipe(STDIN, stdin.buffer)).bytes_of(live=live))]
     if url := as_url(name):
         return [(file, _copy(file, lambda: remote_copy(url)).bytes_of(live=live))]
     if file.is_dir() or file.suffix in BAGS:
@@ -82,23 +84,6 @@ def _copy(file: Path, make: Callable[[], Copy]) -> Copy:
     return copies[key]
 
 
-def _standard_input() -> Pipe:
-    if sys.stdin is None:
-        raise RecordingError("-: expected a log on standard input, which is closed; give a file, or open it")
-    return Pipe(STDIN, sys.stdin.buffer)
-
-
-def _unpacked(file: Path, bytes_of: FileBytes) -> tuple[Path, FileBytes]:
-    opening = bytes_of.read(0, READ_BYTES)
-    if not opening.startswith(COMPRESSED):
-        return file, bytes_of
-    from dirprim_filter.recording.container.compressed_file import decompressed  # noqa: PLC0415 - few are
-
-    copy = _copy(Path(f"{file} inside"), lambda: decompressed(file, bytes_of, opening))
-    inside = copy.bytes_of(live=False)
-    return file, inside if len(inside) else bytes_of
-
-
 def log_files(path: str | PathLike[str], *, live: bool = False) -> Files:
     """The same of an MCAP log, which may be compressed as a whole.
 
@@ -107,9 +92,13 @@ def log_files(path: str | PathLike[str], *, live: bool = False) -> Files:
         RecordingError: as `open_files`.
         OSError: as there.
     """
-    files = [_unpacked(file, bytes_of) for file, bytes_of in open_files(path, live=live)]
-    for file, bytes_of in files:
-        opening = bytes_of.read(0, READ_BYTES)
+    files = open_files(path, live=live)
+    for i, (file, stored) in enumerate(files):
+        bytes_of, opening = stored, stored.read(0, READ_BYTES)
+        if opening.startswith(COMPRESSED):
+            copy = _copy(Path(f"{file} inside"), partial(decompressed, file, stored, opening))
+            if len(inside := copy.bytes_of(live=False)):
+                files[i], bytes_of, opening = (file, inside), inside, inside.read(0, READ_BYTES)
         if not opening.startswith(VERSION_FREE_MAGIC):
             size = len(bytes_of)
             if bytes_of.read(max(size - len(MAGIC), 0), size) != MAGIC:
