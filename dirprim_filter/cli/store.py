@@ -44,7 +44,7 @@ def add(
     from dirprim_filter.cli.progress import step_progress
     from dirprim_filter.store.adding import add_logs
     from dirprim_filter.store.config import StoreConfig
-    from dirprim_filter.store.delta import shown
+    from dirprim_filter.store.folder import shown
     from dirprim_filter.store.logs import find_logs
     from dirprim_filter.store.store import Store
     from dirprim_filter.store.workers import Workers

@@ -15,9 +15,8 @@ from dirprim_filter.recording.container.source import copied_once
 from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.reader import ReadOptions, TrackResult, read_track_logs
 from dirprim_filter.store.config import StoreConfig
-from dirprim_filter.store.delta import address_of
 from dirprim_filter.store.files import Contents, File
-from dirprim_filter.store.folder import Folder
+from dirprim_filter.store.folder import Folder, address_of
 from dirprim_filter.store.logs import FoundLog
 from dirprim_filter.store.rows import StoredRows
 from dirprim_filter.store.store import Store

@@ -16,7 +16,7 @@ PARTITIONS = ("log", "mark", "recording", "added", "status", "block", "halo")
 COLUMNS = pa.schema([*SCHEMA, *((name, pa.bool_() if name == "halo" else pa.string()) for name in PARTITIONS)])
 """Of the table."""
 PATH = re.compile(r"rows/[0-9a-f]{32}-([0-9a-f]{64})\.parquet")
-FIT = re.compile(r"_fits/-?\d{1,6}_-?\d{1,6}/[0-9a-f]{64}\.mcap")
+FIT = re.compile(r"_fits/-?\d{1,6}_-?\d{1,6}/[0-9a-f]{64}\.(?:arrow|mcap)")
 """As a store writes them: names of others are left alone."""
 DIGEST = re.compile("[0-9a-f]{64}")
 

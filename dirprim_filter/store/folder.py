@@ -1,23 +1,59 @@
-"""The files of a store by their names: written as a whole, and deleted only where a store wrote them."""
+"""The files of a store by their names: written as a whole, and deleted only where a store wrote them.
+
+The library of Delta tables does so; what is wrong with it becomes one line, without secrets.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
-from contextlib import suppress
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from dirprim_filter.recording.errors import RecordingError
-from dirprim_filter.store.delta import asking, shown
+from dirprim_filter.recording.container.errors import without_secrets
+from dirprim_filter.recording.errors import MissingExtraError, RecordingError
 from dirprim_filter.store.files import FIT, PATH
 
 FITS = "_fits"
 """Folder of what was fitted; Delta leaves alone what begins so."""
 LOG = re.compile(r"_delta_log/(\d{20}\..*|_last_checkpoint|_commit_.*\.tmp)")
 """Of Delta's library."""
+ANSI = re.compile(r"\x1b\[[0-9;]*m")
+
+
+def address_of(path: str | Path) -> str:
+    """As Delta takes it: an absolute path, or a URL, which `Path` takes a slash of."""
+    text = re.sub(r"^file:/+", "/", str(path))
+    if ":/" in text:
+        return re.sub(r":/+", "://", text, count=1)
+    return str(Path(text).resolve())
+
+
+def shown(path: str | Path) -> str:
+    """As messages name it: without what is secret in a URL."""
+    return without_secrets(address_of(path) if ":/" in str(path) else str(path))
+
+
+@contextmanager
+def asking(path: str | Path) -> Iterator[Any]:
+    """Within, the library of Delta tables is asked; what is wrong becomes one line, without colours and secrets.
+
+    Raises:
+        MissingExtraError: it is not installed.
+        RecordingError: whatever it raises.
+    """
+    try:
+        import deltalake  # noqa: PLC0415 (an extra)
+    except ImportError as error:
+        raise MissingExtraError(shown(path), library="deltalake", extra="fleet") from error
+    try:
+        yield deltalake
+    except (OSError, deltalake.exceptions.DeltaError, ValueError, TypeError) as error:
+        reason = " ".join(ANSI.sub("", str(error)).replace("↳", "").split())
+        raise RecordingError(f"{shown(path)}: {reason or type(error).__name__}") from error
 
 
 @dataclass(frozen=True)

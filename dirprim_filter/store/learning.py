@@ -13,7 +13,6 @@ from dataclasses import asdict, replace
 from functools import cache, partial
 from itertools import groupby
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,7 +22,7 @@ import tessellation
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.primitives.learning import learn_primitives
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.recording import load_map, save_map
+from dirprim_filter.recording.map_file import encoded, map_of
 from dirprim_filter.store.blocks import Block
 from dirprim_filter.store.files import Contents, File
 from dirprim_filter.store.folder import FITS
@@ -93,7 +92,7 @@ class Done(NamedTuple):
     """What came of it."""
 
     block: Block
-    data: bytes  # of the map's file; none where no row is left
+    data: bytes  # the map, as the message of a map file; none where no row is left
     fitted: bool
     damaged: list[str]
 
@@ -161,14 +160,14 @@ def _learned(store: Store, contents: Contents, recipe: Recipe, workers: Workers,
     if chosen and recipe.options.get("cell_size") is None:  # the block with the most rows chooses it for all
         first = fitted(task_of(blocks[0]), store=store, calls=calls)
         report(first)
-        found = _map_of(first.data).tessellation if first.data else None
+        found = map_of(first.data).tessellation if first.data else None
         if isinstance(found, GridTessellation):
             recipe = recipe._replace(options=recipe.options | {"cell_size": found.cell_size})
     tasks = [task_of(block) for block in blocks[len(done) :]]
     work = partial(fitted, store=store, calls=calls if workers.in_process else {})
     for each in workers.each(work, tasks, [f"fit-{task.key}" for task in tasks]):
         report(each)
-    maps = {each.block: _map_of(each.data) for each in sorted(done, key=lambda each: each.block) if each.data}
+    maps = {each.block: map_of(each.data) for each in sorted(done, key=lambda each: each.block) if each.data}
     if not maps:
         raise ValueError(
             f"{store}: expected places that {recipe.min_vehicles} vehicles passed the same way, got none; add logs, or "
@@ -208,7 +207,7 @@ def fitted(task: Task, *, store: Store, calls: dict[str, Any]) -> Done:
         GoneError: a log was taken out meanwhile.
         RecordingError: the store cannot be read or written.
     """
-    path = f"{FITS}/{task.block}/{task.key}.mcap"
+    path = f"{FITS}/{task.block}/{task.key}.arrow"
     known = store.get(path)
     if known is not None and hashlib.sha256(known[32:]).digest() == known[:32]:
         return Done(task.block, known[32:], False, [])
@@ -219,7 +218,7 @@ def fitted(task: Task, *, store: Store, calls: dict[str, Any]) -> Done:
     data = b""
     if len(tracks):
         rng = np.random.default_rng(recipe.seed)
-        data = _file_of(learn_primitives(tracks, weight=weight, rng=rng, **recipe.options, **calls))
+        data = encoded(learn_primitives(tracks, weight=weight, rng=rng, **recipe.options, **calls))
     if not damaged:
         store.put(path, hashlib.sha256(data).digest() + data)
     return Done(task.block, data, True, damaged)
@@ -234,20 +233,6 @@ def _recordings(store: Store, files: list[File], hours: Hours | None, damaged: l
             damaged.append(str(error))
         else:
             yield Recording.of(name, rows if hours is None else hours.of(rows))
-
-
-def _file_of(primitive_map: PrimitiveMap) -> bytes:
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "map.mcap"
-        save_map(primitive_map, path)
-        return path.read_bytes()
-
-
-def _map_of(data: bytes) -> PrimitiveMap:
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "map.mcap"
-        path.write_bytes(data)
-        return load_map(path)
 
 
 @cache

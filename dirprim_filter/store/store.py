@@ -26,9 +26,8 @@ from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.reader import ReadOptions
 from dirprim_filter.store.blocks import Block, blocks_near
 from dirprim_filter.store.config import StoreConfig
-from dirprim_filter.store.delta import address_of, asking, shown
 from dirprim_filter.store.files import COLUMNS, PARTITIONS, Contents, File, added_action, contents_of
-from dirprim_filter.store.folder import FITS, Folder
+from dirprim_filter.store.folder import FITS, Folder, address_of, asking, shown
 from dirprim_filter.store.rows import StoredRows
 
 MOST_COMMITS = 200

@@ -14,7 +14,7 @@ from dirprim_filter import Tracks, read_tracks
 from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.store import Store, add_logs, find_logs
 from dirprim_filter.store.config import StoreConfig
-from dirprim_filter.store.delta import shown
+from dirprim_filter.store.folder import shown
 from dirprim_filter.store.forgetting import forget, merge
 from dirprim_filter.store.keeping import whole
 from dirprim_filter.store.rows import StoredRows

@@ -59,7 +59,7 @@ def test_only_blocks_that_changed_or_whose_fit_is_damaged_are_learned_again(tmp_
     assert after.n_fitted == 1  # what was learned from a log goes with it
     assert after.digest == before != updated.digest
     expected = map_bytes(store, tmp_path)
-    for path in (tmp_path / "store" / "_fits").rglob("*.mcap"):
+    for path in (tmp_path / "store" / "_fits").rglob("*.arrow"):
         data = bytearray(path.read_bytes())
         data[len(data) // 2] ^= 1
         path.write_bytes(data)

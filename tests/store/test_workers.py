@@ -64,7 +64,7 @@ def test_a_client_a_worker_and_a_scheduler_that_are_killed_change_no_byte(cluste
     options = ["--tessellation", "grid", "--cell-size", "32", "--scheduler", several.scheduler]
     learn = ["store", "learn", store.path, "-o", str(tmp_path / "map.mcap"), *options]
     client = subprocess.Popen([sys.executable, "-c", program, *learn])
-    while client.poll() is None and not list((tmp_path / "store/_fits").rglob("*.mcap")):
+    while client.poll() is None and not list((tmp_path / "store/_fits").rglob("*.arrow")):
         time.sleep(0.01)
     client.kill()
     assert client.wait() == -signal.SIGKILL
