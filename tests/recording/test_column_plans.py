@@ -89,9 +89,9 @@ def test_cdr_of_any_definition_reads_as_rosbags_wrote_it(data):
         assert read.failures == {}
         for label, values in expected.items():
             if fields[label].kind == "name":
-                assert read.names(label).tolist() == values
+                assert read.read(label, "").tolist() == values
             elif isinstance(values[0] if values else 0, float):
-                assert read.numbers(label).tolist() == values
+                assert read.read(label).tolist() == values
             else:
                 assert read.columns[label].values.tolist() == [int(v) for v in values]
 
@@ -126,22 +126,22 @@ def test_an_idl_definition_reads_as_its_msg_twin():
     third = fields.pop("third")
     for encoding, definition in (("ros2msg", text), ("ros2idl", IDL)):
         read = run(CdrPlan("pkg/msg/Outer", encoding, definition.encode(), fields), [payload, payload[:9]])
-        assert read.numbers("x").tolist() == [2.5, -1.0]
-        assert read.names("name").tolist() == ["ä", ""]
-        assert read.numbers("second")[0] == 2.0
-        assert read.numbers("last")[0] == 65535
-        assert np.isnan(read.numbers("other")).all()
+        assert read.read("x").tolist() == [2.5, -1.0]
+        assert read.read("name", "").tolist() == ["ä", ""]
+        assert read.read("second")[0] == 2.0
+        assert read.read("last")[0] == 65535
+        assert np.isnan(read.read("other")).all()
         assert list(read.failures) == [1]
         alone = run(CdrPlan("pkg/msg/Outer", encoding, definition.encode(), {"third": third}), [payload])
-        assert math.isnan(alone.numbers("third")[0])
+        assert math.isnan(alone.read("third")[0])
 
 
 def test_cdr2_aligns_to_four_bytes_and_a_length_that_a_message_claims_is_not_allocated():
     plan = CdrPlan("p/M", "ros2msg", b"uint8 a\nfloat64 b", {"b": Field(path=".b")})
     packed = struct.pack("<BxxxI", 7, 0)[:4] + struct.pack("<d", 2.5)
-    assert run(plan, [b"\x00\x07\x00\x00" + packed]).numbers("b").tolist() == [2.5]
+    assert run(plan, [b"\x00\x07\x00\x00" + packed]).read("b").tolist() == [2.5]
     read = run(plan, [b"\x00\x01\x00\x00" + bytes(8) + struct.pack("<d", 3.5), b"\x00\x03\0\0", b"\x00\x0b\0\0"])
-    assert read.numbers("b")[:1].tolist() == [3.5]
+    assert read.read("b")[:1].tolist() == [3.5]
     unread = {
         1: "encapsulation 0x0003 (PL_CDR), which is not read",
         2: "encapsulation 0x000b (PL_CDR2), which is not read",
@@ -158,7 +158,7 @@ def test_cdr2_aligns_to_four_bytes_and_a_length_that_a_message_claims_is_not_all
         ],
     )
     assert sorted(read.failures) == [0, 1]
-    assert read.numbers("x").tolist() == [97.0, 98.0]
+    assert read.read("x").tolist() == [97.0, 98.0]
     assert read.message_of(".a[]").tolist() == [2, 2]
 
 
@@ -264,7 +264,7 @@ def test_protobuf_of_any_kind_reads_as_the_stock_parser_reads_it(kind, data):
     assert read.failures == {}
     assert read.is_set("is_set").tolist() == [m.HasField("one") for m in written]
     for label in paths:
-        got = read.names(label) if form == "name" else read.numbers(label)
+        got = read.read(label, "") if form == "name" else read.read(label)
         np.testing.assert_array_equal(got, np.array(expected[label], dtype=got.dtype))
     if "deep" in paths and len(read.message_of(".items[].items[]")):
         parents = read.parent_of(".items[].items[]")
@@ -281,7 +281,7 @@ def test_columns_of_many_numbers_are_whole(lengths):
     fields = {name: Field(path=f".{name}[]", kind="number") for name in columns}
     read = run(protobuf_plan("p.M", DEFINITION, fields), payloads)
     for name in columns:
-        np.testing.assert_array_equal(read.numbers(name), np.concatenate([np.arange(n) for n in lengths]))
+        np.testing.assert_array_equal(read.read(name), np.concatenate([np.arange(n) for n in lengths]))
 
 
 def test_a_protobuf_schema_that_cannot_be_read_says_why():
@@ -327,11 +327,11 @@ def test_json_reads_what_is_there_and_says_what_is_not():
     payloads = [json.dumps(one).encode() for one in reported] + [b"{", b"\xff", b"[" * 100_000]
     read = run(JsonPlan(fields), payloads)
     assert sorted(read.failures) == [3, 4, 5, 6, 7, 8]
-    assert read.names("id").tolist() == ["7", "b", ""]
-    np.testing.assert_array_equal(read.numbers("x"), [1.5, math.nan, 3.0])
-    np.testing.assert_array_equal(read.numbers("deep"), [2.0, 5.0, math.nan])
+    assert read.read("id", "").tolist() == ["7", "b", ""]
+    np.testing.assert_array_equal(read.read("x"), [1.5, math.nan, 3.0])
+    np.testing.assert_array_equal(read.read("deep"), [2.0, 5.0, math.nan])
     assert read.parent_of(".objects[].parts[]").tolist() == [1, 2, 2]
-    assert read.times("t").tolist()[:4] == [10**9 + 5, 1_577_836_800_000_000_001, 12, NO_TIME]
+    assert read.read("t", NO_TIME).tolist()[:4] == [10**9 + 5, 1_577_836_800_000_000_001, 12, NO_TIME]
     assert read.is_set("set").tolist()[:3] == [True, False, False]
     assert read.message_of("").tolist() == list(range(9))
 
@@ -432,19 +432,19 @@ def test_cdr2_has_sizes_in_front_of_arrays_and_where_it_is_delimited_of_messages
     }  # fmt: skip
     plan = CdrPlan("demo::Objects", "omgidl", OBJECTS.encode(), fields)
     read = run(plan, [payload, payload[:90], payload])
-    assert read.names("id").tolist() == ["a", "aa", "aaa"] * 2
-    assert read.numbers("x").tolist() == [0.5, 1.5, 2.5] * 2
-    assert (read.numbers("kind").tolist(), read.numbers("width").tolist()) == ([1.0] * 6, [2.0] * 6)
-    assert read.numbers("corner").tolist() == [0.0, -2.0, -4.0] * 2
-    assert read.numbers("last")[[0, 2]].tolist() == [-5.0, -5.0]
-    assert read.times("time")[0] == 1_700_000_000_000_000_000
+    assert read.read("id", "").tolist() == ["a", "aa", "aaa"] * 2
+    assert read.read("x").tolist() == [0.5, 1.5, 2.5] * 2
+    assert (read.read("kind").tolist(), read.read("width").tolist()) == ([1.0] * 6, [2.0] * 6)
+    assert read.read("corner").tolist() == [0.0, -2.0, -4.0] * 2
+    assert read.read("last")[[0, 2]].tolist() == [-5.0, -5.0]
+    assert read.read("time", NO_TIME)[0] == 1_700_000_000_000_000_000
     assert f"encapsulation {number & ~1:#06x}" in read.failures[1]
     last = run(CdrPlan("demo::Objects", "omgidl", OBJECTS.encode(), {"last": Field(path=".last")}), [payload])
-    assert last.numbers("last").tolist() == [-5.0]
+    assert last.read("last").tolist() == [-5.0]
     path = run(
         CdrPlan("demo::Objects", "omgidl", OBJECTS.encode(), {"y": Field(path=".objects[].path[].y")}), [payload]
     )
-    assert path.numbers("y").tolist() == [0.0, -2.0, -2.0, -4.0, -4.0, -4.0]
+    assert path.read("y").tolist() == [0.0, -2.0, -2.0, -4.0, -4.0, -4.0]
 
 
 def test_structures_that_have_no_size_in_front_in_a_delimited_message_are_noticed():
@@ -458,7 +458,7 @@ def test_structures_that_have_no_size_in_front_in_a_delimited_message_are_notice
         plan = CdrPlan("demo::Objects", "omgidl", text.encode(), {"value": Field(path=path, kind="name")})
         assert "delimited CDR2" in run(plan, [payload]).failures[0]
     last = CdrPlan("demo::Objects", "omgidl", text.encode(), {"last": Field(path=".last")})
-    assert run(last, [payload]).numbers("last").tolist() == [-5.0]  # their array has a size all the same
+    assert run(last, [payload]).read("last").tolist() == [-5.0]  # their array has a size all the same
 
 
 def test_messages_of_ros_1_are_read_as_rosbags_writes_them():
@@ -476,8 +476,8 @@ def test_messages_of_ros_1_are_read_as_rosbags_writes_them():
         "until": Field(path=".until", kind="time"),
     }  # fmt: skip
     read = run(CdrPlan("pkg/Outer", "ros1msg", text.encode(), fields), [payload, payload[:-1]])
-    assert read.times("time")[0] == 1_700_000_000_000_000_005
-    assert read.times("until")[0] == 1_700_000_001_000_000_006
-    assert (read.names("frame")[0], read.names("name").tolist()) == ("map", ["a", "bcd"])
-    assert (read.numbers("x").tolist(), read.numbers("last")[0]) == ([0.5, 1.5], 7.5)
+    assert read.read("time", NO_TIME)[0] == 1_700_000_000_000_000_005
+    assert read.read("until", NO_TIME)[0] == 1_700_000_001_000_000_006
+    assert (read.read("frame", "")[0], read.read("name", "").tolist()) == ("map", ["a", "bcd"])
+    assert (read.read("x").tolist(), read.read("last")[0]) == ([0.5, 1.5], 7.5)
     assert list(read.failures) == [1]

@@ -59,6 +59,7 @@ class OutputTables:
         schema: its name.
         fields: what is wanted.
         tables: number by path.
+        defaults: a row of each: the message, the row above, then its columns.
         columns: by label, table, column and form.
         clocks: by label, the same of seconds and of nanoseconds.
         presence: by table and column, the columns that say whether its value is there.
@@ -69,7 +70,7 @@ class OutputTables:
         self.schema = schema
         self.fields = fields
         self.tables: dict[str, int] = {"": 0}
-        self._defaults: list[list[int]] = [[0, 0]]  # a row of each: the message, the row above, then its columns
+        self.defaults: list[list[int]] = [[0, 0]]
         self.columns: dict[str, tuple[int, int, Form]] = {}
         self.clocks: dict[str, tuple[tuple[int, int, Form], tuple[int, int, Form]]] = {}
         self.presence: dict[tuple[int, int], list[int]] = {}
@@ -78,14 +79,14 @@ class OutputTables:
     def table(self, path: str) -> int:
         """The number of a table, made at first."""
         if path not in self.tables:
-            self.tables[path] = len(self._defaults)
-            self._defaults.append([0, 0])
+            self.tables[path] = len(self.defaults)
+            self.defaults.append([0, 0])
         return self.tables[path]
 
     def column(self, table: int, default: int = 0) -> int:
         """A new column."""
-        self._defaults[table].append(default)
-        return len(self._defaults[table]) - 1
+        self.defaults[table].append(default)
+        return len(self.defaults[table]) - 1
 
     def value(self, want: Wanted, at: Place, form: Form, default: int = 0) -> int:
         """A column for a value that is there when all of the place's presence are set; its number."""
@@ -127,11 +128,6 @@ class OutputTables:
         """The labels whose fields the schema has."""
         return set(self.columns) | set(self.clocks)
 
-    def default_rows(self) -> tuple[IntArray, IntArray, IntArray]:
-        """Row of defaults of all tables, where each starts, and its width."""
-        width = np.array([len(row) for row in self._defaults], np.int64)
-        return np.array([cell for row in self._defaults for cell in row], np.int64), np.cumsum(width) - width, width
-
 
 SLACK, MOST_TIMES = 1.25, 16
 """Room beside what the messages read so far let expect, and at most so many times what they held: so much memory is
@@ -153,7 +149,9 @@ class ColumnPlan:
         self._output = output
         self._walk = walk
         self._program = program
-        self._defaults, self._default_base, self._width = output.default_rows()
+        self._width = np.array([len(row) for row in output.defaults], np.int64)
+        self._defaults = np.array([cell for row in output.defaults for cell in row], np.int64)
+        self._default_base = np.cumsum(self._width) - self._width
         self._capacity = np.full(self._width.size, 64, np.int64)
         self._room = (5, max(depth, self._width.size))
 

@@ -145,6 +145,7 @@ FARTHEST_S = (1 << 63) // NANOSECONDS - 1
 """Seconds beyond this, to either side, do not fit into int64 nanoseconds."""
 
 
+NO_ROWS: tuple[IntArray, IntArray] = (np.empty(0, np.int64), np.empty(0, np.int64))
 ColumnForm = Literal["number", "cells", "bytes", "names", "time"]
 
 
@@ -188,76 +189,48 @@ class FieldColumns:
 
     def message_of(self, table: str) -> IntArray:
         """(n,) the message of each row; none where the schema lacks the table."""
-        return self._rows(table)[0]
+        return self.rows.get(table, NO_ROWS)[0]
 
     def parent_of(self, table: str) -> IntArray:
         """(n,) the row in the table above of each row."""
-        return self._rows(table)[1]
+        return self.rows.get(table, NO_ROWS)[1]
 
-    def _rows(self, table: str) -> tuple[IntArray, IntArray]:
-        nothing = np.empty(0, np.int64)
-        return self.rows.get(table, (nothing, nothing))
+    def read(self, label: str, none: float | str = np.nan) -> AnyArray:
+        """(n,) floats, whole numbers or texts, as `none` is one, which stands where the message has no such value.
 
-    def _size(self, label: str) -> int:
-        return int(self.message_of(self.fields[label].table).size)
-
-    def numbers(self, label: str) -> FloatArray:
-        """(n,) float64; NaN where missing."""
-        column = self.columns.get(label)
+        Texts come as they are, numbers in decimal, bytes in hexadecimal. Texts of more than `MAX_NAME_LENGTH` bytes
+        come one byte longer than that; the messages of those that are no UTF-8 are marked as failed.
+        """
+        column, table = self.columns.get(label), self.fields[label].table
         if column is None:
-            return np.full(self._size(label), np.nan)
-        values = column.values.astype(np.float64, copy=False)
-        return values if column.missing is None else np.where(column.missing, np.nan, values)
-
-    def integers(self, label: str, default: int = 0) -> IntArray:
-        """(n,) int64; `default` where missing."""
-        column = self.columns.get(label)
-        if column is None:
-            return np.full(self._size(label), default, np.int64)
-        with np.errstate(invalid="ignore"):
-            values = column.values.astype(np.int64)
-            missing = ~np.isfinite(column.values) if column.values.dtype.kind == "f" else column.missing
-        if missing is not None:
-            values[missing if column.missing is None else missing | column.missing] = default
-        return values
+            return np.full(self.message_of(table).size, none)
+        values, missing = column.values, column.missing
+        if isinstance(none, float):
+            values = values.astype(np.float64, copy=False)
+        elif column.form in ("cells", "bytes"):
+            values = self._texts(values, table, is_text=column.form == "cells")
+        elif isinstance(none, str):
+            values = values.astype(np.str_, copy=False)
+        elif values.dtype.kind == "f":
+            missing = ~np.isfinite(values) if missing is None else missing | ~np.isfinite(values)
+            values = np.where(missing, none, values).astype(np.int64)
+        else:
+            values = values.astype(np.int64, copy=False)
+        return values if missing is None else np.where(missing, none, values)
 
     def lacks(self, label: str) -> bool:
         """Whether the schema, or in JSON all messages, have no such value."""
         column = self.columns.get(label)
-        if column is None or column.missing is None:
-            return column is None
-        return bool(column.missing.all())
+        return column is None or (column.missing is not None and bool(column.missing.all()))
 
     def vectors(self, labels: Sequence[str]) -> FloatArray:
         """(n, k) float64, some columns of one table beside each other; NaN where missing."""
-        return np.stack([self.numbers(label) for label in labels], axis=-1)
+        return np.stack([self.read(label) for label in labels], axis=-1)
 
-    def is_set(self, label: str, default: bool = True) -> BoolArray:
+    def is_set(self, label: str, default: int = 1) -> BoolArray:
         """(n,) whether the message is set; `default` where the schema does not have it."""
         column = self.columns.get(label)
-        return np.full(self._size(label), default) if column is None else column.values.astype(np.bool_)
-
-    def times(self, label: str) -> IntArray:
-        """(n,) nanoseconds; `NO_TIME` where missing."""
-        column = self.columns.get(label)
-        if column is None:
-            return np.full(self._size(label), NO_TIME, np.int64)
-        return np.where(column.missing, NO_TIME, column.values) if column.missing is not None else column.values
-
-    def names(self, label: str) -> AnyArray:
-        """(n,) str: texts as they are, numbers in decimal, bytes in hexadecimal; empty where missing.
-
-        Texts of more than `MAX_NAME_LENGTH` bytes come one byte longer than that; the messages of those that
-        are no UTF-8 are marked as failed.
-        """
-        column = self.columns.get(label)
-        if column is None:
-            return np.full(self._size(label), "")
-        if column.form in ("cells", "bytes"):
-            values = self._texts(column.values, self.fields[label].table, is_text=column.form == "cells")
-        else:
-            values = column.values if column.values.dtype.kind == "U" else column.values.astype(np.str_)
-        return np.where(column.missing, "", values) if column.missing is not None else values
+        return np.asarray(self.read(label, default) if column is None else column.values, np.bool_)
 
     def _texts(self, cells: IntArray, table: str, *, is_text: bool) -> AnyArray:
         length = cells & kernels.LONGEST

@@ -37,7 +37,7 @@ from dirprim_filter.recording.foxglove.elements import (
     rounded,
     stamp,
 )
-from dirprim_filter.recording.schemas.scene_update import DRAWN_NOTE
+from dirprim_filter.recording.schemas.families import DRAWN_NOTE
 from dirprim_filter.track_ids import as_texts
 
 VEHICLE_SIZE = (4.5, 1.9, 1.5)

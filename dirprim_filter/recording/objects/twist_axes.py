@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 
-from dirprim_filter.arrays import FloatArray, IntArray
+from dirprim_filter.arrays import IntArray
 from dirprim_filter.course import later_rows
 from dirprim_filter.detections import NO_ID
 from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.recording.rows import Rows
-from dirprim_filter.recording.schemas.attitude import STANDING_SPEED
+from dirprim_filter.recording.schemas.object_columns import STANDING_SPEED
 from dirprim_filter.track_ids import Numbers, in_order, vehicle_numbers
 
 logger = logging.getLogger(__name__)
@@ -78,15 +78,11 @@ def _is_other(rows: Rows) -> bool | None:
     if np.count_nonzero(goes) < LEAST_ROWS:
         return None
     course = np.arctan2(way[:, 1], way[:, 0])
-    stated, other = (
-        _apart(course, between, between[later])[goes] for between in (rows.direction, rows.direction + rows.other_axes)
-    )
+    apart = []  # radians between the way and the mean of the courses at its two ends
+    for at in (rows.direction, rows.direction + rows.other_axes):
+        apart.append(np.abs(wrap(course - at - 0.5 * wrap(at[later] - at)))[goes])
+    stated, other = apart
     for is_other, right, wrong in ((False, stated, other), (True, other, stated)):
         if np.mean(right < wrong) >= LEAST_SHARE and np.median(right) < FITS:
             return is_other
     return None
-
-
-def _apart(course: FloatArray, first: FloatArray, last: FloatArray) -> FloatArray:
-    """(n,) radians between a course and the mean of those at the two ends of the way."""
-    return np.asarray(np.abs(wrap(course - first - 0.5 * wrap(last - first))))

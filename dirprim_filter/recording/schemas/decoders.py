@@ -51,20 +51,6 @@ def schema_name(channel: Channel) -> str:
     return full_name(name) if channel.message_encoding in ("cdr", "ros1") else name
 
 
-def plan_of(channel: Channel, family: Family) -> Plan:
-    """A plan for the messages of a channel.
-
-    Raises:
-        SchemaError: the definition cannot be read, or lacks a field.
-    """
-    schema = channel.schema
-    if channel.message_encoding == "json":
-        return JsonPlan(family.fields)
-    if channel.message_encoding == "protobuf":
-        return protobuf_plan(schema.name, schema.data, family.fields)
-    return CdrPlan(schema.name, schema.encoding, schema.data, family.fields)
-
-
 class Decoders:
     """The plans of one log, made when first needed, one for each schema.
 
@@ -107,10 +93,17 @@ class Decoders:
         return "" if self.carries_objects(channel) else "read only where --topics names it"
 
     def _plan(self, channel: Channel) -> Plan | SchemaError:
-        key = (channel.message_encoding, channel.schema)
+        """What reads a channel's messages, or why its definition cannot be read, or which field it lacks."""
+        encoding, schema = key = channel.message_encoding, channel.schema
         if key not in self._plans:
+            fields = self._family(channel).fields
             try:
-                self._plans[key] = plan_of(channel, self._family(channel))
+                if encoding == "json":
+                    self._plans[key] = JsonPlan(fields)
+                elif encoding == "protobuf":
+                    self._plans[key] = protobuf_plan(schema.name, schema.data, fields)
+                else:
+                    self._plans[key] = CdrPlan(schema.name, schema.encoding, schema.data, fields)
             except SchemaError as error:
                 self._plans[key] = error
         return self._plans[key]

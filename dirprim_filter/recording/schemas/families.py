@@ -15,9 +15,15 @@ Satellite fixes are degrees on WGS 84; covariances of an unknown type mean nothi
 and where its covariance is unknown the horizontal error at 95 %. The velocity of radar tracks is relative to the radar,
 so it is not read.
 
+Foxglove's scenes, by the convention of nuScenes logs. One entity is one object; its first cube is the object's body, or
+its first upright cylinder, or its first model; other primitives (lines of a lane map, arrows, texts) are no objects, so
+entities without a body are passed over. The metadata's `category` is what the object is. The size is the body's, a
+model's and that of an estimate, noted as `drawn`, unknown, and the heading that of a cube.
+
 Sources: https://docs.ros.org; https://github.com/ros-perception/vision_msgs, versions 0 to 4, and radar_msgs;
 https://github.com/astuff/astuff_sensor_msgs and carla_ros_bridge; https://github.com/autowarefoundation/autoware_msgs
-(before 2024 autoware_auto_perception_msgs); the Foxglove SDK's schemas; dirprim.proto.
+(before 2024 autoware_auto_perception_msgs); the Foxglove SDK's schemas; https://github.com/foxglove/nuscenes2mcap;
+dirprim.proto.
 """
 
 from __future__ import annotations
@@ -30,9 +36,8 @@ from dirprim_filter.arrays import BoolArray, IntArray
 from dirprim_filter.columns import is_covariance
 from dirprim_filter.recording.decoding.field_columns import FieldColumns
 from dirprim_filter.recording.schemas import osi
-from dirprim_filter.recording.schemas.attitude import STANDING_SPEED
-from dirprim_filter.recording.schemas.family import AS_BOX, Family, Shape, family
-from dirprim_filter.recording.schemas.scene_update import SCENE_UPDATE
+from dirprim_filter.recording.schemas.family import AS_BOX, SIZE, Family, Shape, family
+from dirprim_filter.recording.schemas.object_columns import STANDING_SPEED
 
 AUTOWARE = ("unknown", "car", "truck", "bus", "trailer", "motorcycle", "bicycle", "pedestrian")
 """ObjectClassification.msg."""
@@ -95,7 +100,7 @@ def _fix(schemas: str, paths: str = "time=@.timestamp", *, at: str = "", **more:
 
 def _of_receiver(columns: FieldColumns, _: IntArray, known: dict[str, Any]) -> BoolArray:
     """Who stands has no course; and of an unknown covariance the radius within which 95 % of the errors are."""
-    radius, p = columns.numbers("radius95"), known["covariance"]
+    radius, p = columns.read("radius95"), known["covariance"]
     stated = ~is_covariance(p) & (radius > 0)
     known["covariance"] = np.where(stated[:, None, None], np.multiply.outer(radius**2 / CHI2_95, np.eye(2)), p)
     known["direction"] = np.where(known["speed"] < STANDING_SPEED, np.nan, known["direction"])
@@ -116,6 +121,42 @@ def _boxes(schema: str, *, at: str = "", box: str = ".bbox") -> Family:
 def _both(name: str) -> str:
     """Foxglove's schema, and the same as a ROS 2 message."""
     return f"foxglove.{name} foxglove_msgs/msg/{name}"
+
+
+_NOTES = ".entities[].metadata[]"
+_ROUND = ("round.x", "round.y", "round.z")
+_OTHERS = {"cylinder": (("r.x", "r.y", "r.z"), _ROUND), "model": (("m.x", "m.y", "m.z"), SIZE)}
+"""Bodies in place of a cube: where each is, and its size, which a model has not, nor a cube."""
+DRAWN_NOTE, ONCE_DRAWN = "drawn", "speed_mps"
+"""In the metadata: the body is for the eye, its size was not measured; and what says so in our logs of before 2027."""
+
+
+def _by_bodies_and_notes(columns: FieldColumns, message: IntArray, known: dict[str, Any]) -> BoolArray:
+    """The size, the place and the heading of the body, and what it is; which entities have one."""
+    entity, key, value = columns.parent_of(_NOTES), columns.read("key", ""), columns.read("value", "")
+    is_body = columns.is_set("cube")
+    known["heading"] = np.where(is_body, known["heading"], np.nan)
+    for body, (place, size) in _OTHERS.items():
+        here = ~is_body & columns.is_set(body, 0)
+        if here.any():  # rarely: most logs draw cubes alone
+            known["place"][here], known["size"][here] = (columns.vectors(of)[here] for of in (place, size))
+        is_body = is_body | here
+    known["size"][entity[np.isin(key, (DRAWN_NOTE, ONCE_DRAWN))]] = np.nan
+    is_label, known["label"] = key == "category", np.full(message.size, "", value.dtype)
+    known["label"][entity[is_label]] = value[is_label]
+    return is_body
+
+
+SCENE_UPDATE = family(
+    "foxglove.SceneUpdate foxglove_msgs/msg/SceneUpdate",
+    f"foxglove=@ id=@.id cube=@.cubes[0] cylinder=@.cylinders[0] model=@.models[0] pose=@.cubes[0].pose "
+    f"size=@.cubes[0].size key={_NOTES}.key value={_NOTES}.value "
+    + " ".join(
+        f"r.{axis}=@.cylinders[0].pose.position.{axis} m.{axis}=@.models[0].pose.position.{axis} "
+        f"round.{axis}=@.cylinders[0].size.{axis}" for axis in "xyz"
+    ),
+    at=".entities[]", amend=_by_bodies_and_notes,
+)  # fmt: skip
 
 
 KINDS: tuple[tuple[Family, ...], ...] = (

@@ -22,8 +22,7 @@ from dirprim_filter.columns import known_sizes
 from dirprim_filter.recording.decoding.field_columns import Field, FieldColumns, Kind, steps_of
 from dirprim_filter.recording.name_patterns import named_values
 from dirprim_filter.recording.rows import LEFT_OUT, Rows
-from dirprim_filter.recording.schemas.attitude import course, heading, rotated
-from dirprim_filter.recording.schemas.object_columns import GLOBE, OLDER, UNITS, ObjectColumns
+from dirprim_filter.recording.schemas.object_columns import GLOBE, OLDER, UNITS, ObjectColumns, course, heading, rotated
 
 NAMES = (
     "x", "y", "z", "latitude", "longitude", "id", "time", "time_s", "frame", "vx", "vy", "vz", "speed", "speed_kmh",

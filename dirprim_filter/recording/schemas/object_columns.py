@@ -1,4 +1,8 @@
-"""The columns of a family's fields, which stand in tables of their own, as columns of the rows of its objects."""
+"""The columns of a family's fields, which stand in tables of their own, as columns of the rows of its objects.
+
+Bodies are turned by unit quaternions (x, y, z, w), which turn a vector of the body's axes into its frame's: x forward,
+y left, z up (REP 103); the heading is the direction of x on the plane.
+"""
 
 from __future__ import annotations
 
@@ -25,6 +29,8 @@ _KNOWN_BY = {"heading": ("turned", "is_turned"), "motion": ("moves", "has_twist"
 """Presence of a message, or a number: where it is not set, or 0, the quantity means nothing."""
 UNLABELLED = -1
 """The number of an object whose class is unknown; as an index, the last of the names."""
+STANDING_SPEED = 1e-3
+"""Below this speed, m/s, the direction of a velocity is rounding error."""
 NO_PROBABILITY = "confidences beyond 0 to 1 are no probabilities, and count as unknown; map them in a table of your own"
 
 
@@ -47,9 +53,7 @@ class ObjectColumns:
     def read(self, name: str, none: float | str = np.nan) -> Any:
         """(n,) floats, whole numbers or texts, as `none` is one, which stands where it is unknown."""
         if name in self:
-            columns = self._columns
-            read = {str: columns.names, int: columns.integers, float: columns.numbers}[type(none)]
-            return self._spread(name, read(name), none)
+            return self._spread(name, self._columns.read(name, none), none)
         for other, (same, factor, zero) in UNITS.items():
             if same == name and other in self:
                 return zero + factor * self.read(other)
@@ -80,7 +84,7 @@ class ObjectColumns:
     def times(self, name: str = "time") -> IntArray:
         """(n,) the header's, `NO_TIME` where unknown."""
         if name in self:
-            return np.asarray(self._spread(name, self._columns.times(name), NO_TIME))
+            return np.asarray(self._spread(name, self._columns.read(name, NO_TIME), NO_TIME))
         seconds = self.read("time_s")
         fits = np.abs(seconds) < FARTHEST_S
         if (far := np.isfinite(seconds) & ~fits).any():
@@ -99,7 +103,7 @@ class ObjectColumns:
         """(n,) str; numbers by their words."""
         if not words:
             return np.asarray(self.read("label", ""))
-        return np.asarray(self._spread("label", label_names(self._columns.integers("label", UNLABELLED), words), ""))
+        return np.asarray(self._spread("label", label_names(self._columns.read("label", UNLABELLED), words), ""))
 
     def confidence(self) -> FloatArray:
         """(n,) probabilities, as stated; NaN where unknown, as where an `existence` of ROS or protobuf is not set."""
@@ -116,7 +120,7 @@ class ObjectColumns:
             of = self._columns.parent_of(table)
             best = np.arange(of.size)
             if not (np.diff(of) > 0).all():  # else one guess at each, as is usual
-                order = np.lexsort((-np.nan_to_num(self._columns.numbers("score")), of))
+                order = np.lexsort((-np.nan_to_num(self._columns.read("score")), of))
                 of, first = np.unique(of[order], return_index=True)
                 best = order[first]
             self._best[table] = of, best
@@ -151,3 +155,34 @@ def label_names(numbers: IntArray, words: Sequence[str]) -> AnyArray:
     is_named = (numbers >= UNLABELLED) & (numbers < len(words))
     named = np.array([*words, ""])[np.where(is_named, numbers, UNLABELLED)]
     return named if is_named.all() else np.where(is_named, named, numbers.astype(np.str_))
+
+
+def rotated(orientation: FloatArray, vector: FloatArray) -> FloatArray:
+    """(n, 3) vectors of the bodies' axes in the axes of their frame.
+
+    Args:
+        orientation: (n, 4) quaternions of any length; one of length 0, which is not set, turns nothing.
+        vector: (n, 3).
+    """
+    length = np.sqrt(np.square(orientation).sum(axis=-1))
+    unset = length == 0
+    x, y, z, w = orientation.T / np.where(unset, 1.0, length)
+    w = np.where(unset, 1.0, w)
+    a, b, c = vector.T
+    # v + 2 u x (u x v + w v), written out: numpy's cross is slow
+    p, q, r = y * c - z * b + w * a, z * a - x * c + w * b, x * b - y * a + w * c
+    return np.stack([a + 2 * (y * r - z * q), b + 2 * (z * p - x * r), c + 2 * (x * q - y * p)], axis=-1)
+
+
+def heading(orientation: FloatArray) -> FloatArray:
+    """(n,) direction of the body's x axis, radians; NaN where the orientation is not set or points up."""
+    x, y, z, w = orientation.T
+    east, north = w * w + x * x - y * y - z * z, 2 * (x * y + w * z)
+    return np.where((east == 0) & (north == 0), np.nan, np.arctan2(north, east))
+
+
+def course(velocity: FloatArray, standing: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(n,) direction and (n,) speed of velocities (n, 3); who stands has no course, `standing` stands in."""
+    speed = np.hypot(velocity[:, 0], velocity[:, 1])
+    direction = np.arctan2(velocity[:, 1], velocity[:, 0])
+    return np.where(speed < STANDING_SPEED, standing, direction), speed

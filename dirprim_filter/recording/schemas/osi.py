@@ -43,12 +43,12 @@ def _signs(columns: FieldColumns, _: IntArray, known: dict[str, Any]) -> BoolArr
     """What a vehicle is, and signals; an object that stands, of unknown yaw, has the course of what little it moves."""
     from dirprim_filter.primitives.cues import signalled  # noqa: PLC0415 - logs without lights do without
 
-    kind = columns.integers("type", default=UNLABELLED)
-    vehicle = label_names(columns.integers("vehicle"), VEHICLES)
+    kind = columns.read("type", UNLABELLED)
+    vehicle = label_names(columns.read("vehicle", 0), VEHICLES)
     known["label"] = np.where(kind == VEHICLE, vehicle, label_names(kind, KINDS))
-    light = columns.integers("indicator")
+    light = columns.read("indicator", 0)
     known["cue"] = signalled(light == LEFT, light == RIGHT)
-    drift = np.arctan2(columns.numbers("vy"), columns.numbers("vx"))
+    drift = np.arctan2(columns.read("vy"), columns.read("vx"))
     stands = np.isnan(known["direction"]) & np.isfinite(known["speed"])
     known["direction"] = np.where(stands, drift, known["direction"])
     return columns.is_set("placed")
@@ -57,7 +57,7 @@ def _signs(columns: FieldColumns, _: IntArray, known: dict[str, Any]) -> BoolArr
 def _in_the_world(columns: FieldColumns, message: IntArray, known: dict[str, Any]) -> BoolArray:
     """Places and headings out of the axes of the sensor; which objects have a place and a host."""
     movers = columns.message_of(f"{_TRUTH}.moving_object[]")
-    is_host = columns.names("mover") == columns.names("host")[movers]
+    is_host = columns.read("mover", "") == columns.read("host", "")[movers]
     host = np.full(columns.n_messages, -1, np.int64)
     host[movers[is_host]] = np.flatnonzero(is_host)
     host = host[message]  # of each object, among the movers
@@ -73,7 +73,7 @@ def _in_the_world(columns: FieldColumns, message: IntArray, known: dict[str, Any
     known["covariance"] = axes @ axes.transpose(0, 2, 1)
     ahead = (vehicle * mounted * _turn(columns, "body", np.arange(message.size))).apply([1.0, 0.0, 0.0])
     known["heading"] = np.where(columns.is_set("faces"), np.arctan2(ahead[:, 1], ahead[:, 0]), np.nan)
-    measured = columns.times("measured")[message]
+    measured = columns.read("measured", NO_TIME)[message]
     known["stamp_ns"] = np.where(measured == NO_TIME, known["stamp_ns"], measured)
     return kept
 

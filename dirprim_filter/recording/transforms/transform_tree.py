@@ -76,7 +76,7 @@ class TransformTree:
                         losses.drop(TRANSFORM_LOSS, ~valid)
                         parts.append(rows[valid])
                     if strict and failures:
-                        raise DecodeError.of(log.path, own, failures)
+                        raise DecodeError(log.path, own, failures)
                     losses.fail(failures.values())
         if strict and scan.damage:
             raise DamagedRecordingError(log.path, scan.damage)
@@ -169,10 +169,10 @@ class SharedTransforms:
 def _rows(columns: FieldColumns, messages: MessageColumns, frames: Numbers) -> AnyArray:
     """Those of messages of one schema, as `ROW`, frames as they are written."""
     message = columns.message_of(columns.fields["id"].table)
-    rows, stamp_ns = np.empty(message.size, ROW), columns.times("time")
+    rows, stamp_ns = np.empty(message.size, ROW), columns.read("time", NO_TIME)
     rows["time_ns"] = np.where((stamp_ns != NO_TIME) & (stamp_ns != 0), stamp_ns, signed(messages.log_time_ns)[message])
     for end, label in (("parent", "frame"), ("child", "id")):
-        rows[end] = frames.of(columns.names(label).tolist())
+        rows[end] = frames.of(columns.read(label, "").tolist())
     rows["translation"], rotation = columns.vectors(("x", "y", "z")), columns.vectors(QUATERNION)
     with np.errstate(all="ignore"):
         rows["rotation"] = rotation / np.linalg.norm(rotation, axis=1, keepdims=True)
