@@ -72,7 +72,7 @@ def info(
 
 def _table(path: Path, reading: Reading, *, as_json: bool) -> int:
     """The same of a table, whose rows are what a log's messages are; 3 where some cannot be used."""
-    from dirprim_filter.recording.tables.as_log import read_table, summary_of
+    from dirprim_filter.recording.tables import read_table, summary_of
 
     table = read_table(path, reading.options())
     summary, faults = summary_of(table), table.losses.remarks

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from dirprim_filter.recording.errors import RecordingError
     from dirprim_filter.recording.losses import Losses
     from dirprim_filter.recording.reader import DetectionStream, ReadOptions, TrackResult
-    from dirprim_filter.recording.tables.as_log import TableDetections
+    from dirprim_filter.recording.tables import TableDetections
 
 logger = logging.getLogger(__name__)
 

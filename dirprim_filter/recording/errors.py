@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from os import fspath
-from typing import Self
 
 from dirprim_filter.partial_file import OutputExistsError
 from dirprim_filter.recording.container.errors import (
@@ -43,19 +42,14 @@ class NoTracksError(RecordingError):
 class DecodeError(RecordingError):
     """A message does not hold what its schema promises."""
 
-    def __init__(self, path: Path, *, topic: str, time_ns: int, expected: str, got: str) -> None:
-        super().__init__(
-            f"{fspath(path)}: topic {topic}, message at {time_ns} ns: expected {expected}, got {got}; "
-            "leave the topic out, or write it anew"
-        )
-
-    @classmethod
-    def of(cls, path: Path, messages: MessageColumns, failures: Mapping[int, str]) -> Self:
-        """Of the first that cannot be read among some messages, by number why."""
+    def __init__(self, path: Path, messages: MessageColumns, failures: Mapping[int, str]) -> None:
+        """`failures`: by number why some of the messages cannot be read; the first is named."""
         i, reason = next(iter(failures.items()))
         channel = messages.channels[int(messages.channel[i])]
-        expected = f"a message of {channel.schema.name}"
-        return cls(path, topic=channel.topic, time_ns=int(messages.log_time_ns[i]), expected=expected, got=reason)
+        super().__init__(
+            f"{fspath(path)}: topic {channel.topic}, message at {int(messages.log_time_ns[i])} ns: expected a message "
+            f"of {channel.schema.name}, got {reason}; leave the topic out, or write it anew"
+        )
 
 
 class MissingTransformError(RecordingError):

@@ -47,11 +47,7 @@ MAP = dirprim_pb2.PrimitiveMap.DESCRIPTOR.full_name
 
 
 def save_map(
-    primitive_map: PrimitiveMap,
-    path: str | Path,
-    *,
-    metadata: Mapping[str, str] | None = None,
-    force: bool = False,
+    primitive_map: PrimitiveMap, path: str | Path, *, metadata: Mapping[str, str] | None = None, force: bool = False
 ) -> None:
     """Write a map; `load_map` gives it back bit for bit. The same map gives the same bytes.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
@@ -36,7 +36,7 @@ from dirprim_filter.recording.transforms.transform_tree import SharedTransforms
 from dirprim_filter.tracks import Tracks
 
 if TYPE_CHECKING:
-    from dirprim_filter.recording.tables.as_log import TableDetections
+    from dirprim_filter.recording.tables import TableDetections
 
 __all__ = [
     "Damage", "DetectionStream", "FieldMapping", "LogSummary", "Losses", "Origin", "ReadOptions", "TimeSource",
@@ -101,7 +101,7 @@ def read_track_logs(
     shared = SharedTransforms(one for one in (*sources, *beside) if not is_table(one))
     for one in sources:
         if is_table(one):
-            from dirprim_filter.recording.tables.as_log import read_table  # noqa: PLC0415 - logs do without Arrow
+            from dirprim_filter.recording.tables import read_table  # noqa: PLC0415 - logs do without Arrow
 
             table = read_table(Path(one), options)
             table.log(Path(one))
@@ -117,8 +117,7 @@ def read_track_logs(
             own = options.of_log(log.start_ns)
             scan = _wanted(log, choose_topics(log, own), own)
             observations = Observations(scan, own, shared)
-            rows = _labelled(_bounded(observations, log), labels)
-            read = rows_of_log(rows if progress is None else _reporting(rows, scan.end_ns, progress))
+            read = rows_of_log(_rows_of(log, observations, labels, progress, scan.end_ns))
             parts.append(plausible(read, observations.losses, log.path))
             if np.count_nonzero(np.bincount(read.track_id)) >= len(read) and not read.has_motion().any():
                 _require_ids(log.path, len(read))
@@ -150,44 +149,33 @@ def _of_first(one: LogSource, options: ReadOptions, origin: Origin | None, frame
     return replace(options, origin=origin, meets=str(one.path if isinstance(one, Log) else one))
 
 
-def _bounded(parts: Iterable[Rows], log: Log) -> Iterator[Rows]:
-    """The same; raises where a log holds more rows than its size allows."""
-    n, most = 0, most_rows(log.n_bytes)
-    for part in parts:
+def _rows_of(
+    log: Log, observations: Observations, labels: dict[str, str], progress: Callable[[int, int], None] | None,
+    end_ns: int | None,
+) -> Iterator[Rows]:  # fmt: skip
+    """The observed rows; labels get the last one of each vehicle that has one, progress after each part how far it is.
+
+    Raises:
+        RecordingError: a log holds more rows than its size allows.
+    """
+    n, most, first_ns = 0, most_rows(log.n_bytes), None
+    for part in observations:
         n += len(part)
         if n > most:
             raise RecordingError(
                 f"{log.path}: expected at most {most} rows of objects in so small a log, got more; if they are right, "
                 "write it with less compression (`mcap decompress`)"
             )
-        yield part
-
-
-def _labelled(parts: Iterable[Rows], labels: dict[str, str]) -> Iterator[Rows]:
-    """The same; labels get the last one of each vehicle that has one."""
-    for part in parts:
         if (part.label != "").any():
             labels |= {name: of for name, of in zip(part.track_id.tolist(), part.label.tolist(), strict=True) if of}
         yield part
-
-
-def _reporting(parts: Iterable[Rows], end_ns: int | None, progress: Callable[[int, int], None]) -> Iterator[Rows]:
-    """The same, and after each part how far that is."""
-    first_ns: int | None = None
-    for part in parts:
-        yield part
         first_ns = int(part.time_ns[0]) if first_ns is None else first_ns
-        if end_ns is not None and end_ns > first_ns:
+        if progress is not None and end_ns is not None and end_ns > first_ns:
             progress((int(part.time_ns[-1]) - first_ns) // NANOSECONDS, math.ceil((end_ns - first_ns) / NANOSECONDS))
 
 
 def stream_detections(
-    source: LogSource,
-    options: ReadOptions = EVERYTHING,
-    *,
-    motion: bool = False,
-    live: bool = False,
-    **changes: Any,
+    source: LogSource, options: ReadOptions = EVERYTHING, *, motion: bool = False, live: bool = False, **changes: Any
 ) -> DetectionStream | TableDetections:
     """The detections of a log, an instant at a time, in bounded memory; or of a table.
 
@@ -208,7 +196,7 @@ def stream_detections(
     """
     options = replace(options, **changes)
     if is_table(source):
-        from dirprim_filter.recording.tables.as_log import TableDetections  # noqa: PLC0415 - logs do without Arrow
+        from dirprim_filter.recording.tables import TableDetections  # noqa: PLC0415 - logs do without Arrow
 
         return TableDetections(Path(source), options, motion=motion)
     log = source if isinstance(source, Log) else Log(source, live=live)

@@ -45,10 +45,7 @@ def test_pipes_are_read_as_files(tmp_path):
         assert rows(log) == rows(log) == SENT  # a pipe gives its bytes once; the copy stays while it is open
     writer.join()
     done = subprocess.run(
-        [sys.executable, "-m", "dirprim_filter", "info", "-"],
-        input=log_bytes(SENT),
-        capture_output=True,
-        check=True,
+        [sys.executable, "-m", "dirprim_filter", "info", "-"], input=log_bytes(SENT), capture_output=True, check=True
     )
     assert b"300 messages" in done.stdout
 

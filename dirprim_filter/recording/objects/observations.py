@@ -17,17 +17,7 @@ from dirprim_filter.recording.container.log import Scan
 from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.decoding.field_columns import MAX_NAME_LENGTH, NO_TIME, signed
 from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError
-from dirprim_filter.recording.losses import (
-    BACKWARD,
-    FAR,
-    INVALID,
-    REPEATED,
-    STRAY,
-    TOO_LATE,
-    UNPLACED,
-    UNTIMED,
-    Losses,
-)
+from dirprim_filter.recording.losses import BACKWARD, FAR, INVALID, REPEATED, STRAY, TOO_LATE, UNPLACED, UNTIMED, Losses
 from dirprim_filter.recording.objects.options import ReadOptions
 from dirprim_filter.recording.objects.stamps import Stamps
 from dirprim_filter.recording.objects.twist_axes import TwistAxes
@@ -121,16 +111,19 @@ class Observations:
         for places, messages in by_schema(batch):
             rows, failures = self._decoders.rows(messages)
             if self._options.strict and failures:
-                raise DecodeError.of(self._scan.path, messages, failures)
+                raise DecodeError(self._scan.path, messages, failures)
             self.losses.fail(failures.values())
             names = _by_topic(messages, rows) if self._are_several else rows.track_id
             parts.append(replace(rows, track_id=names, message=places[rows.message]))
         rows = Rows.concatenate(parts)
         if len(parts) > 1:
             rows = rows[np.argsort(rows.message, kind="stable")]
-        rows = replace(rows, time_ns=self._times(batch, rows))
-        if self._options.time_source == "header":
+        if (source := self._options.time_source) == "header":
+            rows = replace(rows, time_ns=self._stamps.times(batch, rows.message, rows.stamp_ns))
             rows = self._usual(batch, rows, is_last=is_last)
+        else:
+            times = batch.publish_time_ns if source == "publish" else batch.log_time_ns
+            rows = replace(rows, time_ns=signed(times)[rows.message])
         rows = rows[self._wanted(rows)]
         return rows, batch.by_channel(lambda channel: self._axes.topics[channel.topic])[rows.message]
 
@@ -158,13 +151,6 @@ class Observations:
             self.losses.drop(INVALID if self.origin is None else FAR, placed & ~near)
             if len(good := found[placed & near]):
                 yield self._axes.apply(good, topic[placed & near])
-
-    def _times(self, messages: MessageColumns, rows: Rows) -> IntArray:
-        """(n,) the time of each row; `NO_TIME` where it has none that fits into int64."""
-        if self._options.time_source == "header":
-            return self._stamps.times(messages, rows.message, rows.stamp_ns)
-        times = messages.publish_time_ns if self._options.time_source == "publish" else messages.log_time_ns
-        return signed(times)[rows.message]
 
     def _wanted(self, rows: Rows) -> BoolArray:
         timed = rows.time_ns != NO_TIME

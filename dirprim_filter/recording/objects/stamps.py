@@ -191,15 +191,9 @@ class Pace:
             return ""
         self._is_known, lag = True, n // 4
         passed, ran = ((of[lag:] - of[:-lag]).astype(np.float64) for of in (self._log_ns, self._stamp_ns))
-        return _wrong_unit(float(np.median(ran / np.maximum(passed, 1.0))), span_s / n)
-
-
-def _wrong_unit(pace: float, logged_s: float) -> str:
-    """By a pace of stamps whose messages are logged so many seconds apart."""
-    if logged_s < OFTEN_S:
+        pace, logged_s = float(np.median(ran / np.maximum(passed, 1.0))), span_s / n
+        for factor, unit in UNITS.items() if logged_s >= OFTEN_S else ():
+            if factor / NEAR_PACE < pace < factor * NEAR_PACE and (factor > 1 or logged_s * factor < OFTEN_S):
+                way = "time= takes whole nanoseconds, time_s= seconds; --time-source log does without"
+                return f"run {pace:.2g} times as fast as log time: are they {unit}? {way}"
         return ""
-    for factor, unit in UNITS.items():
-        if factor / NEAR_PACE < pace < factor * NEAR_PACE and (factor > 1 or logged_s * factor < OFTEN_S):
-            way = "time= takes whole nanoseconds, time_s= seconds"
-            return f"run {pace:.2g} times as fast as log time: are they {unit}? {way}; --time-source log does without"
-    return ""
