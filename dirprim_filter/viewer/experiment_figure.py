@@ -11,15 +11,16 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from dirprim_filter.arrays import FloatArray
-from dirprim_filter.evaluation.error_curves import SHARES, by_place, by_sight, by_time, reliability
-from dirprim_filter.evaluation.intervals import Interval
-from dirprim_filter.evaluation.tracking import SMOOTHED_SUFFIX, TrackingTable, hota_of
+from dirprim_filter.evaluation.error_curves import curves
+from dirprim_filter.evaluation.tracking import SMOOTHED_SUFFIX, TrackingTable
 from dirprim_filter.viewer.figures import DOTS_PER_INCH, FAINT, INK, NORMAL, PAD, SMALL
 
 SIZE = (14.0, 3.4)
 """Inches: four panels side by side."""
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#F0E442")
 """Of Okabe and Ito (2008); a method and its smoother have the same."""
+APART = 0.15
+"""Rows between a method's points in sight and in gaps, and its row."""
 
 
 def experiment_figure(table: TrackingTable) -> Figure:
@@ -31,11 +32,32 @@ def experiment_figure(table: TrackingTable) -> Figure:
     """
     figure = Figure(figsize=SIZE, dpi=DOTS_PER_INCH, layout=ConstrainedLayoutEngine(w_pad=PAD, h_pad=PAD))
     times, reliable, places, methods = figure.subplots(1, 4)
-    styles = _styles([method.name for method in table.methods])
-    _draw_times(times, table, styles)
-    _draw_reliability(reliable, table, styles)
-    _draw_places(figure, places, table)
-    _draw_methods(methods, table, styles)
+    data, styles = _by_curve(table), _styles([method.name for method in table.methods])
+    where, names = "in gaps" if table.n_gaps else "in sight", list(styles)
+    reliable.plot([0.0, 1.0], [0.0, 1.0], color=FAINT, linewidth=0.8)
+    for row, (name, style) in enumerate(styles.items()):
+        of, color = data["time", name], style["color"]
+        times.errorbar(of[0], of[2], yerr=_bars(of), marker="o", markersize=3, linewidth=1.2, elinewidth=0.7, **style)
+        share, _, held, *_ = data["reliability", name]
+        reliable.plot(share, held, linewidth=1.2, **style)
+        for of in data["method", name].T[:, :, None]:
+            methods.errorbar(
+                of[2], row + np.nan_to_num(APART * (2.0 * of[0] - 1.0)), xerr=_bars(of), marker="o", markersize=4,
+                color=color, markerfacecolor="white" if of[0] == 0 else color, elinewidth=0.8, linestyle="none",
+            )  # fmt: skip
+    times.set_ylim(bottom=0.0)
+    if not table.n_gaps:
+        times.set_xticks([0.0])
+    times.set_xlabel("time since last seen [s]", fontsize=NORMAL)
+    times.set_ylabel("RMSE [m]", fontsize=NORMAL)
+    reliable.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0), aspect="equal")
+    reliable.set_xlabel(f"share that a region should hold, {where}", fontsize=NORMAL)
+    reliable.set_ylabel("share of true positions in it", fontsize=NORMAL)
+    _draw_places(figure, places, data.get(("map", names[0]), np.empty((5, 0))), f"{names[0].lstrip('_')}, {where}")
+    methods.set_yticks(range(len(names)), [style["label"] for style in styles.values()])
+    methods.set_ylim(len(names) - 0.4, -0.6)
+    text = "RMSE [m], hollow in sight, full in gaps" if table.experiment.with_ids else "HOTA"
+    methods.set_xlabel(text, fontsize=NORMAL, color=INK)
     for axes in figure.axes:
         axes.tick_params(color=FAINT, labelsize=SMALL)
         axes.spines[:].set_color(FAINT)
@@ -45,77 +67,37 @@ def experiment_figure(table: TrackingTable) -> Figure:
     return figure
 
 
-def _styles(names: Sequence[str]) -> list[dict[str, Any]]:
-    """Of each method's line: a colour, dashed for smoothers, and its name."""
-    own = list(dict.fromkeys(name.removesuffix(SMOOTHED_SUFFIX) for name in names))
-    return [
-        {
-            "color": COLORS[own.index(name.removesuffix(SMOOTHED_SUFFIX)) % len(COLORS)],
-            "linestyle": "--" if name.endswith(SMOOTHED_SUFFIX) else "-", "label": name.lstrip("_"),
-        }
-        for name in names
-    ]  # fmt: skip
-
-
-def _draw_times(axes: Axes, table: TrackingTable, styles: Sequence[dict[str, Any]]) -> None:
-    for method, style in zip(table.methods, styles, strict=True):
-        middle, found = by_time(method.errors, table.experiment.gap_s * (table.n_gaps > 0))
-        axes.errorbar(
-            middle, [of.value for of in found], yerr=_bars(found), marker="o", markersize=3, linewidth=1.2,
-            elinewidth=0.7, **style,
-        )  # fmt: skip
-    axes.set_ylim(bottom=0.0)
-    if not table.n_gaps:
-        axes.set_xticks([0.0])
-    axes.set_xlabel("time since last seen [s]", fontsize=NORMAL)
-    axes.set_ylabel("RMSE [m]", fontsize=NORMAL)
-
-
-def _draw_reliability(axes: Axes, table: TrackingTable, styles: Sequence[dict[str, Any]]) -> None:
-    axes.plot([0.0, 1.0], [0.0, 1.0], color=FAINT, linewidth=0.8)
-    for method, style in zip(table.methods, styles, strict=True):
-        axes.plot(SHARES, reliability(method.errors, SHARES, is_hidden=table.n_gaps > 0), linewidth=1.2, **style)
-    axes.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0), aspect="equal")
-    where = "in gaps" if table.n_gaps else "in sight"
-    axes.set_xlabel(f"share that a region should hold, {where}", fontsize=NORMAL)
-    axes.set_ylabel("share of true positions in it", fontsize=NORMAL)
-
-
-def _draw_places(figure: Figure, axes: Axes, table: TrackingTable) -> None:
-    first = table.methods[0]
-    (east, north), error = (column.T for column in by_place(first.errors, is_hidden=table.n_gaps > 0))
+def _draw_places(figure: Figure, axes: Axes, of: FloatArray, what: str) -> None:
+    east, north, error, *_ = of
     most = float(np.quantile(error, 0.95)) if error.size else 1.0
     shown = axes.scatter(east, north, c=error, s=14, marker="s", linewidths=0, cmap="viridis", vmin=0.0, vmax=most)
     axes.set_aspect("equal")
     axes.set_xlabel("east [m]", fontsize=NORMAL)
     axes.set_ylabel("north [m]", fontsize=NORMAL)
-    bar = figure.colorbar(shown, ax=axes, extend="max", shrink=0.8)
-    where = "in gaps" if table.n_gaps else "in sight"
-    bar.set_label(f"RMSE of {first.name.lstrip('_')}, {where} [m]", fontsize=SMALL)
+    figure.colorbar(shown, ax=axes, extend="max", shrink=0.8).set_label(f"RMSE of {what} [m]", fontsize=SMALL)
 
 
-def _draw_methods(axes: Axes, table: TrackingTable, styles: Sequence[dict[str, Any]]) -> None:
-    row = np.arange(len(table.methods))[::-1]
-    for method, style, at in zip(table.methods, styles, row.tolist(), strict=True):
-        if not table.experiment.with_ids:
-            _draw_point(axes, hota_of(table, method), at, style["color"], style["color"])
-            continue
-        in_sight, in_gaps = by_sight(method.errors).values()
-        _draw_point(axes, in_sight, at + 0.15, style["color"], "white")
-        _draw_point(axes, in_gaps, at - 0.15, style["color"], style["color"])
-    axes.set_yticks(row, [style["label"] for style in styles])
-    axes.set_ylim(-0.6, len(row) - 0.4)
-    text = "RMSE [m], hollow in sight, full in gaps" if table.experiment.with_ids else "HOTA"
-    axes.set_xlabel(text, fontsize=NORMAL, color=INK)
+def _by_curve(table: TrackingTable) -> dict[tuple[str, str], FloatArray]:
+    """By panel and method, (5, k) what `curves` says: x, y, value, low and high."""
+    rows: dict[tuple[str, str], list[Sequence[Any]]] = {}
+    for panel, name, *numbers in curves(table):
+        rows.setdefault((str(panel), str(name)), []).append(numbers)
+    return {of: np.array(numbers, np.float64).T for of, numbers in rows.items()}
 
 
-def _draw_point(axes: Axes, found: Interval, at: float, color: str, face: str) -> None:
-    axes.errorbar(
-        [found.value], [at], xerr=_bars([found]), marker="o", markersize=4, color=color, markerfacecolor=face,
-        elinewidth=0.8, linestyle="none",
-    )  # fmt: skip
+def _styles(names: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """By method, of its line: a colour, dashed for smoothers, and its name."""
+    own = list(dict.fromkeys(name.removesuffix(SMOOTHED_SUFFIX) for name in names))
+    return {
+        name: {
+            "color": COLORS[own.index(name.removesuffix(SMOOTHED_SUFFIX)) % len(COLORS)],
+            "linestyle": "--" if name.endswith(SMOOTHED_SUFFIX) else "-", "label": name.lstrip("_"),
+        }
+        for name in names
+    }  # fmt: skip
 
 
-def _bars(found: Sequence[Interval]) -> FloatArray:
-    """(n,) half widths; 0 where an interval is unknown."""
-    return np.nan_to_num(np.array([of.half_width for of in found], np.float64))
+def _bars(of: FloatArray) -> FloatArray:
+    """(2, k) how far intervals reach below and above values; 0 where they are unknown."""
+    _, _, value, low, high = of
+    return np.asarray(np.nan_to_num(np.stack([value - low, high - value])))
