@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import Field, field, fields
+from functools import cache
 from typing import Any, Self
 
 import numpy as np
@@ -39,7 +40,9 @@ def optional(*shape: int, missing: float = np.nan, checked: bool = False) -> Any
         column = np.asarray(value, dtype=np.float64)
         if column.shape[:1] == (0,):
             return np.broadcast_to(missing, (n, *shape))
-        as_floats(name, np.where(np.isnan(column), 0.0, column) if np.isnan(missing) else column, symbols)
+        if not np.isnan(missing):
+            return as_floats(name, column, symbols)
+        as_floats(name, np.where(np.isnan(column), 0.0, column), symbols)
         return column if is_held(column) else np.broadcast_to(np.nan, column.shape)  # which takes no memory
 
     return _column(convert, shape, checked=checked, left_out=missing)
@@ -69,9 +72,10 @@ def _column(
     return field(metadata=about) if left_out is None else field(default_factory=lambda: about["none"], metadata=about)
 
 
-def column_fields(table: Any) -> list[Field[Any]]:
-    """The fields of a table, or of its class, that are columns."""
-    return [f for f in fields(table) if f.metadata]
+column_fields: Callable[[Any], tuple[Field[Any], ...]] = cache(
+    lambda kind: tuple(f for f in fields(kind) if f.metadata)
+)
+"""The fields of a class of tables that are columns."""
 
 
 class ArrayTable(ArrayValue):
@@ -81,7 +85,7 @@ class ArrayTable(ArrayValue):
     origin: Origin | None
 
     def __post_init__(self) -> None:
-        of_fields = column_fields(self)
+        of_fields = column_fields(type(self))
         n = len(np.atleast_1d(getattr(self, of_fields[0].name)))
         columns = {f.name: f.metadata["convert"](f.name, getattr(self, f.name), n) for f in of_fields}
         if {column.shape[:1] for column in columns.values()} != {(n,)}:
@@ -97,15 +101,21 @@ class ArrayTable(ArrayValue):
             object.__setattr__(self, name, column)
 
     def __len__(self) -> int:
-        return len(getattr(self, fields(self)[0].name))  # type: ignore[arg-type]
+        return len(getattr(self, column_fields(type(self))[0].name))
 
     def __getitem__(self, rows: BoolArray | IntArray | slice) -> Self:
         """The chosen rows, by mask, indices or slice; not validated again: a tracker takes rows ten times a frame."""
         some = object.__new__(type(self))
-        some._set({f.name: getattr(self, f.name)[rows] for f in column_fields(self)})
+        some._set({f.name: getattr(self, f.name)[rows] for f in column_fields(type(self))})
         if hasattr(self, "origin"):
             some._set({"origin": self.origin})
         return some
+
+    def having(self, **columns: Any) -> Self:
+        """The same rows with some columns in place of their own, which are not validated."""
+        same = ArrayTable.__getitem__(self, slice(None))
+        same._set(columns)
+        return same
 
     def on_plane(self, origin: Origin | None) -> Self:
         """The same rows on the plane of an origin; without one of their own they are taken to be there.
@@ -116,12 +126,12 @@ class ArrayTable(ArrayValue):
         """
         if origin is None:
             return self
-        same, own = ArrayTable.__getitem__(self, slice(None)), self.origin
-        if own is not None and not own.is_of(origin):
-            place = origin.to_plane(own.to_globe(getattr(self, "position")))  # noqa: B009 (not all tables have one)
-            same._set({"position": as_floats(f"origin: from {own} to {origin}: position", place, "n 2")})
-        same._set({"origin": origin})
-        return same
+        own = self.origin
+        if own is None or own.is_of(origin):
+            return self.having(origin=origin)
+        place = origin.to_plane(own.to_globe(getattr(self, "position")))  # noqa: B009 (not all tables have one)
+        place = as_floats(f"origin: from {own} to {origin}: position", place, "n 2")
+        return self.having(position=place, origin=origin)
 
     @classmethod
     def none(cls) -> Self:
@@ -158,7 +168,7 @@ class ArrayTable(ArrayValue):
         import pyarrow as pa  # noqa: PLC0415  (values need no tables)
 
         table = {name: getattr(self, name) for name in ("time_ns", "track_id") if hasattr(self, name)}
-        for f in column_fields(self):
+        for f in column_fields(type(self)):
             column, names, left_out = getattr(self, f.name), NAMES.get(f.name, (f.name,)), f.metadata["left_out"]
             if f.name not in table and (left_out is None or np.isfinite(left_out) or is_held(column)):
                 flat = column.reshape(len(column), -1)

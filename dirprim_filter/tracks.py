@@ -59,7 +59,7 @@ class Tracks(ArrayTable):
         self._set({"direction": wrap(self.direction), "heading": heading})
         if (self.time_ns[1:] < self.time_ns[:-1]).any():  # else long columns are not copied
             order = np.argsort(self.time_ns, kind="stable")
-            self._set({f.name: getattr(self, f.name)[order] for f in column_fields(self)})
+            self._set({f.name: getattr(self, f.name)[order] for f in column_fields(type(self))})
         check_not_repeated(self.track_id, self.time_ns, self.group)
 
     def __getitem__(self, rows: BoolArray | IntArray | slice) -> Tracks:

@@ -1,5 +1,6 @@
 """The array types of every signature, and the check of an argument at a public function."""
 
+from functools import lru_cache
 from typing import Any, TypeVar
 
 import numpy as np
@@ -31,21 +32,25 @@ def as_floats(name: str, value: npt.ArrayLike, shape: str) -> FloatArray:
     array = np.ascontiguousarray(value, dtype=np.float64)
     if np.ndim(value) == 0:
         array = array.reshape(())
-    symbols = shape.split()
-    free = symbols[:1] == ["..."]
-    tail = symbols[1:] if free else symbols
-    fits = array.ndim >= len(tail) if free else array.ndim == len(tail)
-    if fits:
-        lengths = array.shape[array.ndim - len(tail) :]
-        fits = all(not s.isdigit() or int(s) == n for s, n in zip(tail, lengths, strict=True))
-    if not fits:
-        raise ValueError(f"{name}: expected shape ({', '.join(symbols)}), got {array.shape}")
+    free, tail = _expected(shape)
+    n_free = array.ndim - len(tail)
+    fits = n_free == 0 or (free and n_free > 0)
+    if not fits or any(n not in (None, own) for n, own in zip(tail, array.shape[n_free:], strict=True)):
+        raise ValueError(f"{name}: expected shape ({', '.join(shape.split())}), got {array.shape}")
     if not np.isfinite(array).all():
         place = np.argwhere(~np.isfinite(np.atleast_1d(array)))[0]
         raise ValueError(
             f"{name}: expected finite numbers, got {np.atleast_1d(array)[tuple(place)]} at {tuple(map(int, place))}"
         )
     return array
+
+
+@lru_cache
+def _expected(shape: str) -> tuple[bool, tuple[int | None, ...]]:
+    """Whether any axes may come first, and the lengths of the others, None for any."""
+    symbols = shape.split()
+    free = symbols[:1] == ["..."]
+    return free, tuple(int(s) if s.isdigit() else None for s in symbols[free:])
 
 
 def read_only(array: Array) -> Array:

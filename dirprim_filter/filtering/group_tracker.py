@@ -63,8 +63,9 @@ class GroupTracker:
             ValueError: no group has a frame; or as `Tracker.track`.
         """
         parts, looked = [], {*np.unique(detections.group).tolist(), *groups}
-        for group in sorted({*looked, *between}):
-            seen = detections[detections.group == group]
+        every = sorted({*looked, *between})
+        for group in every:
+            seen = detections if len(every) == 1 else detections[detections.group == group]
             frame = self.of(group).track(seen, time_ns=time_ns, is_scan=group in looked)
             parts.append(_renamed(frame, group))
         if not parts:

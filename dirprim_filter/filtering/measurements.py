@@ -69,4 +69,4 @@ def with_unseen_errors(estimates: Estimates, sensor: Sensor | None) -> Estimates
     if sensor is None:
         return estimates
     unseen = sensor.unseen_covariance(estimates.direction, estimates.speed)
-    return replace(estimates, covariance=estimates.covariance + unseen)
+    return estimates.having(covariance=estimates.covariance + unseen)

@@ -248,9 +248,10 @@ class Tracker:
     def _by_cue(self, slot: IntArray, counts: BoolArray) -> Iterator[tuple[Cue | None, IntArray]]:
         """Rows of slots (v,) for each cue that their vehicles give, as far as it counts (v,), and of the others."""
         cue = self._roster.cue[slot]
-        given = np.flatnonzero(counts & ~np.isnan(cue[:, 0]))
-        yield None, np.setdiff1d(np.arange(slot.size), given)
-        kinds, kind = np.unique(cue[given], axis=0, return_inverse=True)
+        counts = counts & ~np.isnan(cue[:, 0])
+        yield None, np.flatnonzero(~counts)
+        given = np.flatnonzero(counts)
+        kinds, kind = np.unique(cue[given], axis=0, return_inverse=True) if given.size else ((), given)
         for i, (turn, concentration) in enumerate(kinds):
             yield Cue(turn=turn, concentration=concentration), given[kind == i]
 

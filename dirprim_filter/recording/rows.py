@@ -110,7 +110,7 @@ class Rows(ArrayValue):
     @classmethod
     def of_tracks(cls, tracks: Tracks) -> Rows:
         """Tracks as rows, to be joined with others."""
-        return cls.named(**{f.name: getattr(tracks, f.name) for f in column_fields(tracks)})
+        return cls.named(**{f.name: getattr(tracks, f.name) for f in column_fields(type(tracks))})
 
     def by_group(self) -> Rows:
         """The same, of which an id that stands in several groups is a vehicle in each."""

@@ -49,7 +49,7 @@ def of_vehicle(estimates, name, *, but=()):
     """The bytes of everything that was estimated of one vehicle, but for some columns."""
     rows = np.asarray(estimates.track_id) == name
     assert rows.any()
-    return [getattr(estimates, f.name)[rows].tobytes() for f in column_fields(estimates)[1:] if f.name not in but]
+    return [getattr(estimates, f.name)[rows].tobytes() for f in column_fields(Estimates)[1:] if f.name not in but]
 
 
 @pytest.mark.parametrize(

@@ -22,10 +22,10 @@ def uninterrupted() -> Iterator[None]:
 
     An unhandled SIGTERM ends the process at once: what was written can be recovered.
     """
-    handlers = {number: handler for number in SIGNALS if callable(handler := signal.getsignal(number))}
-    if current_thread() is not main_thread() or not handlers:
+    if current_thread() is not main_thread():
         yield
         return
+    handlers = {number: handler for number in SIGNALS if callable(handler := signal.getsignal(number))}
     held: list[int] = []
 
     def hold(number: int, _: object) -> None:

@@ -5,6 +5,7 @@ Source: dirprim.proto. Columns travel as packed doubles, so numbers come back bi
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any, TypeVar
 
@@ -56,7 +57,7 @@ def encode_observations(
         more["group"] = observed.group[rows].tolist()
     if labels:
         more["label"] = [labels.get(name, "") for name in observed.track_id[rows].tolist()]
-    return _filled(dirprim_pb2.Observations(**more), observed, rows, time_ns)
+    return _filled(dirprim_pb2.Observations, observed, rows, time_ns, more)
 
 
 def encode_estimates(estimates: Estimates, time_ns: int) -> dirprim_pb2.TrackEstimates:
@@ -67,31 +68,30 @@ def encode_estimates(estimates: Estimates, time_ns: int) -> dirprim_pb2.TrackEst
     """
     if (estimates.time_ns != time_ns).any():
         raise ValueError(f"estimates: expected all at {time_ns} ns, got {np.unique(estimates.time_ns)} ns")
-    return _filled(dirprim_pb2.TrackEstimates(), estimates, np.arange(len(estimates)), time_ns)
+    return _filled(dirprim_pb2.TrackEstimates, estimates, np.s_[:], time_ns, {})
 
 
 def encode_assignments(found: Assignments, time_ns: int) -> dirprim_pb2.Assignments:
     """Which tracks the detections of one instant were assigned to, as a message."""
     group = found.group.tolist() if found.group.any() else []
-    message = dirprim_pb2.Assignments(assigned=found.assigned.tolist(), group=group)
-    return _filled(message, found, np.arange(len(found)), time_ns)
+    more = {"assigned": found.assigned.tolist(), "group": group}
+    return _filled(dirprim_pb2.Assignments, found, np.s_[:], time_ns, more)
 
 
 def _filled(
-    message: Sent, values: Tracks | Detections | Estimates | Assignments, rows: IntArray, time_ns: int
+    kind: type[Sent], values: Tracks | Detections | Estimates | Assignments, rows: IntArray | slice, time_ns: int,
+    more: Mapping[str, Any],
 ) -> Sent:  # fmt: skip
-    """The message with frame, time and ids, and of each field the columns, unless nothing is known of any row."""
-    columns: dict[str, Any] = {"track_id": as_texts(values.track_id[rows]).tolist()}
+    """A message with frame, time, ids and `more`, and of each field the columns, unless nothing is known of any row."""
+    columns: dict[str, Any] = {"track_id": as_texts(values.track_id[rows]).tolist(), **more}
     for name, of in FIELDS.items():
         if (field := getattr(values, name, None)) is not None:
-            flat = field[rows].reshape(rows.size, int(np.prod(field.shape[1:])))
+            flat = field.reshape(len(field), math.prod(field.shape[1:]))[rows]
             flat = flat[:, _UPPER] if name == "covariance" else flat
             columns |= {} if np.isnan(flat).all() else dict(zip(of, flat.T.tolist(), strict=True))
     seconds, nanos = divmod(int(time_ns), NANOSECONDS)  # also where both are 0, so that the time is never unset
     frame = MAP_FRAME if values.origin is None else values.origin.frame
-    kind: Any = type(message)
-    message.MergeFrom(kind(frame_id=frame, timestamp={"seconds": seconds, "nanos": nanos}, **columns))
-    return message
+    return kind(frame_id=frame, timestamp={"seconds": seconds, "nanos": nanos}, **columns)
 
 
 def decode_estimates(data: bytes) -> Estimates:
