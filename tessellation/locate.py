@@ -10,7 +10,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from tessellation._arrays import FloatArray, IntArray, read_only
 from tessellation._kernels import SIDE, Locator, locate_all
@@ -137,6 +136,8 @@ def _candidates(generators: FloatArray, center: FloatArray, half: float) -> tupl
     Generator g is nowhere nearest in a square if the generator h nearest to its center c is nearer in all of it:
     |g - c|^2 - |h - c|^2 > 2 half (|h_x - g_x| + |h_y - g_y|). Ascending.
     """
+    from scipy.spatial import cKDTree  # noqa: PLC0415 - grids do without
+
     tree, pairs = cKDTree(generators), []
     which, k = np.arange(len(center)), min(N_NEAREST, len(generators))
     while which.size:

@@ -13,7 +13,7 @@ from dirprim_filter.cli.sensing import number_lines
 from dirprim_filter.cli.texts import counted
 
 if TYPE_CHECKING:
-    from dirprim_filter.evaluation.calibration import Calibration
+    from dirprim_filter.evaluation.calibration.calibrating import Calibration
 
 
 def calibrate(
@@ -34,7 +34,7 @@ def calibrate(
     """
     from dirprim_filter.cli.progress import working
     from dirprim_filter.detections import Detections
-    from dirprim_filter.evaluation.calibration import calibrate as measure
+    from dirprim_filter.evaluation.calibration.calibrating import calibrate as measure
     from dirprim_filter.recording.sensor_file import save_sensor
 
     stream = reading.detections(log)

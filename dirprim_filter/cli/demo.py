@@ -13,7 +13,6 @@ from contextlib import redirect_stdout
 from dataclasses import replace
 from enum import StrEnum
 from io import StringIO
-from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated, Any
@@ -110,6 +109,8 @@ def demo(
 
     Example: dirprim demo --scene intersection -o demo_intersection
     """
+    from multiprocessing import get_context
+
     names = ("map.mcap", "tracks.mcap", "tracks.rrd", "demo.png")
     map_file, estimates, shown, picture = outputs = [folder / name for name in names]
     folder.mkdir(parents=True, exist_ok=True)

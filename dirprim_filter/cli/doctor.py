@@ -7,7 +7,6 @@ import platform
 import sys
 from collections.abc import Callable
 from functools import partial
-from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
@@ -50,6 +49,8 @@ def doctor(
 
 
 def _packages() -> str:
+    from importlib.metadata import version
+
     return ", ".join(f"{name} {version(name)}" for name in PACKAGES)
 
 

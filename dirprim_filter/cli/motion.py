@@ -78,14 +78,15 @@ def motion_of(
     Raises:
         ValueError: it is to forecast, and nothing could be learned.
     """
+    if choice == "learned" and by_map is not None:
+        return Motion(by_map), frames
+
     import numpy as np
 
     from dirprim_filter.cli.progress import working
     from dirprim_filter.detections import NO_ID, Detections
     from dirprim_filter.evaluation.without_map import acceleration_of, background_motion
 
-    if choice == "learned" and by_map is not None:
-        return Motion(by_map), frames
     first, coming, rng = list[Detections](), iter(frames), np.random.default_rng(seed)
     found, how = Motion(None, acceleration or STRAIGHT_ON), "as stated" if acceleration else f"not learned: {why_not}"
     if not (acceleration or why_not):

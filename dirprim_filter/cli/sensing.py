@@ -92,7 +92,7 @@ def _learned(
 
     from dirprim_filter.cli.progress import working
     from dirprim_filter.detections import Detections
-    from dirprim_filter.evaluation.calibration import self_calibrate
+    from dirprim_filter.evaluation.calibration.self_calibration import self_calibrate
 
     coming = iter(frames)
     with working(f"learning how the sensor of {log.name} errs"):

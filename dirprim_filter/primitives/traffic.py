@@ -7,7 +7,6 @@ from typing import Self
 
 import numpy as np
 from scipy.sparse import csr_array, eye_array
-from scipy.sparse.linalg import splu
 from scipy.special import gammaincinv
 
 from dirprim_filter.arrays import FloatArray, IntArray
@@ -71,6 +70,8 @@ class Traffic:
     def later(self, share: FloatArray, dt_s: float) -> FloatArray:
         """(z,) -> (z,) vehicles in each manoeuvre after `dt_s`, those that began their trip since included."""
         if dt_s > PAUSE_S:
+            from scipy.sparse.linalg import splu  # noqa: PLC0415 - most logs have no such pause
+
             step_s = dt_s / N_LONG_STEPS
             implicit = splu(eye_array(share.size, format="csc") - step_s * self.flow.tocsc())
             for _ in range(N_LONG_STEPS):

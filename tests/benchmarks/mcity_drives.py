@@ -20,7 +20,7 @@ from dirprim_filter import PrimitiveMap, Tracks, learn_primitives
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import EstimateList, Estimates
-from dirprim_filter.evaluation.calibration import calibrate
+from dirprim_filter.evaluation.calibration.calibrating import calibrate
 from dirprim_filter.filtering import Tracker
 from dirprim_filter.origin import Origin
 from dirprim_filter.recording.tables import Table, read_named

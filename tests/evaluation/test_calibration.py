@@ -8,7 +8,7 @@ from scipy.stats import multivariate_normal
 
 from dirprim_filter.detections import Detections
 from dirprim_filter.distributions.angles import wrap
-from dirprim_filter.evaluation.calibration import calibrate
+from dirprim_filter.evaluation.calibration.calibrating import calibrate
 from dirprim_filter.evaluation.calibration.gauss_markov import Profile
 from dirprim_filter.sensor import AxisError, Sensor, without_bias
 from dirprim_filter.tracks import Tracks

@@ -12,8 +12,8 @@ from dirprim_filter import read_tracks
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import EstimateList
-from dirprim_filter.evaluation.calibration import self_calibrate, self_calibration
-from dirprim_filter.evaluation.calibration.self_calibration import SHARE, Pieces, pieces_of
+from dirprim_filter.evaluation.calibration import self_calibration
+from dirprim_filter.evaluation.calibration.self_calibration import SHARE, Pieces, pieces_of, self_calibrate
 from dirprim_filter.filtering import ConstantVelocityKalman
 from dirprim_filter.filtering.smoothing.smoother import Smoother
 from dirprim_filter.replay import replay
