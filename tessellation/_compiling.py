@@ -4,6 +4,7 @@ import logging
 from multiprocessing import parent_process
 from typing import Any
 
+from numba import njit
 from numba.core import event
 
 from tessellation._cache import has_a_place
@@ -34,13 +35,21 @@ class Notice(event.TimingListener):
 LISTENER = Notice()  # type: ignore[no-untyped-call]
 event.register("numba:compile", LISTENER)  # type: ignore[no-untyped-call]
 
-COMPILED: dict[str, Any] = {"cache": has_a_place(), "no_cfunc_wrapper": True, "fastmath": False}
-"""Options of numba's `njit`. The wrapper for C callbacks would take a tenth of the time that compiling takes.
-No kernel has `fastmath`: by it a loop inlined into its caller would round otherwise than the same loop called, and the
-run that compiles otherwise than those that load what it compiled. See `dirprim_filter.distributions._arithmetic`."""
+_compile: Any = njit
+_OPTIONS: dict[str, Any] = {
+    "cache": has_a_place(), "no_cfunc_wrapper": True, "nogil": True, "error_model": "numpy", "fastmath": False,
+}  # fmt: skip
+"""Of all kernels one set: numba compiles its own functions once more for each. The wrapper for C callbacks would take a
+tenth of the time that compiling takes. Division by zero gives infinity. No kernel has `fastmath`: by it a loop inlined
+into its caller would round otherwise than the same loop called, and the run that compiles otherwise than those that
+load what it compiled. See `dirprim_filter.distributions._arithmetic`."""
 
-UNCOUNTED: dict[str, Any] = {"_nrt": False}
-"""For kernels that allocate nothing and run for every particle: numba counts no references in them. Each name for an
-array, and each part of one, else costs an atomic count, for which threads wait for each other."""
-INLINED: dict[str, Any] = UNCOUNTED | {"forceinline": True}
-"""The same for those that take tables of many arrays, which cost more to hand over than to read."""
+compiled = _compile(**_OPTIONS)
+"""Decorates a kernel."""
+pasted = _compile(**_OPTIONS, inline="always")
+"""One whose code is put into its callers before they are compiled; by itself it is not compiled."""
+uncounted = _compile(**_OPTIONS, _nrt=False)
+"""One that allocates nothing and runs for every particle: numba counts no references in it. Each name for an array, and
+each part of one, else costs an atomic count, for which threads wait for each other."""
+inlined = _compile(**_OPTIONS, _nrt=False, forceinline=True)
+"""The same where it takes tables of many arrays, which cost more to hand over than to read."""

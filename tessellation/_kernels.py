@@ -4,10 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from tessellation._arrays import FloatArray, IntArray
-from tessellation._compiling import COMPILED, INLINED, UNCOUNTED
+from tessellation._compiling import inlined, uncounted
 
 PixelArray = npt.NDArray[np.int32]
 
@@ -32,15 +31,15 @@ class Locator(NamedTuple):
     entry: FloatArray  # (n, 3)
 
 
-@njit(**COMPILED | INLINED)
-def locate(locator: Locator, x: float, y: float) -> int:
+@inlined
+def locate(locator: Locator, x: float, y: float) -> np.int64:
     """The cell that covers (x, y); -1 where none does. Written so that NaN falls outside."""
     column = (x - locator.origin_x) * locator.pixels_per_metre
     row = (y - locator.origin_y) * locator.pixels_per_metre
     n_y, n_x = locator.block.shape
-    value = -1
+    value = np.int64(-1)
     if 0.0 <= column < n_x * SIDE and 0.0 <= row < n_y * SIDE:
-        r, c = int(row), int(column)
+        r, c = np.int64(row), np.int64(column)
         number = locator.block[r // SIDE, c // SIDE]
         if number >= 0:
             value = locator.pixel[number, r % SIDE * SIDE + c % SIDE]
@@ -52,11 +51,11 @@ def locate(locator: Locator, x: float, y: float) -> int:
             nearer = squared < closest
             found = cell if nearer else found
             closest = squared if nearer else closest
-        value = int(found)
+        value = np.int64(found)
     return value
 
 
-@njit(nogil=True, **COMPILED | UNCOUNTED)
+@uncounted
 def locate_all(locator: Locator, position: FloatArray, cell: IntArray) -> None:
     """(n, 2) positions -> (n,) cells."""
     for i in range(cell.size):

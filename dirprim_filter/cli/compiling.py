@@ -70,9 +70,9 @@ def warm_up() -> None:
     )
     tracker = Tracker(anywhere, config=FilterConfig(n_particles=10), rng=np.random.default_rng(0))
     reported = Detections(
-        track_id=np.array(["a", "a"]),
-        time_ns=np.array([0, 10**8], np.int64),
-        position=np.array([[0.0, 0.0], [1.5, 0.0]]),  # where few particles come near: for these there is a kernel too
+        track_id=np.array(["a", "a", "a"]),
+        time_ns=np.array([0, 1, 2], np.int64) * 10**8,  # the third frame resamples
+        position=np.array([[0.0, 0.0], [1.5, 0.0], [1.5, 0.0]]),  # where few particles come near: it has its kernel
     )
     for frame in reported.frames():
         tracker.step(frame)

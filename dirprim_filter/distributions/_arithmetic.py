@@ -9,13 +9,13 @@ from collections.abc import Callable
 from typing import Any
 
 from llvmlite import ir
-from numba import njit, types
+from numba import types
 from numba.core import cgutils
 from numba.core.errors import TypingError
 from numba.extending import intrinsic
 
 from dirprim_filter.arrays import FloatArray
-from tessellation._compiling import COMPILED, UNCOUNTED
+from tessellation._compiling import uncounted
 
 LANES = 8
 """Partial sums, so that no addition waits for the one before it; twice as many where there are few columns."""
@@ -98,13 +98,13 @@ def _in_pairs(builder: ir.IRBuilder, lanes: Any, n: int) -> Any:
     return left[0]
 
 
-@njit(**COMPILED | UNCOUNTED)
+@uncounted
 def total_of(column: FloatArray) -> float:
     """The sum of a column, (n,)."""
     return weighted_sums(column, ())[0]
 
 
-@njit(**COMPILED | UNCOUNTED)
+@uncounted
 def dot(a: FloatArray, b: FloatArray) -> float:
     """The sum of the products of two columns, (n,) each."""
     return weighted_sums(a, (b,))[1]

@@ -8,14 +8,11 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from dirprim_filter.distributions._arithmetic import fma, polynomial
-from tessellation._compiling import COMPILED
+from tessellation._compiling import compiled, pasted
 
 TWO_PI = 2.0 * math.pi
-EXACT: dict[str, Any] = COMPILED | {"error_model": "numpy"}
-"""Division by zero gives infinity."""
 
 _ROUND = 1.5 * 2.0**52  # adding it rounds to an integer, which then stands in the low bits of the sum
 _LOG2_E = 1.0 / math.log(2.0)
@@ -37,7 +34,7 @@ single: Any = np.float32
 _ROUND_S = single(1.5 * 2.0**23)
 
 
-@njit(**EXACT)
+@compiled
 def exp(x: float) -> float:
     """The exponential; below -650 that of -650, 5e-283: products of it stay clear of the slow subnormal numbers."""
     x = min(max(x, -650.0), 709.0)
@@ -49,7 +46,7 @@ def exp(x: float) -> float:
     return times_2_to_n.view(np.float64)
 
 
-@njit(**EXACT)
+@compiled
 def sin(x: float) -> float:
     """The sine, for |x| up to a million: of the distance to the nearest multiple of pi, negated by the odd ones."""
     rounded = fma(x, 1.0 / math.pi, _ROUND)
@@ -61,13 +58,13 @@ def sin(x: float) -> float:
     return np.uint64(np.float64(s).view(np.uint64) ^ sign).view(np.float64)
 
 
-@njit(**EXACT)
+@compiled
 def cos(x: float) -> float:
     """The cosine, likewise: 1 - 2 sin(x / 2)^2."""
     return 1.0 - 2.0 * squared_sine(0.5 * x)
 
 
-@njit(**EXACT)
+@compiled
 def squared_sine(x: float) -> float:
     """sin(x)^2, for |x| up to a million: by the distance to the nearest multiple of pi."""
     n = fma(x, 1.0 / math.pi, _ROUND) - _ROUND
@@ -77,7 +74,7 @@ def squared_sine(x: float) -> float:
     return s * s
 
 
-@njit(**EXACT)
+@compiled
 def log(x: float) -> float:
     """The natural logarithm of a normal positive number: x = 2^n m, m from sqrt(1/2) to sqrt(2); anything of others."""
     bits = np.uint64(np.float64(x).view(np.uint64) + _ONE_ABOVE)
@@ -91,13 +88,13 @@ def log(x: float) -> float:
     return fma(n, _LN2_HIGH, fma(2.0, s, rest))
 
 
-@njit(**EXACT)
+@compiled
 def nearest_integer_single(x: float) -> float:
     """The integer nearest to x in single precision, for |x| up to a million."""
     return (x + _ROUND_S) - _ROUND_S
 
 
-@njit(inline="always", **COMPILED)
+@pasted
 def wrap(angle: float) -> float:
     """The same angle in (-pi, pi]."""
     if -math.pi < angle <= math.pi:

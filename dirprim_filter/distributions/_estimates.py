@@ -4,14 +4,14 @@ Every mode of every iteration asks for them: an iteration each time took a third
 """
 
 import math
+from typing import Any
 
 import numpy as np
-from numba import njit
 from scipy import special
 
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.distributions import von_mises
-from dirprim_filter.distributions._elementary import EXACT
+from tessellation._compiling import compiled
 
 NEGLIGIBLE_CONCENTRATION = 1e-8  # below it the circle is uniform to double precision
 _NODES = 512
@@ -50,11 +50,12 @@ _K = np.expm1(np.linspace(0.0, _MAX_LOG, 2 * _NODES))
 _NORMALISER, _RESULTANT, _GAMMA = von_mises.log_normaliser(_K), von_mises.mean_resultant_length(_K), _gamma_table()
 
 
-@njit(**EXACT)
+@compiled
 def _between(table: FloatArray, x: float) -> float:
     """The cubic through the four nodes around x in [0, 1]."""
     x *= table.size - 1
-    i = min(max(int(x), 1), table.size - 3)
+    first: Any = np.int64(x)
+    i = min(max(first, 1), table.size - 3)
     t = x - i
     before, here, next_, beyond = table[i - 1], table[i], table[i + 1], table[i + 2]
     return (
@@ -65,20 +66,20 @@ def _between(table: FloatArray, x: float) -> float:
     )
 
 
-@njit(**EXACT)
+@compiled
 def concentration_from(resultant: float) -> float:
     """`von_mises.concentration_of`."""
     r = min(max(resultant, 0.0), 1.0 - 1e-15)
     return r / (1.0 - r * r) * _between(_CONCENTRATION, r)
 
 
-@njit(**EXACT)
+@compiled
 def resultant_of(log_concentration: float) -> float:
     """`von_mises.mean_resultant_length` by log(1 + k)."""
     return _between(_RESULTANT, log_concentration / _MAX_LOG)
 
 
-@njit(**EXACT)
+@compiled
 def shape_from(spread: float, high: float) -> float:
     """Maximum likelihood shape of a gamma from `spread` = log(mean) - mean(log), bounded to [1, high]."""
     if not spread > 0.5 / high:  # log(a) - psi(a) > 1 / (2 a): no shape below `high` has so little spread
@@ -88,13 +89,13 @@ def shape_from(spread: float, high: float) -> float:
     return min(max(_between(_SHAPE, spread / _MAX_SPREAD) / spread, 1.0), high)
 
 
-@njit(**EXACT)
+@compiled
 def log_normaliser(log_concentration: float) -> float:
     """log(2 pi I0(k)) - k by log(1 + k), to 1e-8."""
     return _between(_NORMALISER, log_concentration / _MAX_LOG)
 
 
-@njit(**EXACT)
+@compiled
 def gamma_remainder(log_shape: float) -> float:
     """Log Gamma(a) - a (log a - 1) by log a from 0 on, to 1e-10."""
     return _between(_GAMMA, log_shape / _MAX_LOG)

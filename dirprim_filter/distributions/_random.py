@@ -13,11 +13,10 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.distributions._elementary import TWO_PI, log, sin
-from tessellation._compiling import COMPILED, INLINED
+from tessellation._compiling import compiled, inlined, pasted
 
 UIntArray = npt.NDArray[np.uint64]
 
@@ -30,7 +29,7 @@ _TO_UNIT = 2.0**-53
 _SQUEEZE = 0.0331  # of Marsaglia and Tsang: accepts all but a few in a hundred without a logarithm
 
 
-@njit(**COMPILED)
+@compiled
 def seed_state(key: np.uint64, state: UIntArray) -> None:
     """Fill a state row from a 64-bit key by splitmix64, as the generator's authors advise."""
     z = key
@@ -39,7 +38,7 @@ def seed_state(key: np.uint64, state: UIntArray) -> None:
         state[i] = mixed(z)
 
 
-@njit(inline="always", **COMPILED)
+@pasted
 def mixed(z: np.uint64) -> np.uint64:
     """The output of splitmix64 in state `z`."""
     m = np.uint64((z ^ (z >> _R30)) * _MIX_1)
@@ -47,7 +46,7 @@ def mixed(z: np.uint64) -> np.uint64:
     return np.uint64(m ^ (m >> _R31))
 
 
-@njit(**COMPILED | INLINED)
+@inlined
 def bits(state: UIntArray) -> np.uint64:
     """64 random bits."""
     s0, s1, s2, s3 = state[0], state[1], state[2], state[3]
@@ -64,13 +63,13 @@ def bits(state: UIntArray) -> np.uint64:
     return result
 
 
-@njit(inline="always", **COMPILED)
+@pasted
 def uniform(state: UIntArray) -> float:
     """A draw from the open interval (0, 1)."""
     return (float(bits(state) >> _R11) + 0.5) * _TO_UNIT
 
 
-@njit(**COMPILED)
+@compiled
 def draw_normal(state: UIntArray) -> float:
     """A standard normal draw, by Box and Muller."""
     return math.sqrt(-2.0 * math.log(uniform(state))) * math.cos(TWO_PI * uniform(state))
@@ -80,13 +79,13 @@ _R12, _R63 = np.uint64(12), np.uint64(63)
 _BITS_OF_ONE = np.uint64(0x3FF0000000000000)
 
 
-@njit(inline="always", **COMPILED)
+@pasted
 def from_one_to_two(drawn: np.uint64) -> float:
     """The upper 52 of 64 random bits as an even draw from [1, 2)."""
     return np.uint64((drawn >> _R12) | _BITS_OF_ONE).view(np.float64)
 
 
-@njit(error_model="numpy", **COMPILED)
+@compiled
 def fill_normals(out: FloatArray, state: UIntArray) -> None:
     """Standard normal draws, (n,) of an even n: an even point of the right half circle, then which half it is."""
     half, z = out.size // 2, bits(state)
@@ -102,7 +101,7 @@ def fill_normals(out: FloatArray, state: UIntArray) -> None:
         out[half + i] = radius * math.sqrt(max(1.0 - s * s, 0.0))
 
 
-@njit(**COMPILED)
+@compiled
 def draw_gamma(shape: float, state: UIntArray) -> float:
     """A draw from the gamma distribution of rate one."""
     boost = 1.0
@@ -136,7 +135,7 @@ def wrapped_cauchy(k: FloatArray) -> tuple[FloatArray, FloatArray]:
     return near / (1.0 + root + wide + 2.0 * k), near * near / (4.0 * (1.0 + root + wide))
 
 
-@njit(**COMPILED)
+@compiled
 def draw_turn(k: float, q: float, b: float, state: UIntArray) -> float:
     """A von Mises draw around 0 of concentration `k` and envelope `q, b`, radians in [-pi, pi].
 

@@ -3,13 +3,12 @@
 import math
 
 import numpy as np
-from numba import njit
 
 from dirprim_filter.arrays import FloatArray
-from tessellation._compiling import COMPILED
+from tessellation._compiling import compiled
 
 
-@njit(nogil=True, **COMPILED)
+@compiled
 def score_samples(sample: FloatArray, truth: FloatArray, out: FloatArray) -> None:
     """Fills (n, 2) with energy score and rank of the truth, (n, S, 2) samples, (n, 2) truths.
 

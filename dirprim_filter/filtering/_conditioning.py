@@ -15,14 +15,13 @@ measurement; Liu and Chen, Sequential Monte Carlo methods for dynamic systems, 1
 import math
 from typing import NamedTuple
 
-from numba import njit
-
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.distributions import _random as random
 from dirprim_filter.distributions._arithmetic import dot
 from dirprim_filter.distributions._elementary import exp
 from dirprim_filter.filtering._kernels import Cloud
 from dirprim_filter.filtering._resampling import AHEAD, ASIDE, kernel_of, put, room_for, spread
+from tessellation._compiling import compiled, pasted
 
 FEWEST = 0.01
 """Share of the particles that a measurement leaves effectively, below which they are drawn given it. Else forecasts of
@@ -43,7 +42,7 @@ class Measured(NamedTuple):
     across: float
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def draw_given(
     cloud: Cloud, v: int, measured: Measured, outlier: float, tail: FloatArray, least: float, leaves: float,
     put_off: float,
@@ -107,7 +106,7 @@ def draw_given(
     return float(density)
 
 
-@njit(cache=True, inline="always")
+@pasted
 def determinant_of(covariance: FloatArray, xx: float, xy: float, yy: float) -> float:
     """Of the places' covariance, with errors of another one."""
     across = covariance[AHEAD, ASIDE] + xy

@@ -8,16 +8,16 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions._arithmetic import dot, total_of
-from dirprim_filter.distributions._elementary import EXACT, squared_sine
+from dirprim_filter.distributions._elementary import squared_sine
 from dirprim_filter.distributions._random import UIntArray
 from dirprim_filter.primitives import _leader, _motion
 from dirprim_filter.primitives._leader import LeaderTable
 from dirprim_filter.primitives._manoeuvres import MotionTable
 from tessellation import OUTSIDE
+from tessellation._compiling import compiled, pasted
 
 
 class Cloud(NamedTuple):
@@ -40,7 +40,7 @@ NO_SCENE = np.empty((0, 0, 4))
 """The scene of vehicles that move as if alone."""
 
 
-@njit(nogil=True, **EXACT)
+@compiled
 def initialise_motion(table: MotionTable, cloud: Cloud, vehicle: IntArray) -> None:
     """Look up the cell of every particle, and draw a manoeuvre that fits its direction and speed."""
     for v in vehicle:
@@ -50,7 +50,7 @@ def initialise_motion(table: MotionTable, cloud: Cloud, vehicle: IntArray) -> No
         )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def advance(
     table: MotionTable, response: LeaderTable, cloud: Cloud, scene: FloatArray, vehicle: IntArray, dt_s: FloatArray
 ) -> None:
@@ -76,7 +76,7 @@ def advance(
         step(table, cloud, v, led, dt_s[i])
 
 
-@njit(inline="always", cache=True, nogil=True)  # by itself it would compile all of `move` once more
+@pasted  # by itself it would compile all of `move` once more
 def step(table: MotionTable, cloud: Cloud, v: int, led: FloatArray, dt_s: float) -> None:
     """Move the particles of one vehicle."""
     state = cloud.state[v].copy()  # of its own memory, or threads would count references to one array in turns
@@ -88,13 +88,13 @@ def step(table: MotionTable, cloud: Cloud, v: int, led: FloatArray, dt_s: float)
         cloud.state[v, word] = state[word]
 
 
-@njit(cache=True)
+@compiled
 def effective_sample_size(weight: FloatArray) -> float:
     """1 / sum of squared weights."""
     return 1.0 / dot(weight, weight)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def moments(cloud: Cloud, vehicle: IntArray, out: FloatArray) -> None:
     """Fills (V, 10): mean x, y, covariance xx, xy, yy, direction, its resultant, speed, its deviation, sample size."""
     n = cloud.position.shape[1]
@@ -122,7 +122,7 @@ def moments(cloud: Cloud, vehicle: IntArray, out: FloatArray) -> None:
         out[i, 9] = effective_sample_size(weight)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def places(cloud: Cloud, of_manoeuvre: FloatArray, vehicle: IntArray, out: FloatArray) -> None:
     """Fills (V, 3): the weight of particles in no cell, and the means of two numbers of each manoeuvre, (z, 2)."""
     n = cloud.position.shape[1]

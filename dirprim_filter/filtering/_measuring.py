@@ -27,7 +27,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions import _random as random
@@ -40,6 +39,7 @@ from dirprim_filter.filtering.measurements import TAIL
 from dirprim_filter.primitives import _map_kernels
 from dirprim_filter.primitives._manoeuvres import STANDING_BELOW
 from dirprim_filter.primitives._map_kernels import MapTable
+from tessellation._compiling import compiled
 
 X, Y, COURSE, PACE, AXIS, ALONG, ACROSS, BIAS, BIAS_ACROSS = range(9)
 """Columns of a measurement: metres; radians and m/s, NaN where not measured; the direction of the errors' first axis,
@@ -73,7 +73,7 @@ class Noise(NamedTuple):
     speed_outlier: float
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def begin(
     primitives: MapTable, cloud: Cloud, vehicle: IntArray, key: UIntArray, measured: FloatArray, noise: Noise
 ) -> None:
@@ -89,7 +89,7 @@ def begin(
         place, direction, state = cloud.position[v], cloud.direction[v], cloud.state[v]
         random.seed_state(key[i], state)
         along, across = math.sqrt(z[ALONG]), math.sqrt(z[ACROSS])
-        is_own, widest = math.isnan(z[AXIS]), max(along, across)
+        is_own, widest = math.isnan(z[AXIS]), along if along > across else across
         c, s = (1.0, 0.0) if is_own else (math.cos(z[AXIS]), math.sin(z[AXIS]))
         first, second = (widest, widest) if is_own else (along, across)
         for p in range(n):
@@ -107,7 +107,7 @@ def begin(
         cloud.since_s[v] = 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def weigh(cloud: Cloud, vehicle: IntArray, measured: FloatArray, evidence: FloatArray, noise: Noise) -> None:
     """Weigh each vehicle's particles by its measurement, and normalise.
 
@@ -149,7 +149,7 @@ def weigh(cloud: Cloud, vehicle: IntArray, measured: FloatArray, evidence: Float
         cloud.since_s[v] = 0.0
 
 
-@njit(cache=True)
+@compiled
 def effective_share(weight: FloatArray, fit: FloatArray) -> float:
     """The share of particles (P,) that are effectively left of weights times likelihoods."""
     total, squares = 0.0, 0.0
@@ -160,14 +160,14 @@ def effective_share(weight: FloatArray, fit: FloatArray) -> float:
     return total * total / (squares * weight.size) if squares > 0.0 else 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def densest(measured: Measured) -> float:
     """The density of no residual of an innovation outlier, 1/m2."""
     k = PLACE_M * PLACE_M
     return 1.0 / (2.0 * math.pi * math.sqrt((k + measured.along) * (k + measured.across)))
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def outlying(weight: FloatArray, measured: Measured, off: FloatArray, far: FloatArray) -> float:
     """Fill (P,) densities of innovation outliers by residuals (2, P); -> that of the belief, 1/m2."""
     k, scale = PLACE_M * PLACE_M, densest(measured)
@@ -178,7 +178,7 @@ def outlying(weight: FloatArray, measured: Measured, off: FloatArray, far: Float
     return float(dot(weight, far))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def log_likelihood(cloud: Cloud, vehicle: IntArray, measured: FloatArray, out: FloatArray, noise: Noise) -> None:
     """Fills (V,): natural log of the density of each measurement under the belief, wrong positions aside."""
     n = cloud.position.shape[1]
@@ -200,7 +200,7 @@ def log_likelihood(cloud: Cloud, vehicle: IntArray, measured: FloatArray, out: F
             out[i] = math.log(total) if total > 0.0 else out[i]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def in_shared_axes(cloud: Cloud, v: int, z: FloatArray, room: FloatArray) -> Measured:
     """A measured place without its bias, and its errors in axes that all particles share, see above. room: (2, P)."""
     if not math.isnan(z[AXIS]):
@@ -222,7 +222,7 @@ def in_shared_axes(cloud: Cloud, v: int, z: FloatArray, room: FloatArray) -> Mea
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def residuals(cloud: Cloud, v: int, measured: Measured, off: FloatArray, fit: FloatArray) -> float:
     """What each particle leaves of a measured place.
 
@@ -239,7 +239,7 @@ def residuals(cloud: Cloud, v: int, measured: Measured, off: FloatArray, fit: Fl
     return math.sqrt(by_along * by_across) / (2.0 * math.pi)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def fit_motion(cloud: Cloud, v: int, z: FloatArray, noise: Noise, fit: FloatArray) -> None:
     """Multiply (P,) by how well a measured course and pace fit, over how well they fit a false detection."""
     direction, speed, course, pace = cloud.direction[v], cloud.speed[v], z[COURSE], z[PACE]
@@ -253,7 +253,7 @@ def fit_motion(cloud: Cloud, v: int, z: FloatArray, noise: Noise, fit: FloatArra
             fit[p] *= noise.speed_scale * exp(-0.5 * noise.speed_precision * off * off) + noise.speed_outlier
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def normalise(weight: FloatArray, fit: FloatArray) -> None:
     """Multiply weights (P,) by likelihoods; where none is left, they stay as they are."""
     total = dot(weight, fit)
@@ -263,7 +263,7 @@ def normalise(weight: FloatArray, fit: FloatArray) -> None:
             weight[p] = later if later > LEAST else 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def move_outliers(
     cloud: Cloud, v: int, measured: Measured, share: float, noise: Noise, off: FloatArray, fit: FloatArray,
     far: FloatArray, tail: FloatArray,
@@ -282,7 +282,7 @@ def move_outliers(
         cloud.state[v, word] = state[word]
 
 
-@njit(cache=True)
+@compiled
 def displace(cloud: Cloud, v: int, p: int, east: float, north: float, free: int, state: UIntArray) -> None:
     """Move a particle, and draw its velocity given by how far; who moves keeps moving.
 

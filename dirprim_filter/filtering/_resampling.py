@@ -16,7 +16,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions import _random as random
@@ -24,6 +23,7 @@ from dirprim_filter.distributions._arithmetic import dot, total_of
 from dirprim_filter.distributions._elementary import squared_sine, wrap
 from dirprim_filter.filtering._kernels import Cloud, effective_sample_size
 from dirprim_filter.primitives._manoeuvres import STANDING_BELOW
+from tessellation._compiling import compiled
 
 AHEAD, ASIDE, TURN, PACE = range(4)
 """Rows of a state: metres along and across the mean course, radians from it, m/s."""
@@ -43,16 +43,16 @@ class Room(NamedTuple):
     root: FloatArray  # (D, D) its lower triangle of Cholesky
 
 
-@njit(cache=True)
+@compiled
 def room_for(n: int) -> Room:
     """For n particles."""
-    numbers, columns, squares = np.zeros((2, n), np.int64), np.empty((D + 1, n)), np.zeros((2, D, D))
+    numbers, columns, squares = np.empty((2, n), np.int64), np.empty((D + 1, n)), np.empty((2, D, D))
     return Room(
         numbers[0], numbers[1], columns[:D], np.empty(D * (n + 1)), columns[D], np.empty(D), squares[0], squares[1]
     )
 
 
-@njit(cache=True)
+@compiled
 def systematic(weight: FloatArray, u: float, survivors: IntArray) -> None:
     """Systematic resampling: particle p survives floor or ceil of n w_p times. Fills how often."""
     n = weight.size
@@ -68,7 +68,7 @@ def systematic(weight: FloatArray, u: float, survivors: IntArray) -> None:
     survivors[n - 1] = n - before
 
 
-@njit(cache=True)
+@compiled
 def find_parents(survivors: IntArray, parent: IntArray) -> None:
     """Whose copy each particle becomes, by how often each survives, (n,): the first copy of each stays where it is."""
     free = 0
@@ -82,7 +82,7 @@ def find_parents(survivors: IntArray, parent: IntArray) -> None:
             free += 1
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def resample(cloud: Cloud, vehicle: IntArray, below: float) -> None:
     """Replace the particles of each vehicle by equally weighted survivors, spread by the kernel.
 
@@ -95,7 +95,7 @@ def resample(cloud: Cloud, vehicle: IntArray, below: float) -> None:
             draw(cloud, v, room)
 
 
-@njit(cache=True)
+@compiled
 def kernel_of(cloud: Cloud, v: int, room: Room) -> tuple[float, float, float]:
     """Fills the deviations of a belief, its mean and covariance; -> the bandwidth and the mean course."""
     c, s = states_of(cloud, v, room)
@@ -104,7 +104,7 @@ def kernel_of(cloud: Cloud, v: int, room: Room) -> tuple[float, float, float]:
     return (4.0 / (effective_sample_size(cloud.weight[v]) * (D + 2.0))) ** (1.0 / (D + 4.0)), c, s
 
 
-@njit(cache=True)
+@compiled
 def states_of(cloud: Cloud, v: int, room: Room) -> tuple[float, float]:
     """Fills (D, P) deviations from the mean, and the mean (D,): of the place east and north; -> the mean course."""
     weight, state, mean, direction = cloud.weight[v], room.state, room.mean, cloud.direction[v]
@@ -129,7 +129,7 @@ def states_of(cloud: Cloud, v: int, room: Room) -> tuple[float, float]:
     return c, s
 
 
-@njit(cache=True)
+@compiled
 def covariance_of(weight: FloatArray, room: Room) -> None:
     """Fills (D, D) from deviations (D, P)."""
     total, covariance = total_of(weight), room.covariance
@@ -140,7 +140,7 @@ def covariance_of(weight: FloatArray, room: Room) -> None:
             covariance[a, b] = covariance[b, a] = dot(room.product, room.state[b]) / total
 
 
-@njit(cache=True)
+@compiled
 def factorise(covariance: FloatArray, root: FloatArray) -> None:
     """Fills the lower triangle (D, D) of Cholesky; what does not vary has none."""
     for b in range(D):
@@ -154,7 +154,7 @@ def factorise(covariance: FloatArray, root: FloatArray) -> None:
                 root[a, b] = left / root[b, b] if root[b, b] > 0.0 else 0.0
 
 
-@njit(cache=True)
+@compiled
 def draw(cloud: Cloud, v: int, room: Room) -> None:
     """Draw the survivors of a vehicle, and put each beside its parent's state."""
     h, c, s = kernel_of(cloud, v, room)
@@ -180,7 +180,7 @@ def draw(cloud: Cloud, v: int, room: Room) -> None:
         cloud.weight[v, p] = 1.0 / n
 
 
-@njit(cache=True)
+@compiled
 def spread(room: Room, h: float) -> None:
     """Shrink deviations (D, P) towards the mean, and add the kernel's draws."""
     state, root, n = room.state, room.root, room.parent.size
@@ -193,7 +193,7 @@ def spread(room: Room, h: float) -> None:
                 state[a, p] += h * root[a, b] * room.normal[b * m + p]
 
 
-@njit(cache=True)
+@compiled
 def put(cloud: Cloud, v: int, room: Room, c: float, s: float) -> None:
     """Put the particles at their deviations (D, P). Who stands keeps standing, and who moves keeps moving."""
     state, mean = room.state, room.mean

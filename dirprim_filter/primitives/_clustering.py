@@ -6,16 +6,15 @@ DP-means (Kulis and Jordan 2012): k-means in which a visit too far from every me
 import math
 
 import numpy as np
-from numba import njit
 
 from dirprim_filter.arrays import FloatArray, IntArray
-from tessellation._compiling import COMPILED
+from tessellation._compiling import compiled
 
 PASSES = 8
 OPENING_PASSES = 2
 
 
-@njit(nogil=True, **COMPILED)
+@compiled
 def dp_means(feature: FloatArray, order: IntArray, opens_at: float, most: int, label: IntArray) -> None:
     """Fill `label` (n,) with the groups of visits, at most so many, some of them empty.
 

@@ -8,11 +8,10 @@ What is climbed is the log likelihood, scaled from rows to vehicles, plus the lo
 import math
 
 import numpy as np
-from numba import njit
 
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.distributions._arithmetic import dot, fma, weighted_sums
-from dirprim_filter.distributions._elementary import EXACT, cos, exp, log, sin
+from dirprim_filter.distributions._elementary import cos, exp, log, sin
 from dirprim_filter.distributions._estimates import (
     NEGLIGIBLE_CONCENTRATION,
     concentration_from,
@@ -42,7 +41,7 @@ from dirprim_filter.primitives._modes import (
     WEIGHT,
     Bounds,
 )
-from tessellation._compiling import UNCOUNTED
+from tessellation._compiling import compiled, uncounted
 
 SUMS = 5  # responsibility, cosine, sine, speed, log speed
 CURVED_SUMS = 16  # and the moments that bend and gain need
@@ -54,7 +53,7 @@ MIN_VEHICLES = 1e-3
 """A mode that fewer drive is given up."""
 
 
-@njit(**EXACT)
+@compiled
 def expectation(
     columns: FloatArray, at: int, n: int, with_speed: bool, table: FloatArray, room: FloatArray, sums: FloatArray
 ) -> float:
@@ -100,7 +99,7 @@ def expectation(
     return log_likelihood
 
 
-@njit(**EXACT | UNCOUNTED)
+@uncounted
 def _log_density(
     factor: FloatArray, rows: FloatArray, first: int, log_seen: FloatArray, n: int, out: FloatArray
 ) -> None:
@@ -112,7 +111,7 @@ def _log_density(
         out[i] = fma(f3, log_v[i], fma(f4, v[i], of_direction)) + (log_v[i] - log_seen[i])
 
 
-@njit(**EXACT | UNCOUNTED)
+@uncounted
 def _take_back(columns: FloatArray, first: int, mode: FloatArray, n: int, out: FloatArray) -> None:
     """Rows as they would be at the centre of the cell, if they followed the mode."""
     bend_east, bend_north, gain_east, gain_north = mode[BEND_EAST], mode[BEND_NORTH], mode[GAIN_EAST], mode[GAIN_NORTH]
@@ -133,7 +132,7 @@ def _take_back(columns: FloatArray, first: int, mode: FloatArray, n: int, out: F
         speed[i] = v[i] * exp(log_speed[i] - log_v[i])
 
 
-@njit(**EXACT | UNCOUNTED)
+@uncounted
 def _normalise(p: FloatArray, w: FloatArray, n: int, rest: FloatArray) -> float:
     """Turn log densities (k, n) into weighted responsibilities; returns the weighted log likelihood."""
     top, norm = rest[0], rest[1]
@@ -158,7 +157,7 @@ def _normalise(p: FloatArray, w: FloatArray, n: int, rest: FloatArray) -> float:
     return dot(w[:n], top[:n])
 
 
-@njit(**EXACT | UNCOUNTED)
+@uncounted
 def _sum(r: FloatArray, rows: FloatArray, first: int, n: int, sums: FloatArray) -> None:
     r, end = r[:n], first + n
     total, cosine, sine, speed, log_speed = weighted_sums(
@@ -171,7 +170,7 @@ def _sum(r: FloatArray, rows: FloatArray, first: int, n: int, sums: FloatArray) 
     sums[4] += log_speed
 
 
-@njit(**EXACT | UNCOUNTED)
+@uncounted
 def _sum_slopes(
     r: FloatArray, rows: FloatArray, columns: FloatArray, first: int, n: int, factor: FloatArray, rest: FloatArray,
     sums: FloatArray,
@@ -201,7 +200,7 @@ def _sum_slopes(
     sums[15] += gained_y
 
 
-@njit(**EXACT)
+@compiled
 def maximisation(sums: FloatArray, n_vehicles: float, bounds: Bounds, table: FloatArray) -> int:
     """New parameters from the sums, each mode with its pseudo-vehicles of the prior; slopes stay.
 
@@ -236,14 +235,14 @@ def maximisation(sums: FloatArray, n_vehicles: float, bounds: Bounds, table: Flo
     return driven
 
 
-@njit(**EXACT)
+@compiled
 def usual_log_density(bounds: Bounds) -> float:
     """The greatest that `_in_usual` is, for the usual spreads of direction and of speed."""
     shape, concentration = shape_from(bounds.speed_spread, bounds.max_shape), concentration_from(bounds.usual_resultant)
     return _in_usual(math.log1p(concentration), math.log(shape), bounds)
 
 
-@njit(**EXACT)
+@compiled
 def _in_usual(log_concentration: float, log_shape: float, bounds: Bounds) -> float:
     """Log density in a mode of one usual vehicle, up to a constant: a log a - log Gamma(a) = a - remainder."""
     k, a = math.expm1(log_concentration), math.exp(log_shape)
@@ -251,7 +250,7 @@ def _in_usual(log_concentration: float, log_shape: float, bounds: Bounds) -> flo
     return of_direction - gamma_remainder(log_shape) - a * bounds.speed_spread
 
 
-@njit(**EXACT)
+@compiled
 def log_prior(bounds: Bounds, usual: float, table: FloatArray) -> float:
     """Log prior of the modes that are driven, in vehicles; 0 for the usual spreads of direction and of speed.
 
@@ -267,7 +266,7 @@ def log_prior(bounds: Bounds, usual: float, table: FloatArray) -> float:
     return total
 
 
-@njit(**EXACT)
+@compiled
 def bend(sums: FloatArray, scale: float, bounds: Bounds, table: FloatArray) -> None:
     """A step of Fisher scoring for each mode's bend and gain, with the prior that there is none (Fisher and Lee 1992).
 
@@ -288,7 +287,7 @@ def bend(sums: FloatArray, scale: float, bounds: Bounds, table: FloatArray) -> N
         table[m, LOG_MEAN_SPEED] = min(max(table[m, LOG_MEAN_SPEED], -MOST_LOG_SPEED), MOST_LOG_SPEED)
 
 
-@njit(**EXACT)
+@compiled
 def _slope(
     sums: FloatArray, at: int, score: float, information: float, prior: float, mode: FloatArray, slope: int
 ) -> float:

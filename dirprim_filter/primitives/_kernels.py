@@ -7,10 +7,9 @@ lies lower than the one before is given up for EM's own, so the objective never 
 import math
 
 import numpy as np
-from numba import njit
 
 from dirprim_filter.arrays import FloatArray, IntArray
-from dirprim_filter.distributions._elementary import EXACT, TWO_PI, wrap
+from dirprim_filter.distributions._elementary import TWO_PI, wrap
 from dirprim_filter.distributions._estimates import shape_from
 from dirprim_filter.primitives._em import (
     BLOCK,
@@ -39,6 +38,7 @@ from dirprim_filter.primitives._modes import (
     WEIGHT,
     Bounds,
 )
+from tessellation._compiling import compiled
 
 COMPARED = 0.03
 """A climb of flat modes that gains less than this share of what a parameter costs is over as far as BIC shows."""
@@ -52,7 +52,7 @@ HORIZON = 30.0  # they are if so many gains like the last would not do
 MAX_HALVINGS = 12
 
 
-@njit(nogil=True, **EXACT)
+@compiled
 def fit_cells_at_once(
     columns: FloatArray, start: IntArray, n_vehicles: FloatArray, bounds: Bounds, first: int, last: int, out: FloatArray
 ) -> None:
@@ -94,7 +94,7 @@ def fit_cells_at_once(
             ascend(columns, at, n, vehicles, bounds.curved, -np.inf, 0.0, bounds, out[c, :chosen])
 
 
-@njit(**EXACT)
+@compiled
 def sort_around(columns: FloatArray, at: int, n: int, filled: FloatArray) -> tuple[int, float, float]:
     """Fill `filled` (3, ON_CIRCLE) with the bins of directions in use, counted from the middle of the widest gap.
 
@@ -107,7 +107,7 @@ def sort_around(columns: FloatArray, at: int, n: int, filled: FloatArray) -> tup
     total, speed = 0.0, 0.0
     for i in range(at, at + n):
         turn = math.atan2(columns[SINE, i], columns[COSINE, i]) / TWO_PI
-        weight[int((turn + 0.5) * ON_CIRCLE) % ON_CIRCLE] += columns[WEIGHT, i]
+        weight[np.int64((turn + 0.5) * ON_CIRCLE) % ON_CIRCLE] += columns[WEIGHT, i]
         total += columns[WEIGHT, i]
         speed += columns[WEIGHT, i] * columns[SPEED, i]
     if total == 0.0:
@@ -134,7 +134,7 @@ def sort_around(columns: FloatArray, at: int, n: int, filled: FloatArray) -> tup
     return used, total, speed / total
 
 
-@njit(**EXACT)
+@compiled
 def start_evenly(
     filled: FloatArray, used: int, total: float, mean_speed: float, bounds: Bounds, table: FloatArray
 ) -> None:
@@ -142,7 +142,7 @@ def start_evenly(
     k = table.shape[0]
     i = 0
     for m in range(k):
-        below = int((m + 0.5) * ON_CIRCLE / k) / ON_CIRCLE * total
+        below = np.int64((m + 0.5) * ON_CIRCLE / k) / ON_CIRCLE * total
         while i < used - 1 and filled[1, i] + filled[2, i] < below * (1.0 - 1e-12):
             i += 1
         inside = min(max((below - filled[1, i]) / filled[2, i], 0.0), 1.0)
@@ -155,7 +155,7 @@ def start_evenly(
         table[m, LOG_MEAN_SPEED] = math.log(mean_speed)
 
 
-@njit(nogil=True, **EXACT)
+@compiled
 def ascend(
     columns: FloatArray,
     at: int,
@@ -229,7 +229,7 @@ def ascend(
     return best
 
 
-@njit(**EXACT)
+@compiled
 def _mix(history: FloatArray, n: int, bounds: Bounds, table: FloatArray) -> None:
     """Move from EM's point to that where the last n steps, each linear in its place, would shrink most."""
     a, share = np.zeros((n, n)), np.zeros(n)

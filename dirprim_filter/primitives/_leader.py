@@ -7,11 +7,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from dirprim_filter.arrays import FloatArray, IntArray, read_only
 from dirprim_filter.primitives._manoeuvres import BEND_E, BEND_N, CURVATURE, STANDING_BELOW, STARTS, MotionTable
 from dirprim_filter.primitives.leader import N_FEATURES, N_PACES
+from tessellation._compiling import compiled
 
 FAR_M, NEAR_M = 60.0, 0.5
 """Metres ahead: a vehicle farther away is no leader; a nearer one is the vehicle itself, or beside it."""
@@ -49,7 +49,7 @@ ALONE = LeaderTable(read_only(np.zeros(N_FEATURES)), 0.0, 0.0, read_only(np.zero
 """Of vehicles that go on as if no other vehicle were there."""
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def behind(
     others: FloatArray, own: int, position: FloatArray, direction: FloatArray, curvature: FloatArray, seen: FloatArray
 ) -> None:  # fmt: skip
@@ -76,10 +76,10 @@ def behind(
         seen[p, 0], seen[p, 1], seen[p, 2] = nearest if leader >= 0 else NO_LEADER, speed, leader
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def ahead_of_each(state: FloatArray, first: IntArray, seen: FloatArray) -> None:
     """Fills (n, 3), see `behind`: the leader, straight on, of each vehicle of each instant, see `Instants`."""
-    n, none = len(state), int(np.int64(-1))  # no literal, nor parts of rows: `behind` would be compiled once more
+    n, none = len(state), np.int64(-1)  # no literal, nor parts of rows: `behind` would be compiled once more
     straight, position, direction = np.zeros(n), np.empty((n, 2)), np.empty(n)
     for j in range(n):
         position[j, 0], position[j, 1], direction[j] = state[j, 0], state[j, 1], state[j, 2]
@@ -87,10 +87,11 @@ def ahead_of_each(state: FloatArray, first: IntArray, seen: FloatArray) -> None:
         a, b = first[i], first[i + 1]
         others = state[a:b].reshape((1, b - a, 4))
         behind(others, none, position[a:b], direction[a:b], straight[a:b], seen[a:b])
-        seen[a:b, 2] += a
+        for j in range(a, b):
+            seen[j, 2] += a
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def bends(table: MotionTable, manoeuvre: IntArray, direction: FloatArray, curvature: FloatArray) -> None:
     """Fills (n,) 1/m: the arc that each particle is about to drive, by its manoeuvre."""
     for p in range(direction.size):
@@ -99,7 +100,7 @@ def bends(table: MotionTable, manoeuvre: IntArray, direction: FloatArray, curvat
         curvature[p] = 0.0 if row[z, STARTS] > 0.0 else min(max(bend, -TIGHTEST), TIGHTEST)
 
 
-@njit(cache=True)
+@compiled
 def describe(speed: float, gap: float, leader: float, feature: FloatArray) -> None:
     """Fills (N_FEATURES,) the features of a driver's situation.
 
@@ -114,14 +115,14 @@ def describe(speed: float, gap: float, leader: float, feature: FloatArray) -> No
     feature[8], feature[9] = speed * speed, min(free, GAP_M)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def descriptions(speed: FloatArray, seen: FloatArray, feature: FloatArray) -> None:
     """Fills (n, N_FEATURES) from (n,) speeds and (n, 3) leaders."""
     for p in range(speed.size):
         describe(speed[p], seen[p, 0], seen[p, 1], feature[p])
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def respond(table: LeaderTable, speed: FloatArray, push: FloatArray, seen: FloatArray, led: FloatArray) -> None:
     """Fills (n, 3), see `_motion.move`, from speeds, pushes and leaders, (n,), (n,) and (n, 3)."""
     feature = np.empty(N_FEATURES)

@@ -9,15 +9,14 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions import _random as random
 from dirprim_filter.distributions._arithmetic import fma
-from dirprim_filter.distributions._elementary import EXACT, exp, log, nearest_integer_single, single
+from dirprim_filter.distributions._elementary import exp, log, nearest_integer_single, single
 from dirprim_filter.distributions._random import UIntArray
 from dirprim_filter.primitives.motion import CREEP
-from tessellation._compiling import INLINED
+from tessellation._compiling import inlined
 from tessellation._kernels import Locator
 
 # Columns of `MotionTable.row`.
@@ -73,7 +72,7 @@ class MotionTable(NamedTuple):
     step_s: float
 
 
-@njit(**EXACT | INLINED)
+@inlined
 def weigh_eight(
     of: SingleArray, often: SingleArray, east: float, north: float, heading: float, slowed: float, scale: float,
     log_pace: float, out: SingleArray,
@@ -93,7 +92,7 @@ def weigh_eight(
         out[k] = scale * often[k] / ((q * q) * (q * q))
 
 
-@njit(**EXACT | INLINED)
+@inlined
 def weigh_candidates(
     may: Candidates, cell: int, stands: bool, x: float, y: float, direction: float, speed: float, rate: int,
     favour: FloatArray, cumulative: SingleArray,
@@ -120,7 +119,7 @@ def weigh_candidates(
     return float(total)
 
 
-@njit(**EXACT | INLINED)
+@inlined
 def add_up(eight: SingleArray, total: float) -> float:
     """Replace weights by their cumulative sums, on top of a total; -> the new total."""
     for k in range(LANES):
@@ -129,7 +128,7 @@ def add_up(eight: SingleArray, total: float) -> float:
     return total
 
 
-@njit(**EXACT | INLINED)
+@inlined
 def take_up(
     table: MotionTable, before: int, cell: int, x: float, y: float, direction: float, speed: float, rate: int,
     weight: SingleArray, state: UIntArray,
@@ -149,13 +148,13 @@ def take_up(
         may, at = table.candidates, 2 * cell + stands
         first, last = may.begin[at], may.begin[at + 1]
         k = chosen(weight[: last - first], (drawn - share) / (1.0 - share) * total)
-        return int(may.number[first + k // LANES, k % LANES])
+        return may.number[first + k // LANES, k % LANES]
     if before >= 0 and (table.row[before, STARTS] > 0.0) == stands:
         return before
     return leave_places(table, before, speed, state)
 
 
-@njit(**EXACT | INLINED)
+@inlined
 def chosen(cumulative: SingleArray, left: float) -> int:
     """The first of (m, LANES) cumulative weights that exceeds `left`, an even draw from below the last of them."""
     k, most = 0, single(left)  # counted: where a search would stop the processor guesses wrong
@@ -166,7 +165,7 @@ def chosen(cumulative: SingleArray, left: float) -> int:
     return min(k, cumulative.size - 1)
 
 
-@njit(**EXACT | INLINED)
+@inlined
 def follow(table: MotionTable, before: int, low: int, high: int, stands: bool, less: float, state: UIntArray) -> int:
     """The manoeuvre, of those of a kind from `low` to `high`, that follows another, by counts; -1 where none was seen.
 
@@ -184,13 +183,13 @@ def follow(table: MotionTable, before: int, low: int, high: int, stands: bool, l
     return after
 
 
-@njit(**EXACT | INLINED)
+@inlined
 def favour_of(table: MotionTable, z: int) -> float:
     """How well a manoeuvre fits the cue; 1 without one."""
     return float(table.favour[z]) if table.favour.size else 1.0
 
 
-@njit(**EXACT | INLINED)
+@inlined
 def leave_places(table: MotionTable, before: int, speed: float, state: UIntArray) -> int:
     """A background manoeuvre: that which follows another such, or else any of about that speed."""
     first, last, stands, after = table.begin[-1], len(table.row), speed < STANDING_BELOW, -1
@@ -208,27 +207,27 @@ def leave_places(table: MotionTable, before: int, speed: float, state: UIntArray
     return after
 
 
-@njit(**EXACT | INLINED)
+@inlined
 def offset_from(row: FloatArray, z: int, x: float, y: float) -> tuple[float, float]:
     """Metres east and north of the centre of a manoeuvre's cell, as far as its fields go."""
     extent = row[z, EXTENT]
     return min(max(x - row[z, EAST], -extent), extent), min(max(y - row[z, NORTH], -extent), extent)
 
 
-@njit(**EXACT | INLINED)
+@inlined
 def acceleration_of(row: FloatArray, z: int, east: float, north: float, speed: float, push: float) -> float:
     """m/s^2, of a vehicle in motion by a manoeuvre at such an offset."""
     return row[z, A_0] + row[z, A_E] * east + row[z, A_N] * north + row[z, A_V] * speed + row[z, PUSH] * push
 
 
-@njit(**EXACT | INLINED)
+@inlined
 def course_at(row: FloatArray, z: int, x: float, y: float) -> float:
     """The course of a manoeuvre at a place."""
     east, north = offset_from(row, z, x, y)
     return float(row[z, COURSE] + row[z, BEND_E] * east + row[z, BEND_N] * north)
 
 
-@njit(**EXACT | INLINED)
+@inlined
 def keep_deviation(table: MotionTable, before: int, after: int, x: float, y: float, direction: float) -> float:
     """The direction of a particle that turns with the course of its manoeuvre: what it keeps is how it deviates."""
     row = table.row

@@ -8,16 +8,15 @@ import math
 from typing import NamedTuple, Self
 
 import numpy as np
-from numba import njit
 from scipy.special import gammaln
 
 from dirprim_filter.arrays import FloatArray, IntArray, read_only
 from dirprim_filter.distributions import _random as random
 from dirprim_filter.distributions import von_mises
-from dirprim_filter.distributions._elementary import EXACT, exp, squared_sine, wrap
+from dirprim_filter.distributions._elementary import exp, squared_sine, wrap
 from dirprim_filter.distributions._random import UIntArray
 from dirprim_filter.primitives._modes import Modes
-from tessellation._compiling import COMPILED
+from tessellation._compiling import compiled
 from tessellation._kernels import Locator, locate
 
 # Columns of `ModeTable.mode`.
@@ -77,7 +76,7 @@ class MapTable(NamedTuple):
     center: FloatArray
 
 
-@njit(nogil=True, **EXACT)
+@compiled
 def log_densities(
     first: IntArray, mode: FloatArray, center: FloatArray, cell: IntArray, position: FloatArray,
     direction: FloatArray, speed: FloatArray, out: FloatArray,
@@ -115,7 +114,7 @@ def log_densities(
             out[i] = -np.inf
 
 
-@njit(nogil=True, **COMPILED)
+@compiled
 def draw(table: MapTable, position: FloatArray, state: UIntArray, direction: FloatArray, speed: FloatArray) -> None:
     """Fill `direction` and `speed` (n,) with a draw at each position (n, 2). state: (4,) of the random numbers."""
     for i in range(direction.size):

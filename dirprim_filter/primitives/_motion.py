@@ -9,11 +9,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions import _random as random
-from dirprim_filter.distributions._elementary import EXACT, cos, sin
+from dirprim_filter.distributions._elementary import cos, sin
 from dirprim_filter.distributions._random import UIntArray
 from dirprim_filter.primitives._manoeuvres import (
     A_0,
@@ -48,7 +47,7 @@ from dirprim_filter.primitives._manoeuvres import (
     take_up,
 )
 from dirprim_filter.primitives.motion import JUMP_S, PUSH_RATE
-from tessellation._compiling import UNCOUNTED
+from tessellation._compiling import compiled, pasted, uncounted
 from tessellation._kernels import locate
 
 STARTS_AT = 0.31
@@ -68,7 +67,7 @@ class Step(NamedTuple):
     leaves: float  # share of these that goes its own way
 
 
-@njit(**EXACT)
+@compiled
 def step_of(table: MotionTable, h: float) -> Step:
     """A step of `h` seconds."""
     course_kept, push_kept = math.exp(-table.course_rate * h), math.exp(-PUSH_RATE * h)
@@ -78,7 +77,7 @@ def step_of(table: MotionTable, h: float) -> Step:
     return Step(h, course_kept, push_kept, turned_by, pushed_by, math.sqrt(h), jumps, leaves)
 
 
-@njit(nogil=True, **EXACT)
+@compiled
 def move(
     table: MotionTable, position: FloatArray, direction: FloatArray, speed: FloatArray, cell: IntArray,
     manoeuvre: IntArray, push: FloatArray, led: FloatArray, dt_s: float, state: UIntArray,
@@ -99,7 +98,7 @@ def move(
         _change(table, step, own, position, direction, speed, cell, manoeuvre, weight, state)
 
 
-@njit(**EXACT | UNCOUNTED)
+@uncounted
 def _gather(row: FloatArray, position: FloatArray, manoeuvre: IntArray, led: FloatArray, own: FloatArray) -> None:
     """Fill each particle's own row, from its place: here memory is waited for, so that the next loop need not."""
     for i in range(manoeuvre.size):
@@ -115,7 +114,7 @@ def _gather(row: FloatArray, position: FloatArray, manoeuvre: IntArray, led: Flo
             own[i, A_0] += led[i, 0]
 
 
-@njit(**EXACT | UNCOUNTED)
+@uncounted
 def _advance(
     step: Step, own: FloatArray, direction: FloatArray, speed: FloatArray, push: FloatArray, normal: FloatArray
 ) -> None:
@@ -140,7 +139,7 @@ def _advance(
         push[i] = push[i] * step.push_kept + step.pushed_by * normal[n + i]
 
 
-@njit(**EXACT | UNCOUNTED)
+@uncounted
 def _change(
     table: MotionTable, step: Step, own: FloatArray, position: FloatArray, direction: FloatArray, speed: FloatArray,
     cell: IntArray, manoeuvre: IntArray, weight: SingleArray, state: UIntArray,
@@ -175,7 +174,7 @@ def _change(
             manoeuvre[p] = after
 
 
-@njit(inline="always", nogil=True, **EXACT)  # by itself it would compile all of `take_up` once more
+@pasted  # by itself it would compile all of `take_up` once more
 def initialise_motion(
     table: MotionTable, position: FloatArray, direction: FloatArray, speed: FloatArray, cell: IntArray,
     manoeuvre: IntArray, push: FloatArray, state: UIntArray,

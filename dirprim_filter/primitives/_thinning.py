@@ -1,19 +1,15 @@
 """Compiled thinning of rows: whether one is kept depends on the one kept before."""
 
-import numpy as np
-from numba import njit
-
 from dirprim_filter.arrays import BoolArray, IntArray
-from dirprim_filter.distributions._elementary import EXACT
+from tessellation._compiling import compiled
 
 
-@njit(nogil=True, **EXACT)
-def thin(order: IntArray, vehicle: IntArray, time_ns: IntArray, interval_ns: int) -> BoolArray:
-    """Which rows of an order by vehicle and time to keep, so that a vehicle's are about `interval_ns` apart or more.
+@compiled
+def thin(order: IntArray, vehicle: IntArray, time_ns: IntArray, interval_ns: int, keep: BoolArray) -> None:
+    """Fill (n,) which rows of an order by vehicle and time to keep: a vehicle's are about `interval_ns` apart or more.
 
     Clocks jitter: a row up to a tenth too early is kept where the vehicle's next one is further from its time.
     """
-    keep = np.zeros(order.size, np.bool_)
     last, due_ns = -1, 0
     for a in range(order.size):
         i = order[a]
@@ -21,7 +17,6 @@ def thin(order: IntArray, vehicle: IntArray, time_ns: IntArray, interval_ns: int
         if not is_kept and due_ns - time_ns[i] <= interval_ns // 10 and a + 1 < order.size:
             following = order[a + 1]
             is_kept = vehicle[following] == vehicle[i] and time_ns[following] - due_ns > due_ns - time_ns[i]
+        keep[a] = is_kept
         if is_kept:
-            keep[a] = True
             last, due_ns = i, time_ns[i] + interval_ns
-    return keep

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
+from dirprim_filter.arrays import BoolArray, FloatArray, IntArray, read_only
 from dirprim_filter.primitives import _thinning
 from dirprim_filter.tracks import Tracks
 from tessellation.protocols import Members
@@ -89,7 +89,9 @@ class TrackRows:
         """
         vehicle = tracks.vehicle
         order = np.argsort(vehicle, kind="stable")  # tracks are in order of time
-        kept = order[_thinning.thin(order, vehicle, tracks.time_ns, int(interval_s * 1e9))]
+        keep = np.empty(order.size, np.bool_)
+        _thinning.thin(order, vehicle, read_only(tracks.time_ns), int(interval_s * 1e9), keep)
+        kept = order[keep]
         _, n_rows = np.unique(tracks.group[kept], return_counts=True)
         grouped = n_rows.size >= MIN_GROUPS and n_rows.max() <= MAX_GROUP_SHARE * kept.size
         return cls(

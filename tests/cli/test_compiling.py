@@ -8,6 +8,7 @@ import pytest
 from numba import njit
 
 from dirprim_filter.cli import compiling
+from dirprim_filter.cli.demo import recordings_folder
 from tessellation import _compiling
 
 NOWHERE = "numba.core.caching._IPythonCacheLocator"
@@ -72,3 +73,22 @@ def test_an_installation_that_keeps_nothing_compiles_in_each_run_and_says_so(tmp
     )
     assert done.returncode == 0, done.stderr
     assert "warning: every run compiles" in done.stderr
+
+
+@pytest.mark.slow
+def test_learning_and_tracking_compile_each_kernel_for_one_kind_of_arguments(tmp_path):
+    """Arrays of a log or of a map's file cannot be written to, computed ones can: a kernel is given all as one kind."""
+    recordings, learned, out = recordings_folder(), str(tmp_path / "map.mcap"), str(tmp_path / "out.mcap")
+    learn = ["learn", str(recordings / "roundabout_learn.mcap"), "--end", "30", "-o", learned]
+    track = ["track", str(recordings / "roundabout_track.mcap"), "--map", learned, "--forecast", "3", "-o", out]
+    code = (
+        "import sys\n"
+        "from numba.core.dispatcher import Dispatcher\n"
+        "from dirprim_filter.cli.main import run\n"
+        f"print(run({learn}), run({track}))\n"
+        "kernels = {k for m in list(sys.modules.values()) for k in vars(m).values() if isinstance(k, Dispatcher)}\n"
+        "of = [k for k in kernels if k.py_func.__module__.startswith(('dirprim_filter', 'tessellation'))]\n"
+        "print(len(of) > 50, [k.py_func.__qualname__ for k in of if len(k.signatures) > 1])\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-2:] == ["0 0", "True []"]

@@ -1,13 +1,12 @@
 """Compiled: the Kalman filter of `self_calibration`, which a likelihood asks for some two hundred times."""
 
 import numpy as np
-from numba import njit
 
 from dirprim_filter.arrays import FloatArray, IntArray
-from dirprim_filter.distributions._elementary import EXACT
+from tessellation._compiling import compiled, pasted
 
 
-@njit(nogil=True, **EXACT)
+@compiled
 def misfits(
     step_s: FloatArray, position: FloatArray, length: IntArray, held: FloatArray, kept: FloatArray, start: FloatArray,
     white: float, off: FloatArray, spread: FloatArray,
@@ -26,9 +25,10 @@ def misfits(
         spread: (n, k, w) is filled with its variance.
     """
     n, w = position.shape
+    room = np.empty((7, 4, w))
+    x, c, shared, gain = room[0], room[1:5], room[5], room[6]
     for k in range(len(start)):
-        x, c = np.zeros((4, w)), np.zeros((4, 4, w))
-        shared, gain = np.empty((4, w)), np.empty((4, w))
+        room[:] = 0.0
         for a in range(4):
             c[a, a] = start[k, a]
         moving, lasting = start[k, 2], start[k, 3]
@@ -61,7 +61,7 @@ def misfits(
         w = position.shape[1]
 
 
-@njit(inline="always", **EXACT)
+@pasted
 def move_on(state: FloatArray, step_s: FloatArray, held: FloatArray, kept: FloatArray, w: int) -> None:
     """Move rows (4, w) of place, speed, acceleration and lasting error by a step."""
     for j in range(w):

@@ -3,12 +3,12 @@
 import math
 
 import numpy as np
-from numba import njit
 
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions._elementary import squared_sine
 from dirprim_filter.filtering._kernels import Cloud
 from dirprim_filter.primitives._manoeuvres import acceleration_of, offset_from
+from tessellation._compiling import compiled
 
 N_STATES = 5
 """Of a particle: x, y, their rates, and the acceleration along its way, which lasts: without it a sweep takes each
@@ -19,7 +19,7 @@ N_COLUMNS = 9
 """Those, then what it follows: its manoeuvre and its push."""
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def columns_of(cloud: Cloud, rows: FloatArray, vehicle: IntArray, out: FloatArray) -> None:
     """Fills (V, 9, P): x, y, their rates, acceleration, cosine and sine of the direction, manoeuvre and push."""
     for i in range(vehicle.size):
@@ -41,7 +41,7 @@ def columns_of(cloud: Cloud, rows: FloatArray, vehicle: IntArray, out: FloatArra
             column[7, p], column[8, p] = z, push[p]
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def joint_moments(
     weight: FloatArray, now: FloatArray, vehicle: IntArray, then: FloatArray, mean: FloatArray, covariance: FloatArray
 ) -> None:
@@ -61,7 +61,7 @@ def joint_moments(
         covariance[i] = np.dot(by_weight, off.T)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def sweep_back(
     ahead: IntArray, mean: FloatArray, later: FloatArray, gain: FloatArray, spread: FloatArray, state: FloatArray,
     covariance: FloatArray,

@@ -9,10 +9,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from dirprim_filter.arrays import AnyArray
-from tessellation._compiling import COMPILED
+from tessellation._compiling import compiled
 
 MESSAGE = 5
 HEAD = 9
@@ -20,7 +19,7 @@ MESSAGE_HEAD = 31
 MIN_MESSAGE = 22
 
 
-@njit(**COMPILED)
+@compiled
 def _unsigned(buffer: AnyArray, at: Any, n_bytes: int) -> Any:
     value = np.uint64(0)
     for i in range(n_bytes):
@@ -28,7 +27,7 @@ def _unsigned(buffer: AnyArray, at: Any, n_bytes: int) -> Any:
     return value
 
 
-@njit(**COMPILED)
+@compiled
 def _end(buffer: AnyArray, at: Any, size: int) -> Any:
     """The byte after the record at `at`; -1 where it does not fit."""
     if at + HEAD > size:
@@ -39,7 +38,7 @@ def _end(buffer: AnyArray, at: Any, size: int) -> Any:
     return at + HEAD + np.int64(length)
 
 
-@njit(**COMPILED)
+@compiled
 def read_records(buffer: AnyArray) -> tuple[Any, ...]:
     """The records from the start on, as far as they fit, as columns.
 
@@ -80,7 +79,7 @@ def read_records(buffer: AnyArray) -> tuple[Any, ...]:
     )  # fmt: skip
 
 
-@njit(**COMPILED)
+@compiled
 def message_run(buffer: AnyArray, at: Any, max_bytes: int) -> tuple[int, Any, Any]:
     """The messages that stand one after the other from `at` on: the byte after them, first and last log time."""
     first, size = at, len(buffer)
@@ -96,7 +95,7 @@ def message_run(buffer: AnyArray, at: Any, max_bytes: int) -> tuple[int, Any, An
     return at, earliest, latest
 
 
-@njit(**COMPILED)
+@compiled
 def gather(contents: AnyArray, start: AnyArray, stop: AnyArray, at: AnyArray, out: AnyArray) -> None:
     """Copy the bytes from each start to its stop to where they belong in `out`."""
     for i in range(len(start)):

@@ -9,7 +9,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from dirprim_filter.arrays import AnyArray, IntArray
 from dirprim_filter.recording.decoding._kernels import (
@@ -27,7 +26,7 @@ from dirprim_filter.recording.decoding._kernels import (
     load,
     new_row,
 )
-from tessellation._compiling import COMPILED, INLINED, UNCOUNTED
+from tessellation._compiling import inlined, uncounted
 
 SKIP, READ, SKIP_TEXT, READ_TEXT, READ_BYTES, SKIP_SEQUENCE, LOOP = range(7)
 END, END_LOOP, UNLESS_SELECTED, JUMP, PRESENT = range(7, 12)
@@ -35,7 +34,7 @@ PADDING = 3
 """Bytes behind a delimited message at most."""
 
 
-@njit(**COMPILED | INLINED)
+@inlined
 def _length(data: AnyArray, at: int, end: int, little: bool, most: int) -> tuple[Any, int, int]:
     """A length, the byte after it, and whether it is one: of at most `most`, 0 for any, and within the message."""
     if at + 4 > end:
@@ -45,7 +44,7 @@ def _length(data: AnyArray, at: int, end: int, little: bool, most: int) -> tuple
     return length, at, OVERLONG if length > end - at or (most > 0 and length > most) else OK
 
 
-@njit(**COMPILED | UNCOUNTED)
+@uncounted
 def walk_cdr(
     data: AnyArray, starts: IntArray, stops: IntArray, tables: Tables, status: IntArray, room: IntArray, ops: IntArray,
     encapsulation: int,

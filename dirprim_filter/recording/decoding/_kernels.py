@@ -11,10 +11,9 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from dirprim_filter.arrays import AnyArray, IntArray
-from tessellation._compiling import COMPILED, UNCOUNTED
+from tessellation._compiling import pasted, uncounted
 
 OK, CUT, OVERLONG, ENCAPSULATION, WIRE_TYPE, TOO_MANY, UNEVEN = range(7)
 STATUS_BITS = 8
@@ -40,7 +39,7 @@ class Tables(NamedTuple):
     default_base: IntArray  # (n_tables,)
 
 
-@njit(inline="always", **COMPILED)
+@pasted
 def _four(data: AnyArray, k: Any) -> Any:
     return (
         np.uint64(data[k])
@@ -50,7 +49,7 @@ def _four(data: AnyArray, k: Any) -> Any:
     )
 
 
-@njit(**COMPILED | UNCOUNTED)
+@uncounted
 def load(data: AnyArray, at: int, size: int, little: bool) -> Any:
     """`size` bytes as an unsigned number."""
     value = np.uint64(0)
@@ -69,8 +68,8 @@ def load(data: AnyArray, at: int, size: int, little: bool) -> Any:
     return value
 
 
-@njit(**COMPILED | UNCOUNTED)
-def new_row(tables: Tables, table: int, message: int, parent: int) -> int:
+@uncounted
+def new_row(tables: Tables, table: int, message: int, parent: int) -> Any:
     """Append a row of defaults to a table; its number, or -1 where the table is full."""
     row = tables.n_rows[table]
     if row >= tables.capacity[table]:
@@ -81,15 +80,13 @@ def new_row(tables: Tables, table: int, message: int, parent: int) -> int:
     tables.cells[at] = message
     tables.cells[at + 1] = parent
     tables.n_rows[table] = row + 1
-    return int(row)
+    return row
 
 
-@njit(**COMPILED)
-def gather_texts(data: AnyArray, cells: IntArray, width: int) -> AnyArray:
-    """(n, width) the bytes of each text cell, cut at `width`, padded with zeros."""
-    out = np.zeros((cells.size, width), np.uint8)
+@uncounted
+def gather_texts(data: AnyArray, cells: IntArray, out: AnyArray) -> None:
+    """Fill (n, width), of zeros, with the bytes of each text cell, cut at `width`."""
     for i in range(cells.size):
         start = cells[i] >> TEXT_BITS
-        for j in range(min(cells[i] & LONGEST, width)):
+        for j in range(min(cells[i] & LONGEST, out.shape[1])):
             out[i, j] = data[start + j]
-    return out

@@ -8,7 +8,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from dirprim_filter.arrays import AnyArray, IntArray
 from dirprim_filter.recording.decoding._kernels import (
@@ -24,7 +23,7 @@ from dirprim_filter.recording.decoding._kernels import (
     load,
     new_row,
 )
-from tessellation._compiling import COMPILED, UNCOUNTED
+from tessellation._compiling import uncounted
 
 NUMBER, TEXT, MESSAGE = range(3)
 PLAIN, ZIGZAG, SIGNED32 = range(3)
@@ -32,7 +31,7 @@ LAST, EACH = -2, -1
 """Of a field's values: the last one, as of single fields; each in a row of its own. From 0 on: that one."""
 
 
-@njit(**COMPILED | UNCOUNTED)
+@uncounted
 def _varint(data: AnyArray, at: int, end: int) -> Any:
     """A varint and where it ends; -1 where it is cut or too long."""
     value = np.uint64(0)
@@ -49,7 +48,7 @@ def _varint(data: AnyArray, at: int, end: int) -> Any:
     return value, -1
 
 
-@njit(**COMPILED | UNCOUNTED)
+@uncounted
 def _scalar(data: AnyArray, at: int, end: int, wire: Any, form: int) -> Any:
     """The bits of a number and where it ends; -1 where it is cut."""
     if wire == 0:
@@ -68,7 +67,7 @@ def _scalar(data: AnyArray, at: int, end: int, wire: Any, form: int) -> Any:
     return np.int64(bits), at + size
 
 
-@njit(**COMPILED | UNCOUNTED)
+@uncounted
 def walk_protobuf(
     data: AnyArray,
     starts: IntArray,

@@ -237,7 +237,8 @@ class FieldColumns:
         width = int(min(length.max(initial=0), MAX_NAME_LENGTH + 1))
         if width == 0:
             return np.full(cells.size, "")
-        gathered: AnyArray = kernels.gather_texts(self.data, cells, width)
+        gathered: AnyArray = np.zeros((cells.size, width), np.uint8)
+        kernels.gather_texts(self.data, cells, gathered)
         if not is_text:
             digits = np.frombuffer(b"0123456789abcdef", np.uint8)
             pairs = np.stack([digits[gathered >> 4], digits[gathered & 15]], axis=-1)
