@@ -11,11 +11,10 @@ import signal
 import sys
 from contextlib import redirect_stdout
 from dataclasses import replace
-from enum import StrEnum
 from io import StringIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -51,19 +50,6 @@ NEAR_M, FAR_M = 25.0, 45.0
 """Borders of the ring, a square about the junction's middle: max(|x|, |y|)."""
 
 
-class Scene(StrEnum):
-    """The scenes that ship; the blind one is the intersection, without ids and without detections in a ring."""
-
-    ROUNDABOUT = "roundabout"
-    INTERSECTION = "intersection"
-    BLIND = "blind"
-
-    def recording(self, what: str) -> Path:
-        """Its log to `learn` from, or to `track`."""
-        place = "intersection" if self is Scene.BLIND else self.value
-        return recordings_folder() / f"{place}_{what}.mcap"
-
-
 def recordings_folder() -> Path:
     """Where the recordings are: in the installed package, or beside it in a source tree."""
     package = Path(__file__).parents[1]
@@ -97,7 +83,9 @@ def departure_rate(tracks: Tracks) -> float:
 
 def demo(
     folder: Annotated[Path, typer.Option("--output", "-o", help="Folder for the outputs.")] = Path("demo"),
-    scene: Annotated[Scene, typer.Option(help="Which recordings to use.")] = Scene.ROUNDABOUT,
+    scene: Annotated[
+        Literal["roundabout", "intersection", "blind"], typer.Option(help="Which recordings to use.")
+    ] = "roundabout",
     seed: Seed = 0,
     force: Force = False,
 ) -> None:
@@ -124,8 +112,10 @@ def demo(
 
         from dirprim_filter.recording import read_estimates, read_tracks
 
-        is_blind, learning, tracking = scene is Scene.BLIND, scene.recording("learn"), scene.recording("track")
-        seen, truth, known = _seen(scene, Path(work)), read_tracks(tracking), read_tracks(learning)
+        is_blind, place = scene == "blind", "intersection" if scene == "blind" else scene
+        learning, tracking = (recordings_folder() / f"{place}_{what}.mcap" for what in ("learn", "track"))
+        seen = _seen_blind(tracking, Path(work)) if is_blind else tracking
+        truth, known = read_tracks(tracking), read_tracks(learning)
         ways = {WITH_MAP: estimates, **{way: Path(work) / f"{way}.mcap" for way in (WITHOUT_MAP, CONSTANT_VELOCITY)}}
         common: dict[str, Any] = {"log": seen, "seed": seed, "noise": NOISE_M, "force": True, "reading": Reading()}
         leaving = {"departure_rate": str(departure_rate(known))} if is_blind else {}
@@ -161,18 +151,15 @@ def _draw(map_file: Path, picture: Path, estimates: Path) -> None:
         plot(map_file=map_file, output=picture, estimates=estimates, force=True, reading=Reading())
 
 
-def _seen(scene: Scene, folder: Path) -> Path:
-    """A log of what is detected: the recording, but in the blind scene."""
+def _seen_blind(log: Path, folder: Path) -> Path:
+    """A log of what is detected of a recording in the blind scene."""
     from dirprim_filter.detections import Detections
     from dirprim_filter.recording import read_tracks, write_tracks
     from dirprim_filter.recording.reader import stream_detections
 
-    log, path = scene.recording("track"), folder / "seen.mcap"
-    if scene is not Scene.BLIND:
-        return log
     seen = with_blind_ring(Detections.concatenate(list(stream_detections(log))))
-    write_tracks(read_tracks(log)[:0], path, detections=seen)
-    return path
+    write_tracks(read_tracks(log)[:0], folder / "seen.mcap", detections=seen)
+    return folder / "seen.mcap"
 
 
 def _track(way: dict[str, Any]) -> None:
