@@ -100,6 +100,20 @@ def _normalised(weight: FloatArray) -> FloatArray:
     return np.asarray(weight / weight.sum(axis=1, keepdims=True))
 
 
+def of_own_name(moments: FloatArray, n_detections: int) -> FloatArray:
+    """(v, 10) -> (v,) false detections with a track's own id where its belief is, 1/m^2, at most.
+
+    No more than the frame's detections are false: of a vehicle that is looked for on square kilometres, minutes later,
+    far fewer than a density that holds at each place would have there.
+
+    Args:
+        moments: of beliefs, as `BayesFilter.moments`.
+        n_detections: of the frame.
+    """
+    spread = moments[:, 2] * moments[:, 4] - moments[:, 3] ** 2
+    return np.asarray(LABELLED * n_detections / (4.0 * np.pi * np.sqrt(np.maximum(spread, 1e-12))))
+
+
 class Undetected:
     """The intensity of vehicles not yet detected, in one group.
 

@@ -29,7 +29,7 @@ REMEMBERED = 9
 DUE_FROM, JITTERS = 0.75, 2.0
 """Share of the usual time after which the next detection is due, as sensors are not exact; and how many deviations of
 these times later."""
-MOST_NS = 300_000_000_000
+MOST_NS = 1_800_000_000_000
 """What passes for longer is a pause of the log or a vehicle that comes back, and no interval of a sensor."""
 MOST_FORMER = 1000
 """Of so many labelled tracks that ended the intervals are kept."""

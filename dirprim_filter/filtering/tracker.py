@@ -182,6 +182,10 @@ class Tracker:
             on = labelled[n_steps > i]
             self._advance(on, roster.time_ns[on] + self._step_ns)
         self._advance(np.concatenate([slot[slot >= 0], unlabelled]), now_ns)
+        away = np.flatnonzero((slot >= 0) & (now_ns - roster.measured_ns[slot] > AWAY_S * 1e9))
+        if away.size:
+            own = existence.of_own_name(self._filter.moments(slot[away]), len(detections))
+            by_chance[away] = np.fmin(by_chance[away], own)
         if unlabelled.size:
             roster.age(unlabelled, unlabelled, now_ns)
             row = np.flatnonzero(~is_labelled)

@@ -12,7 +12,7 @@ from dirprim_filter.estimates import Estimates
 from dirprim_filter.filtering import ConstantVelocityKalman, Tracker, existence
 from dirprim_filter.filtering.existence import Undetected
 from dirprim_filter.filtering.roster import NO_GAPS, remembered, usual
-from situations import on_the_ring
+from situations import on_the_ring, one_cell_map
 
 
 def existence_by_enumeration(steps, config):
@@ -225,3 +225,18 @@ def test_frames_of_others_are_no_misses_where_each_vehicle_reports_at_its_own_ti
     frames = [(0.02 * i, {f"v{i % n}": on_the_ring(0.02 * i + 3.1 * (i % n))}) for i in range(75)]
     found = followed(ring_map, frames, filter_of="kalman")[late:]
     assert all(set(estimates.track_id.tolist()) == {f"v{v}" for v in range(n)} for estimates in found)
+
+
+def test_a_vehicle_of_which_is_heard_each_ten_minutes_is_estimated_from_its_second_message_on():
+    """Its belief covers square kilometres by then; the control is one of the same name, too far away for it."""
+    model, config = (
+        one_cell_map(concentration=400.0, shape=100.0).without_places(),
+        FilterConfig(n_particles=300, step_s=30.0),
+    )
+    for off_m, expected in ((0.0, [0, 1, 1, 1, 1, 1, 1, 1]), (1e6, [0, 0, 0, 0, 1, 1, 1, 1])):
+        tracker, reported = Tracker(model, config=config, rng=np.random.default_rng(0)), []
+        for i in range(8):
+            place = np.array([[3000.0 * i + off_m * (i == 1), 0.0]])
+            seen = Detections(track_id=np.array(["bus"]), time_ns=np.array([600_000_000_000 * i]), position=place)
+            reported.append(len(tracker.track(seen).estimates))
+        assert reported == expected
