@@ -12,17 +12,15 @@ TRACK = "track log.mcap --map map.mcap -o x"
 HEAD = "time_s,track_id,x_m,y_m"
 SENSOR = "[along]\nspread_m = 0.4\n[across]\nspread_m = 0.2\n"
 FILES = {
-    "no_y.csv": "time_s,track_id,x_m\n0,1,2\n", "kmh.csv": f"{HEAD},speed_kmh\n0,1,2,3,50\n",
+    "kmh.csv": f"{HEAD},speed_kmh\n0,1,2,3,50\n",
     "day.csv": "time,track_id,x_m,y_m\n31/12/2026 10:00,1,2,3\n",
     "two.csv": f"{HEAD}\n0,1,two,3\n", "early.csv": f"{HEAD}\n0,a,2,0\n-5,a,0,0\n-5.5,a,1,0\n",
-    "degrees.csv": f"{HEAD},course_rad\n0,a,0,0,270\n1,a,1,0,270\n",
-    "thousand.csv": f"{HEAD},speed_mps\n0,a,0,0,1_000\n",
     "signal.csv": f"{HEAD},turn_signal\n0,a,0,0,lft\n", "no_ids.csv": "time_s,x_m,y_m\n0,1,2\n1,2,3\n",
     "twice.csv": f"{HEAD}\n0,1,0,0\n0,1,1,1\n", "empty.mcap": "", "text.mcap": "hello, this is no log\n" * 9,
-    "late.toml": f"latency_s = -1\n{SENSOR}", "sensor.toml": SENSOR, "noise.toml": "noise = 1",
+    "late.toml": f"latency_s = -1\n{SENSOR}", "sensor.toml": SENSOR,
     "cut.toml": "noise_m = ", "flat.toml": "noise_m = 1.0", "filter.toml": "[filter]\nnoise = 1.0",
     "deep.toml": f"noise_m = {'[' * 20_000}", "deep.json": f'{{"experiment": {"[" * 20_000}',
-    "fold.toml": "n_fold = 2", "number.toml": "filter = 1",
+    "fold.toml": "n_fold = 2",
     "notes.txt": "noise: a lot", "walks.txt": "0 1 2 3\n10 1 3 3\n",
 }  # fmt: skip
 CASES = [
@@ -45,23 +43,19 @@ CASES = [
     (f"{TRACK} --sensor late.toml", FAILED, "error: late.toml: latency_s: expected 0 to 5 seconds, got -1"),
     (f"{TRACK} --set particles_out=many", USAGE, "particles_out: expected a value of type int"),
     (f"{TRACK} --config filter.toml", FAILED, "filter: noise: expected one of"),
-    (f"{TRACK} --config number.toml", FAILED, "filter: expected a table of names and values, got 1"),
     (f"info log.mcap --topics {'(' * 20_000}", FAILED, "topics: expected a name or a regular expression"),
     (f"{TRACK} --start 1e999999999", FAILED, "--start: expected seconds from the start"),
     (f"{TRACK} --config flat.toml", FAILED, "flat.toml: noise_m: expected the tables"),
-    ("track degrees.csv --map map.mcap -o x", FAILED, "degrees.csv, line 2: expected radians"),
     ("learn no_ids.csv -o x", FAILED, "detections without ids; `dirprim track --no-ids`"),
     ("smooth no_ids.csv --map map.mcap -o x", FAILED, "expected tracks with ids, got detections"),
     ("evaluate tracking log.mcap --set miss_rate", USAGE, "expected NAME=VALUE"),
     ("evaluate tracking log.mcap --set mis_rate=1", USAGE, "mis_rate: expected one of"),
     ("evaluate tracking log.mcap --set group=x", USAGE, "group: expected"),
-    ("evaluate tracking log.mcap --config noise.toml", FAILED, "noise: expected one of noise_m"),
     ("evaluate tracking log.mcap --config cut.toml", FAILED, "cut.toml: expected an experiment in TOML"),
     *((f"evaluate tracking log.mcap --config deep.{form}", FAILED, f"deep.{form}: expected an experiment in TOML")
       for form in ("toml", "json")),
     (f"{TRACK} --sensor deep.toml", FAILED, "deep.toml: maximum recursion depth"),
     (f"{TRACK} --set noise_m={'[' * 20_000}", FAILED, "noise_m: expected"),
-    (f"{TRACK} --set max_gap_s=1e300", FAILED, "max_gap_s: expected at most 1e+09"),
     *((f"{TRACK} {option} 1e300", USAGE, f"Invalid value for '{option}'") for option in ("--lag", "--forecast")),
     ("forecast --map map.mcap --at 1 2 --direction-deg 0 --speed 5 --dt 1e-300", USAGE, "Invalid value for '--dt'"),
     ("forecast --map map.mcap --at 1 2 --direction-deg 0 --speed 5 --dt 9", FAILED, "--dt: expected at most --horizon"),
@@ -77,10 +71,7 @@ CASES = [
     ("evaluate density log.mcap --split group", FAILED, "at least two to split by group, got 1"),
     *((f"plot map.mcap -o x.png --extent {box}", USAGE, "expected west south east north")
       for box in ("10 0 -10 5", "nan 0 1 1", "0 0 1e300 1e300", "0 0 1e-9 1e-9", "0 0 1 1e7")),
-    ("convert no_y.csv -o x", FAILED, "missing: y_m"),
-    ("convert kmh.csv -o x", FAILED, "speed_kmh"),
     ("convert two.csv -o x", FAILED, "two.csv, line 2: expected a number as x_m, got 'two'"),
-    ("convert thousand.csv -o x", FAILED, "expected a number as speed_mps, got '1_000'"),
     ("convert signal.csv -o x", FAILED, "line 2: expected left, right, none as turn_signal, got 'lft'"),
     *((f"{command} -o x", FAILED, "early.csv, line 3: expected times from 0 on, as MCAP holds no earlier ones, "
        "got -5000000000 ns; add 6 s to all") for command in ("convert early.csv", "track early.csv --map map.mcap")),

@@ -138,14 +138,13 @@ def test_what_fails_is_one_line_and_leaves_nothing(folder, capsys, script, said)
 
 
 def test_a_command_that_takes_too_long_is_stopped_with_all_that_it_started(folder, capsys):
-    Path("slow.py").write_text(
-        "import subprocess, sys, time\n"
-        "subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(3); open(\"late\", \"w\")'])\ntime.sleep(60)"
-    )
-    assert dirprim(f"{QUICK} --set time_limit_s=1", *by_script("slow.py")) == FAILED
+    Path("slow.sh").write_text("sleep 60 & echo $! > started; wait")
+    assert dirprim(f"{QUICK} --set time_limit_s=1", "--method", f"theirs=sh slow.sh {ON}") == FAILED
     assert "theirs, seed 0: stopped after 1 s" in capsys.readouterr().err
-    time.sleep(3.0)
-    assert not Path("late").exists()
+    process, until = Path("/proc", Path("started").read_text().strip(), "stat"), time.monotonic() + 20.0
+    while process.exists() and process.read_text().rpartition(")")[2].split()[0] != "Z":
+        assert time.monotonic() < until
+        time.sleep(0.02)
 
 
 def test_what_cannot_work_is_refused_before_the_work(folder, capsys):
