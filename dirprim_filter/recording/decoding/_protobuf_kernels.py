@@ -68,6 +68,26 @@ def _scalar(data: AnyArray, at: int, end: int, wire: Any, form: int) -> Any:
 
 
 @uncounted
+def _tag(data: AnyArray, at: int, end: int) -> tuple[int, Any, Any, Any, Any]:
+    """Of the field at `at`: whether it can be read, its number, its wire type, where its bytes start, and end."""
+    key, at = _varint(data, at, end)
+    wire, number = np.int64(key & np.uint64(7)), np.int64(key >> np.uint64(3))
+    if at < 0 or key > np.uint64(0xFFFFFFFF):
+        return CUT, number, wire, at, at
+    after = at + (8 if wire == 1 else 4)
+    if wire == 2:
+        length, at = _varint(data, at, end)
+        if at >= 0 and length > np.uint64(end - at):
+            return OVERLONG, number, wire, at, at
+        after = at + np.int64(length)
+    elif number == 0 or wire not in (0, 1, 5):
+        return WIRE_TYPE, number, wire, at, at
+    elif wire == 0:
+        _, after = _varint(data, at, end)
+    return CUT if at < 0 or after < 0 or after > end else OK, number, wire, at, after
+
+
+@uncounted
 def walk_protobuf(
     data: AnyArray,
     starts: IntArray,
@@ -108,48 +128,19 @@ def walk_protobuf(
         depth = 0
         ends[0], nodes[0], rows[0], numbers[0] = stops[message], 0, base[0] + made * width[0], made
         state = OK
-        while True:
+        while state == OK:
             end = ends[depth]
             if at >= end:
                 if depth == 0:
                     break
                 depth -= 1
                 continue
-            key, at = _varint(data, at, end)
-            if at < 0 or key > np.uint64(0xFFFFFFFF):
-                state = CUT
-                break
-            wire = np.int64(key & np.uint64(7))
-            number = np.int64(key >> np.uint64(3))
-            length = np.int64(0)
-            if wire == 2:
-                long, at = _varint(data, at, end)
-                if at < 0:
-                    state = CUT
-                    break
-                if long > np.uint64(end - at):
-                    state = OVERLONG
-                    break
-                length = np.int64(long)
-            elif number == 0 or wire not in (0, 1, 5):
-                state = WIRE_TYPE
-                break
-            entry = node_start[nodes[depth]]
-            last = node_start[nodes[depth] + 1]
+            state, number, wire, at, after = _tag(data, at, end)
+            entry, last = node_start[nodes[depth]], node_start[nodes[depth] + 1]
             while entry < last and entries[entry, 0] < number:
                 entry += 1
-            after = -1  # where the field ends, once it was read or is known
-            if wire == 2:
-                after = at + length
-            elif wire == 1:
-                after = at + 8
-            elif wire == 5:
-                after = at + 4
-            if after > end:
-                state = CUT
-                break
-            descended = False
-            while entry < last and entries[entry, 0] == number and not descended:
+            descends = False
+            while state == OK and entry < last and entries[entry, 0] == number and not descends:
                 want, what, which = entries[entry, 1], entries[entry, 2], entries[entry, 4]
                 table, column, presence = entries[entry, 5], entries[entry, 6], entries[entry, 8]
                 form, child = entries[entry, 3], entries[entry, 7]
@@ -157,14 +148,16 @@ def walk_protobuf(
                 is_packed = what == NUMBER and which != LAST and wire == 2
                 if wire != want and not is_packed:
                     continue
-                here, stop, bits = at, after if is_packed else at + 1, np.int64(0)
+                here, stop = at, after if what == NUMBER else at + 1  # a text or a message may be empty
+                bits = (at << TEXT_BITS) | min(after - at, LONGEST)
                 while here < stop:
                     if what == NUMBER:
-                        bits, here = _scalar(data, here, after if is_packed else end, want, form)
+                        bits, here = _scalar(data, here, stop, want, form)
                         if here < 0:
+                            state = CUT
                             break
                     else:
-                        bits, here = (at << TEXT_BITS) | min(length, LONGEST), stop
+                        here = stop
                     row, of = rows[depth], numbers[depth]
                     if which == EACH:
                         if n_rows[table] - before[table] >= MAX_ELEMENTS:
@@ -186,21 +179,9 @@ def walk_protobuf(
                         cells[row + presence] = 1
                     depth += 1
                     ends[depth], nodes[depth], rows[depth], numbers[depth] = after, child, row, of
-                    descended = True
-                if (what == NUMBER and not is_packed) or here < 0:
-                    after = here
-                if after < 0 or state != OK:
-                    break
-            if state != OK:
-                break
-            if descended:
-                continue
-            if wire == 0 and after < 0:
-                _, after = _varint(data, at, end)
-            if after < 0:
-                state = CUT
-                break
-            at = after
+                    descends = True
+            if not descends:
+                at = after
         if state != OK:
             status[message] = state
             for table in range(n_tables):
