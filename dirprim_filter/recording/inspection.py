@@ -20,7 +20,7 @@ from dirprim_filter.recording.objects.topics import Failures
 from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
 from dirprim_filter.recording.schemas.decoders import Decoders, by_schema, pieces
 from dirprim_filter.recording.schemas.family import FieldMapping
-from dirprim_filter.recording.summary import LogSummary, TopicKey, key_of, topics_of
+from dirprim_filter.recording.summary import LogSummary, TopicKey, TopicSummary, key_of
 from dirprim_filter.track_ids import rows_of_each
 
 logger = logging.getLogger(__name__)
@@ -53,11 +53,12 @@ def inspect(source: LogSource, options: ReadOptions = EVERYTHING) -> LogSummary:
         attachments = tuple(name for file in one.files for _, name in file.outline.attachments)
     if options.strict and damage:
         raise DamagedRecordingError(one.path, damage)
-    if options.mapping and not (any(reading.track_ids.values()) or reading.detections.total()):
-        why = next(filter(None, (reading.why(key)[1] for key in reading.messages)), "in no message")
+    topics = tuple(map(reading.topic, sorted(reading.messages)))
+    if options.mapping and not any(topic.tracks or topic.detections for topic in topics):
+        why = next((topic.why for topic in topics if topic.why), "in no message")
         logger.warning("%s: expected objects at %s, got none: %s", one.path, options.mapping, why)
     return LogSummary(
-        topics=topics_of(reading.messages, reading.track_ids, reading.detections, reading.why),
+        topics=topics,
         messages=reading.messages.total(),
         start_ns=min(reading.times, default=None),
         end_ns=max(reading.times, default=None),
@@ -125,7 +126,12 @@ class _Inspection:
             self.groups.setdefault(of.topic, Counter()).update(here.group.tolist())
         self.failures.take(messages, failures)
 
-    def why(self, key: TopicKey) -> tuple[int, str]:
-        """How many messages of a topic cannot be decoded, and the most frequent reason; or why none is read."""
+    def topic(self, key: TopicKey) -> TopicSummary:
+        """What was counted of a topic."""
+        name, schema, encoding = key
         n, reason = self.failures.of(key)
-        return n, reason or self.refused[key]
+        return TopicSummary(
+            name=name, schema=schema, encoding=encoding, messages=self.messages[key], detections=self.detections[key],
+            tracks=len(self.track_ids[key]) if key in self.track_ids else None, undecodable=n,
+            why=reason or self.refused[key],
+        )  # fmt: skip

@@ -130,7 +130,9 @@ class LogWriter:
     def _append(self, topic: str, schema: Schema, data: bytes, time_ns: int) -> None:
         channel = self._channel.get(topic)
         if channel is None:
-            channel = self._channel[topic] = self._register(topic, schema)
+            encoding = "cdr" if schema.encoding == "ros2msg" else schema.encoding
+            channel = self._writer.define(Channel(topic=topic, message_encoding=encoding, schema=schema, metadata=()))
+            self._channel[topic], self._n_messages[channel] = channel, 0
         if self._max_chunk_ns is not None:
             if self._chunk_start_ns is None:
                 self._chunk_start_ns = time_ns
@@ -143,13 +145,6 @@ class LogWriter:
         sequence = self._n_messages[channel]
         self._n_messages[channel] = sequence + 1
         self._writer.add_message(channel, time_ns, data, time_ns, sequence)
-
-    def _register(self, topic: str, schema: Schema) -> int:
-        encoding = "cdr" if schema.encoding == "ros2msg" else schema.encoding
-        channel = Channel(topic=topic, message_encoding=encoding, schema=schema, metadata=())
-        channel_id = self._writer.define(channel)
-        self._n_messages[channel_id] = 0
-        return channel_id
 
 
 def _utf8(text: str) -> str:

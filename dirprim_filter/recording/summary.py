@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -51,20 +51,6 @@ TopicKey = tuple[str, str, str]
 def key_of(channel: Channel) -> TopicKey:
     """What its messages are counted by."""
     return channel.topic, channel.schema.name, channel.message_encoding
-
-
-def topics_of(
-    messages: Mapping[TopicKey, int], track_ids: Mapping[TopicKey, Collection[str]], detections: Counter[TopicKey],
-    why: Callable[[TopicKey], tuple[int, str]] = lambda _: (0, ""),
-) -> tuple[TopicSummary, ...]:  # fmt: skip
-    """The topics by name; without ids, those of schemas that carry none; and as `TopicSummary` has it, why not."""
-    return tuple(
-        TopicSummary(
-            name=key[0], schema=key[1], encoding=key[2], messages=n, detections=detections[key],
-            tracks=len(track_ids[key]) if key in track_ids else None, undecodable=why(key)[0], why=why(key)[1],
-        )
-        for key, n in sorted(messages.items())
-    )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -124,8 +110,11 @@ def summarise_by_index(
                 messages[key_of(channel)] += section.statistics.channel_message_counts.get(channel_id, 0)
     times = [(of.message_start_time, of.message_end_time) for _, of in sections if of.message_count and not wanted]
     return LogSummary(
-        topics=topics_of(messages, {}, Counter()), messages=messages.total(), damage=(), is_checked=False, labels={},
-        groups={},
+        topics=tuple(
+            TopicSummary(name=name, schema=schema, encoding=encoding, messages=n, tracks=None)
+            for (name, schema, encoding), n in sorted(messages.items())
+        ),
+        messages=messages.total(), damage=(), is_checked=False, labels={}, groups={},
         start_ns=min((start for start, _ in times), default=None), end_ns=max((end for _, end in times), default=None),
         attachments=tuple(one.name for section, _ in sections for one in section.attachments),
         metadata=tuple(one.name for section, _ in sections for one in section.metadata),

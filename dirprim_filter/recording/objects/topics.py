@@ -96,11 +96,9 @@ class Failures:
 
     def nothing_held(self) -> str:
         """Of the topic of which most messages were looked at, that none had an object; empty without any."""
-        found = (
-            f"none of {n} messages of {key[0]} holds an object with a place"
-            for key, n in self._looked_at.most_common(1)
-        )
-        return next(found, "")
+        for key, n in self._looked_at.most_common(1):
+            return f"none of {n} messages of {key[0]} holds an object with a place"
+        return ""
 
 
 def _default(
