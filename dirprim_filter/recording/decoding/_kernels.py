@@ -81,12 +81,3 @@ def new_row(tables: Tables, table: int, message: int, parent: int) -> Any:
     tables.cells[at + 1] = parent
     tables.n_rows[table] = row + 1
     return row
-
-
-@uncounted
-def gather_texts(data: AnyArray, cells: IntArray, out: AnyArray) -> None:
-    """Fill (n, width), of zeros, with the bytes of each text cell, cut at `width`."""
-    for i in range(cells.size):
-        start = cells[i] >> TEXT_BITS
-        for j in range(min(cells[i] & LONGEST, out.shape[1])):
-            out[i, j] = data[start + j]

@@ -20,6 +20,7 @@ import numpy as np
 from google.protobuf.message import DecodeError
 
 from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
+from dirprim_filter.recording.container._kernels import gather
 from dirprim_filter.recording.container.errors import one_line
 from dirprim_filter.recording.decoding import _kernels as kernels
 
@@ -238,7 +239,8 @@ class FieldColumns:
         if width == 0:
             return np.full(cells.size, "")
         gathered: AnyArray = np.zeros((cells.size, width), np.uint8)
-        kernels.gather_texts(self.data, cells, gathered)
+        start, at = cells >> kernels.TEXT_BITS, width * np.arange(cells.size)
+        gather(self.data, start, start + np.minimum(length, width), at, gathered.reshape(-1))
         if not is_text:
             digits = np.frombuffer(b"0123456789abcdef", np.uint8)
             pairs = np.stack([digits[gathered >> 4], digits[gathered & 15]], axis=-1)
@@ -252,8 +254,8 @@ class FieldColumns:
             return gathered.astype(np.uint32).view(f"U{width}")[:, 0]
         names = []
         for row, (cell, size) in enumerate(zip(cells.tolist(), length.tolist(), strict=True)):
-            at = cell >> kernels.TEXT_BITS
-            text = self.data[at : at + size].tobytes()
+            first = cell >> kernels.TEXT_BITS
+            text = self.data[first : first + size].tobytes()
             try:
                 name = (
                     text.decode() if size <= MAX_NAME_LENGTH else text.decode(errors="replace")[: MAX_NAME_LENGTH + 1]
