@@ -28,8 +28,7 @@ from dirprim_filter.recording.decoding._kernels import (
 )
 from tessellation._compiling import inlined, uncounted
 
-SKIP, READ, SKIP_TEXT, READ_TEXT, READ_BYTES, SKIP_SEQUENCE, LOOP = range(7)
-END, END_LOOP, UNLESS_SELECTED, JUMP, PRESENT = range(7, 12)
+READ, TEXT, BLOCK, LOOP, END, END_LOOP, UNLESS_SELECTED, JUMP, PRESENT = range(9)
 PADDING = 3
 """Bytes behind a delimited message at most."""
 
@@ -58,8 +57,8 @@ def walk_cdr(
         tables: out.
         status: (n_messages,) out.
         room: (5, as many as tables, and as nested loops and one) for its work.
-        ops: (n_ops, 6) operation and its numbers, see `cdr_plan`; the last one, of what it reads first, is the size
-            to which that is aligned, less one.
+        ops: (n_ops, 7) operation and its numbers, see `cdr_plan`; the last two are the sizes to which elements, and
+            what it reads first, are aligned, less one.
         encapsulation: what messages begin with, without its last bit, which is set where they are little endian; -1:
             with nothing, they are.
     """
@@ -96,12 +95,10 @@ def walk_cdr(
             code = ops[op, 0]
             a, b, c = ops[op, 1], ops[op, 2], ops[op, 3]
             if code <= LOOP:
-                at += (origin - at) & ops[op, 5]
+                at += (origin - at) & ops[op, 6]
             op += 1
-            if code in (SKIP, READ):
-                if code == SKIP:
-                    at += a * b
-                elif at + a <= end:
+            if code == READ:
+                if at + a <= end:
                     bits = load(data, at, a, little)
                     if c and a < 8 and bits >> np.uint64(8 * a - 1):
                         bits |= ~np.uint64(0) << np.uint64(8 * a)
@@ -109,23 +106,20 @@ def walk_cdr(
                     at += a
                 else:
                     at = end + 1
-            elif code in (SKIP_TEXT, READ_TEXT):
+            elif code == TEXT:
                 length, at, state = _length(data, at, end, little, a + 1 if a > 0 else 0)
-                if state == OK and code == READ_TEXT:
+                if state == OK and b >= 0:
                     used = length - 1 if length > 0 and data[at + length - 1] == 0 else length
                     cells[base[table] + row[table] * width[table] + b] = (at << TEXT_BITS) | min(used, LONGEST)
                 at += length
-            elif code == READ_BYTES:
-                length = a
+            elif code == BLOCK:
+                n, column = a, ops[op - 1, 4]
                 if a < 0:
-                    length, at, state = _length(data, at, end, little, c)
-                if state == OK and length <= end - at:
-                    cells[base[table] + row[table] * width[table] + b] = (at << TEXT_BITS) | min(length, LONGEST)
-                at += length
-            elif code == SKIP_SEQUENCE:
-                length, at, state = _length(data, at, end, little, b)
-                if length > 0:
-                    at += ((origin - at) & c) + length * a
+                    n, at, state = _length(data, at, end, little, c)
+                if state == OK and column >= 0 and n <= end - at:
+                    cells[base[table] + row[table] * width[table] + column] = (at << TEXT_BITS) | min(n, LONGEST)
+                if n > 0:
+                    at += ((origin - at) & ops[op - 1, 5]) + n * b
             elif code == LOOP:
                 n = a
                 if a < 0:

@@ -122,19 +122,21 @@ class _Program:
 
     def emit(self, code: int, *numbers: int) -> int:
         """Append an operation; its number."""
-        if code == kernels.SKIP and not numbers[1]:
-            return len(self.ops)
-        if code == kernels.SKIP and len(self.ops) > self._target:
-            last = self.ops[-1]
-            if last[0] == kernels.SKIP and last[1] == numbers[0] and last[2] + numbers[1] <= MAX_FIXED:
-                last[2] += numbers[1]
-                return len(self.ops) - 1
         if len(self.ops) >= MAX_OPERATIONS:
             raise SchemaError(f"{self.output.schema}: expected at most {MAX_OPERATIONS} fields, all written out")
-        is_fixed = code in (kernels.READ_BYTES, kernels.LOOP) and numbers[0] >= 0  # without a length in front
-        first = numbers[0] if code in (kernels.SKIP, kernels.READ) else 1 if is_fixed else 4
-        self.ops.append([code, *numbers, *[0] * (4 - len(numbers)), min(first, self._widest) - 1])
+        is_counted = code == kernels.TEXT or (code in (kernels.BLOCK, kernels.LOOP) and numbers[0] < 0)
+        element = numbers[int(code == kernels.BLOCK)] if code in (kernels.READ, kernels.BLOCK) else 1
+        aligned = (min(size, self._widest) - 1 for size in (element, 4 if is_counted else element))
+        self.ops.append([code, *numbers, *[0] * (4 - len(numbers)), *aligned])
         return len(self.ops) - 1
+
+    def skip(self, size: int, count: int = 1) -> None:
+        """Pass over numbers, at once with those before."""
+        last = self.ops[-1] if len(self.ops) > self._target else [kernels.END]
+        if last[0] == kernels.BLOCK and last[2] == size and last[1] >= 0 > last[4] and last[1] + count <= MAX_FIXED:
+            last[1] += count
+        elif count:
+            self.emit(kernels.BLOCK, count, size, 0, -1)
 
     def structure(self, name: str, want: Wanted | None, at: Place) -> None:
         """Walk a message; `want` is what is wanted of it, None for nothing."""
@@ -151,7 +153,7 @@ class _Program:
             raise SchemaError(f"{self.output.schema}: expected at most {MAX_OPERATIONS} messages, all written out")
         members = self._types[name]
         if self._sizes_all:
-            self.emit(kernels.SKIP, 4, 1)
+            self.skip(4)
         below = dict(want.below) if want else {}
         if want and any(kind == "presence" for _, kind in want.labels):  # in CDR all that is defined is set
             self.emit(kernels.PRESENT, self.output.value(want, at, "presence"))
@@ -161,7 +163,7 @@ class _Program:
         for member, description in members:
             self._member(description, below.get(member), at.at(f".{member}"))
         if not members:
-            self.emit(kernels.SKIP, 1, self._least)
+            self.skip(1, self._least)
         self._nesting -= 1
 
     def _member(self, description: Description, want: dict[int | None, Wanted] | None, at: Place) -> None:
@@ -182,7 +184,7 @@ class _Program:
     def _value(self, base: tuple[str, int], want: Wanted, at: Place) -> None:
         name, bound = base
         if name == "string":
-            self.emit(kernels.READ_TEXT, bound, self.output.value(want, at, "cells"))
+            self.emit(kernels.TEXT, bound, self.output.value(want, at, "cells"))
             return
         size, form = self._number(name)
         self.emit(kernels.READ, size, self.output.value(want, at, form), int(form == "int"))
@@ -198,14 +200,14 @@ class _Program:
         is_bytes = element[0] == self._node.BASE and element[1][0] in _BYTES
         if set(want) == {None} and is_bytes and not want[None].below:
             column = self.output.value(want[None], at, "bytes")
-            self.emit(kernels.READ_BYTES, length if fixed else -1, column, 0 if fixed else length)
+            self.emit(kernels.BLOCK, length if fixed else -1, 1, 0 if fixed else length, column)
             return
         if None in want or (EACH in want and len(want) > 1):
             raise SchemaError(
                 f"{self.output.schema}: expected [], or numbers in brackets, behind the repeated {at.path}"
             )
         if self._has_size(element):
-            self.emit(kernels.SKIP, 4, 1)
+            self.skip(4)
         if EACH in want:
             inner = Place(self.output.table(f"{at.path}[]"), f"{at.path}[]")
             start = self._open_loop(description, inner.table)
@@ -217,10 +219,10 @@ class _Program:
         if fixed and size and max(chosen) < length:
             done = 0
             for k, one in chosen.items():
-                self.emit(kernels.SKIP, size, k - done)
+                self.skip(size, k - done)
                 self._member(element, {None: one}, at.at(f"[{k}]"))
                 done = k + 1
-            self.emit(kernels.SKIP, size, length - done)
+            self.skip(size, length - done)
             return
         selected = {k: self.output.column(at.table) for k in chosen}
         start = self._open_loop(description, -1)
@@ -257,17 +259,17 @@ class _Program:
     def _skip(self, description: Description, path: str) -> None:
         node, arguments = description
         if size := self._size(description):
-            self.emit(kernels.SKIP, size, 1)
+            self.skip(size)
         elif node == self._node.BASE:
-            self.emit(kernels.SKIP_TEXT, arguments[1])
+            self.emit(kernels.TEXT, arguments[1], -1)
         elif node == self._node.NAME and not self._sizes_all:
             self.structure(arguments, None, Place(path=path))
         elif node == self._node.NAME or self._has_size(arguments[0]):
-            self.emit(kernels.SKIP_TEXT, 0)  # as long as the number in front of it says
+            self.emit(kernels.TEXT, 0, -1)  # as long as the number in front of it says
         elif (size := self._size(arguments[0])) and node == self._node.ARRAY:
-            self.emit(kernels.SKIP, size, arguments[1])
+            self.skip(size, arguments[1])
         elif size:
-            self.emit(kernels.SKIP_SEQUENCE, size, arguments[1], min(size, self._widest) - 1)
+            self.emit(kernels.BLOCK, -1, size, arguments[1], -1)
         else:
             start = self._open_loop(description, -1)
             self._skip(arguments[0], path)
