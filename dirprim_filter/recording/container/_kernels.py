@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray
-from tessellation._compiling import compiled
+from tessellation._compiling import compiled, pasted, uncounted
 
 MESSAGE = 5
 HEAD = 9
@@ -19,11 +19,32 @@ MESSAGE_HEAD = 31
 MIN_MESSAGE = 22
 
 
-@compiled
-def _unsigned(buffer: AnyArray, at: Any, n_bytes: int) -> Any:
+@pasted
+def _four(data: AnyArray, k: Any) -> Any:
+    return (
+        np.uint64(data[k])
+        | (np.uint64(data[k + np.uint64(1)]) << np.uint64(8))
+        | (np.uint64(data[k + np.uint64(2)]) << np.uint64(16))
+        | (np.uint64(data[k + np.uint64(3)]) << np.uint64(24))
+    )
+
+
+@uncounted
+def load(data: AnyArray, at: int, size: int, little: bool) -> Any:
+    """`size` bytes as an unsigned number."""
     value = np.uint64(0)
-    for i in range(n_bytes):
-        value |= np.uint64(buffer[at + i]) << np.uint64(8 * i)
+    if little and size == 8:  # written out, the compiler makes one load of it
+        k = np.uint64(at)  # an index that cannot be negative
+        low = _four(data, k)
+        return low | (_four(data, k + np.uint64(4)) << np.uint64(32))
+    if little and size == 4:
+        return _four(data, np.uint64(at))
+    if little:
+        for i in range(size - 1, -1, -1):
+            value = (value << np.uint64(8)) | np.uint64(data[at + i])
+    else:
+        for i in range(size):
+            value = (value << np.uint64(8)) | np.uint64(data[at + i])
     return value
 
 
@@ -32,7 +53,7 @@ def _end(buffer: AnyArray, at: Any, size: int) -> Any:
     """The byte after the record at `at`; -1 where it does not fit."""
     if at + HEAD > size:
         return -1
-    length = _unsigned(buffer, at + 1, 8)
+    length = load(buffer, at + 1, 8, True)
     if length > np.uint64(size - at - HEAD) or (buffer[at] == MESSAGE and length < np.uint64(MIN_MESSAGE)):
         return -1
     return at + HEAD + np.int64(length)
@@ -63,9 +84,9 @@ def read_records(buffer: AnyArray) -> tuple[Any, ...]:
             break
         if buffer[at] == MESSAGE:
             channel[i] = np.uint16(buffer[at + 9]) | (np.uint16(buffer[at + 10]) << np.uint16(8))
-            sequence[i] = _unsigned(buffer, at + 11, 4)
-            log_time[i] = _unsigned(buffer, at + 15, 8)
-            publish_time[i] = _unsigned(buffer, at + 23, 8)
+            sequence[i] = load(buffer, at + 11, 4, True)
+            log_time[i] = load(buffer, at + 15, 8, True)
+            publish_time[i] = load(buffer, at + 23, 8, True)
             start[i] = at + MESSAGE_HEAD
             stop[i] = end
             i += 1
@@ -88,7 +109,7 @@ def message_run(buffer: AnyArray, at: Any, max_bytes: int) -> tuple[int, Any, An
         end = _end(buffer, at, size)
         if end < 0:
             break
-        time = _unsigned(buffer, at + 15, 8)
+        time = load(buffer, at + 15, 8, True)
         earliest = min(earliest, time)
         latest = max(latest, time)
         at = end

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, IntArray
+from dirprim_filter.recording.container._kernels import load
 from dirprim_filter.recording.decoding._kernels import (
     CUT,
     ENCAPSULATION,
@@ -23,7 +24,6 @@ from dirprim_filter.recording.decoding._kernels import (
     TOO_MANY,
     UNEVEN,
     Tables,
-    load,
     new_row,
 )
 from tessellation._compiling import inlined, uncounted

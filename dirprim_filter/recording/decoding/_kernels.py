@@ -10,10 +10,8 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numpy as np
-
-from dirprim_filter.arrays import AnyArray, IntArray
-from tessellation._compiling import pasted, uncounted
+from dirprim_filter.arrays import IntArray
+from tessellation._compiling import uncounted
 
 OK, CUT, OVERLONG, ENCAPSULATION, WIRE_TYPE, TOO_MANY, UNEVEN = range(7)
 STATUS_BITS = 8
@@ -37,35 +35,6 @@ class Tables(NamedTuple):
     n_rows: IntArray  # (n_tables,) so far
     defaults: IntArray  # (sum of width,)
     default_base: IntArray  # (n_tables,)
-
-
-@pasted
-def _four(data: AnyArray, k: Any) -> Any:
-    return (
-        np.uint64(data[k])
-        | (np.uint64(data[k + np.uint64(1)]) << np.uint64(8))
-        | (np.uint64(data[k + np.uint64(2)]) << np.uint64(16))
-        | (np.uint64(data[k + np.uint64(3)]) << np.uint64(24))
-    )
-
-
-@uncounted
-def load(data: AnyArray, at: int, size: int, little: bool) -> Any:
-    """`size` bytes as an unsigned number."""
-    value = np.uint64(0)
-    if little and size == 8:  # written out, the compiler makes one load of it
-        k = np.uint64(at)  # an index that cannot be negative
-        low = _four(data, k)
-        return low | (_four(data, k + np.uint64(4)) << np.uint64(32))
-    if little and size == 4:
-        return _four(data, np.uint64(at))
-    if little:
-        for i in range(size - 1, -1, -1):
-            value = (value << np.uint64(8)) | np.uint64(data[at + i])
-    else:
-        for i in range(size):
-            value = (value << np.uint64(8)) | np.uint64(data[at + i])
-    return value
 
 
 @uncounted

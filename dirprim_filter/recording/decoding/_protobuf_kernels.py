@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, IntArray
+from dirprim_filter.recording.container._kernels import load
 from dirprim_filter.recording.decoding._kernels import (
     CUT,
     LONGEST,
@@ -20,7 +21,6 @@ from dirprim_filter.recording.decoding._kernels import (
     TOO_MANY,
     WIRE_TYPE,
     Tables,
-    load,
     new_row,
 )
 from tessellation._compiling import uncounted
