@@ -74,7 +74,7 @@ def _tag(data: AnyArray, at: int, end: int) -> tuple[int, Any, Any, Any, Any]:
     wire, number = np.int64(key & np.uint64(7)), np.int64(key >> np.uint64(3))
     if at < 0 or key > np.uint64(0xFFFFFFFF):
         return CUT, number, wire, at, at
-    after = at + (8 if wire == 1 else 4)
+    after: Any = at + (8 if wire == 1 else 4)
     if wire == 2:
         length, at = _varint(data, at, end)
         if at >= 0 and length > np.uint64(end - at):
