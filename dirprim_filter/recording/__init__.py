@@ -16,13 +16,9 @@ if TYPE_CHECKING:
     from dirprim_filter.recording.writer import write_tracks as write_tracks
 
 _HOME = {
-    "load_map": "map_file",
-    "read_assigned": "reader",
-    "read_estimates": "reader",
-    "read_tracks": "reader",
-    "save_map": "map_file",
-    "write_tracks": "writer",
-}
+    "load_map": "map_file", "read_assigned": "reader", "read_estimates": "reader", "read_tracks": "reader",
+    "save_map": "map_file", "write_tracks": "writer",
+}  # fmt: skip
 
 __all__ = list(_HOME)
 __getattr__ = _late(__name__, _HOME)

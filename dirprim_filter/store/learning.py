@@ -34,14 +34,8 @@ from dirprim_filter.store.workers import Workers
 from tessellation import GridTessellation
 
 CODE = (
-    "arrays.py",
-    "config.py",
-    "tracks.py",
-    "course.py",
-    "distributions/**/*.py",
-    "primitives/**/*.py",
-    "store/**/*.py",
-)
+    "arrays.py", "config.py", "tracks.py", "course.py", "distributions/**/*.py", "primitives/**/*.py", "store/**/*.py",
+)  # fmt: skip
 """Of the package, what a block's map follows from, beside the tessellation."""
 MOST_RESTARTS = 20
 """Times that learning restarts while others take logs out."""
