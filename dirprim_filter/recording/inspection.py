@@ -53,12 +53,12 @@ def inspect(source: LogSource, options: ReadOptions = EVERYTHING) -> LogSummary:
         attachments = tuple(name for file in one.files for _, name in file.outline.attachments)
     if options.strict and damage:
         raise DamagedRecordingError(one.path, damage)
-    topics = tuple(map(reading.topic, sorted(reading.messages)))
-    if options.mapping and not any(topic.tracks or topic.detections for topic in topics):
-        why = next((topic.why for topic in topics if topic.why), "in no message")
+    found = tuple(map(reading.topic, sorted(reading.messages)))
+    if options.mapping and not any(topic.tracks or topic.detections for topic in found):
+        why = next((topic.why for topic in found if topic.why), "in no message")
         logger.warning("%s: expected objects at %s, got none: %s", one.path, options.mapping, why)
     return LogSummary(
-        topics=topics,
+        topics=found,
         messages=reading.messages.total(),
         start_ns=min(reading.times, default=None),
         end_ns=max(reading.times, default=None),
