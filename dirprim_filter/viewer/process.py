@@ -43,7 +43,7 @@ def spawn_viewer(recordings: Sequence[Path] = ()) -> str:
     Raises:
         ConnectionError: none could be started.
     """
-    port = _free_port()
+    port = free_port()
     shown = [str(path) for path in recordings] or ["--expect-data-soon"]
     try:
         viewer = subprocess.Popen(  # noqa: S603 - the SDK's own program, without a shell
@@ -74,7 +74,7 @@ def screenshot(recording: Path, elapsed_s: float) -> bytes:
     from rerun.experimental import ViewerClient  # noqa: PLC0415 - only for pictures
 
     try:
-        client = ViewerClient.spawn(headless=True, port=_free_port(), executable_path=viewer_program())
+        client = ViewerClient.spawn(headless=True, port=free_port(), executable_path=viewer_program())
     except (OSError, RuntimeError) as error:
         raise ConnectionError(f"{NO_PICTURE} ({error})") from error
     try:
@@ -115,7 +115,8 @@ def require_listener(url: str) -> None:
         raise ConnectionError(f"{url}: no viewer answers ({error}); start one with `rerun`") from error
 
 
-def _free_port() -> int:
+def free_port() -> int:
+    """Of this machine, for a viewer."""
     with socket.socket() as probe:
         probe.bind((THIS_MACHINE, 0))
         return int(probe.getsockname()[1])

@@ -1,18 +1,10 @@
 """A run that is streamed to an .rrd file, and what stands in such a file, as arrays."""
 
-import socket
-
 import numpy as np
 from rerun.chunk import RrdReader
 
 from dirprim_filter.viewer.sink import RerunSink
 from dirprim_filter.viewer.stream import TIMELINE
-
-
-def free_port():
-    """Of this machine, for a viewer."""
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        return int(free.getsockname()[1])
 
 
 def write_run(path, frames, primitives, **options):

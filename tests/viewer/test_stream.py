@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import rerun as rr
 from rerun.chunk import RrdReader
-from rrd_files import free_port, rows_of, write_run
+from rrd_files import rows_of, write_run
 
 from dirprim_filter.viewer import process as viewer_room
 from dirprim_filter.viewer import stream
@@ -41,7 +41,7 @@ def test_ctrl_c_leaves_a_whole_file(tmp_path, scene_frames):
 def test_a_stream_needs_a_place_to_go_and_a_viewer_that_answers():
     with pytest.raises(ValueError, match=r"^expected at least one place to stream to"):
         RerunSink()
-    port = free_port()
+    port = viewer_room.free_port()
     with pytest.raises(ConnectionError, match=f"127.0.0.1:{port}/proxy: no viewer answers"):
         RerunSink(connect=f"rerun+http://127.0.0.1:{port}/proxy")
     with pytest.raises(ConnectionError, match="expected an address such as"):
@@ -51,7 +51,7 @@ def test_a_stream_needs_a_place_to_go_and_a_viewer_that_answers():
 @pytest.fixture
 def running_viewer():
     """A viewer without a window that takes streams, and its address."""
-    port = free_port()
+    port = viewer_room.free_port()
     viewer = subprocess.Popen(
         [viewer_room.viewer_program() or "rerun", "--serve-grpc", "--bind", "127.0.0.1", "--port", str(port)],
         stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,

@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 from rerun.experimental import ViewerClient
-from rrd_files import free_port
 
 from dirprim_filter.detections import Detections
 from dirprim_filter.drawing.colors import track_color
 from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.viewer.curves import PLOTS
-from dirprim_filter.viewer.process import viewer_program
+from dirprim_filter.viewer.process import free_port, viewer_program
 from dirprim_filter.viewer.sink import RerunSink
 from dirprim_filter.viewer.stream import TIMELINE
 
