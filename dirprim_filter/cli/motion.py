@@ -58,7 +58,8 @@ def map_of(map_file: Path | None, reading: Reading) -> tuple[PrimitiveMap | None
 
 def motion_of(
     choice: Literal["learned", "constant-velocity"], by_map: PrimitiveMap | None, frames: Iterable[Detections], *,
-    config: FilterConfig, acceleration: float = 0.0, why_not: str = "", is_forecast: bool = False, seed: int,
+    config: FilterConfig, acceleration: float = 0.0, fitted: float = 0.0, why_not: str = "", is_forecast: bool = False,
+    seed: int,
 ) -> tuple[Motion, Iterable[Detections]]:  # fmt: skip
     """The model, which a line states unless it is the given map; and all the frames.
 
@@ -71,6 +72,7 @@ def motion_of(
         frames: of the log, which is read once: those that are learned from are kept.
         config: the noise of the detections.
         acceleration: density that was stated; 0: none was.
+        fitted: density that fits detections without ids; 0: there is none.
         why_not: why nothing can be learned from the frames; empty where it may.
         is_forecast: the model is to forecast too, which needs a map, with or without cells.
         seed: of learning.
@@ -88,8 +90,10 @@ def motion_of(
     from dirprim_filter.evaluation.without_map import acceleration_of, background_motion
 
     first, coming, rng = list[Detections](), iter(frames), np.random.default_rng(seed)
-    found, how = Motion(None, acceleration or STRAIGHT_ON), "as stated" if acceleration else f"not learned: {why_not}"
-    if not (acceleration or why_not):
+    found, how = Motion(None, acceleration or fitted or STRAIGHT_ON), f"not learned: {why_not}"
+    if acceleration or fitted:
+        how = "as stated" if acceleration else "fitted to tracks of the log's first minutes, without ids"
+    elif not why_not:
         with working("learning how vehicles move"):
             first = first_minutes(coming, n_most=MOST_ROWS)
             seen = Detections.concatenate(first)

@@ -6,7 +6,7 @@ import logging
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import typer
 
@@ -15,6 +15,7 @@ from dirprim_filter.cli.texts import counted
 
 if TYPE_CHECKING:
     from dirprim_filter.detections import Detections
+    from dirprim_filter.evaluation.calibration import OwnTracks, SelfCalibration
     from dirprim_filter.sensor import Sensor
 
 logger = logging.getLogger(__name__)
@@ -22,8 +23,9 @@ logger = logging.getLogger(__name__)
 UNITS = {
     "latency_s": "s", "detection_probability": "per frame", "clutter_density": "per m2 and frame", "outlier_share": "",
     "spread_m": "m", "bias_m": "m", "correlated_share": "of the variance", "correlation_s": "s",
+    "birth_density": "per m2 and frame",
 }  # fmt: skip
-"""Of a sensor's numbers."""
+"""Of the numbers of a sensor and a scene."""
 LEARNED_FROM_S = 300.0
 """Seconds of a log that a sensor is learned from."""
 MOST_ROWS, MOST_ROWS_UNASKED = 200_000, 10_000
@@ -34,14 +36,26 @@ SENSOR_COUNTS = "its covariances are not used, but the sensor's model; without -
 LOG_COUNTS = "its covariances are used, and the stated noise where it has none; --sensor goes before them"
 
 
+class Sensing(NamedTuple):
+    """What a command goes by.
+
+    Attributes:
+        sensor: its model; None: the noise is that of the filter.
+        tracks: what a log without ids shows beside it; None where it was not asked.
+    """
+
+    sensor: Sensor | None = None
+    tracks: OwnTracks | None = None
+
+
 def sensor_of(
     sensor: str | None, frames: Iterable[Detections], *, log: Path, is_stated: bool, is_live: bool, with_ids: bool,
     seed: int,
-) -> tuple[Sensor | None, Iterable[Detections]]:  # fmt: skip
+) -> tuple[Sensing, Iterable[Detections]]:  # fmt: skip
     """The sensor's model, if its file was given; or what the log shows of it, which is printed; and all its frames.
 
     Where neither the user nor the log's covariances state the noise, the log is asked; if it does not show how the
-    sensor errs, a line says so, and the default noise is left. None: the noise is that of the filter.
+    sensor errs, a line says so, and the default noise is left.
 
     Args:
         sensor: a file, or `AUTO`.
@@ -53,24 +67,24 @@ def sensor_of(
         seed: of learning.
 
     Raises:
-        BadParameter: `auto` was asked for, and the log is live, or its ids are not to be used.
+        BadParameter: `auto` was asked for, and the log is live.
         ValueError: the file is none; or `auto` was asked for, and the log does not show how the sensor errs.
     """
     from dirprim_filter.recording.sensor_file import load_sensor
 
     if sensor not in (None, AUTO):
-        return load_sensor(sensor), _beside_covariances(frames, log, SENSOR_COUNTS)
-    if is_live or not with_ids:
-        why = "a live pipe does not wait for it" if is_live else "without ids no vehicle is named again"
+        return Sensing(load_sensor(sensor)), _beside_covariances(frames, log, SENSOR_COUNTS)
+    if is_live:
+        why = "a live pipe does not wait for it"
         if sensor == AUTO:
-            raise typer.BadParameter(f"auto learns from a log with ids: {why}", param_hint="--sensor")
+            raise typer.BadParameter(f"auto learns from a log that is whole: {why}", param_hint="--sensor")
         if not is_stated:
             _say_default(why)
-        return None, frames
+        return Sensing(), frames
     if is_stated and sensor is None:
-        return None, _beside_covariances(frames, log, LOG_COUNTS)
-    found, frames = _learned(frames, log, seed=seed, is_asked=sensor == AUTO)
-    return found, frames if found is None else _beside_covariances(frames, log, SENSOR_COUNTS)
+        return Sensing(), _beside_covariances(frames, log, LOG_COUNTS)
+    found, frames = _learned(frames, log, seed=seed, is_asked=sensor == AUTO, with_ids=with_ids)
+    return found, frames if found.sensor is None else _beside_covariances(frames, log, SENSOR_COUNTS)
 
 
 def _beside_covariances(frames: Iterable[Detections], log: Path, which: str) -> Iterator[Detections]:
@@ -86,8 +100,8 @@ def _beside_covariances(frames: Iterable[Detections], log: Path, which: str) -> 
 
 
 def _learned(
-    frames: Iterable[Detections], log: Path, *, seed: int, is_asked: bool
-) -> tuple[Sensor | None, Iterable[Detections]]:
+    frames: Iterable[Detections], log: Path, *, seed: int, is_asked: bool, with_ids: bool
+) -> tuple[Sensing, Iterable[Detections]]:
     import numpy as np
 
     from dirprim_filter.cli.progress import working
@@ -100,22 +114,33 @@ def _learned(
         everything = chain(first, coming)
         detections = Detections.concatenate(first)
         if not is_asked and not np.isnan(detections.covariance[:, 0, 0]).all():
-            return None, everything
+            return Sensing(), everything
+        detections = detections if with_ids else detections.without_ids()
         try:
             found = self_calibrate(detections, rng=np.random.default_rng(seed))
         except ValueError as error:
             if is_asked:
                 raise ValueError(f"{log}: --sensor auto: {error}") from error
             _say_default(str(error))
-            return None, everything
-    typer.echo(f"sensor, learned from {found.n_detections} detections in {counted(found.n_pieces, 'piece')} of track")
-    numbers = found.sensor.numbers()
+            return Sensing(), everything
+    typer.echo("\n".join(_lines(found)))
+    return Sensing(found.sensor, found.tracks), everything
+
+
+def _lines(found: SelfCalibration) -> list[str]:
+    """What was learned, from what, and what is not known."""
+    numbers, tracks = found.sensor.numbers(), found.tracks
     shown = {f"{axis}.{name}": numbers[f"{axis}.{name}"]
              for axis in ("along", "across")
              for name in ("spread_m", "correlated_share", "correlation_s")
              if name != "correlation_s" or numbers[f"{axis}.correlated_share"]}  # fmt: skip
-    typer.echo("\n".join([*number_lines(shown), *(f"not known: {line}" for line in found.unknown)]))
-    return found.sensor, everything
+    source = f"{found.n_detections} detections in {counted(found.n_pieces, 'piece')} of track"
+    if tracks is not None:
+        source = f"{len(tracks.seen)} detections without ids, {found.n_detections} of them of vehicles"
+        shown |= {name: numbers[name] for name in ("detection_probability", "clutter_density")}
+        shown["birth_density"] = tracks.tracking.birth_density
+    unknown = [f"not known: {line}" for line in found.unknown]
+    return [f"sensor, learned from {source}", *number_lines(shown), *unknown]
 
 
 def _say_default(why: str) -> None:

@@ -15,7 +15,7 @@ from dirprim_filter.cli import exit_codes, options
 from dirprim_filter.cli.motion import map_of, motion_of
 from dirprim_filter.cli.reading import Reading
 from dirprim_filter.cli.results import CONFIG_KEY, read_filter
-from dirprim_filter.cli.sensing import sensor_of
+from dirprim_filter.cli.sensing import Sensing, sensor_of
 from dirprim_filter.cli.settings import Settings, taken
 from dirprim_filter.cli.texts import counted, say
 from dirprim_filter.recording.topic_names import RosMessages
@@ -96,9 +96,10 @@ def track(
     """Track vehicles of a log, with a learned map or without one.
 
     Estimates are written as MCAP, and shown by rerun (--save, --spawn, --connect). Unless --noise, --sensor, --config
-    or the log states it, the sensor's noise is learned from the log's first minutes, and printed. With --lag a pipe is
-    tracked as it is written. Without --map vehicles move as those of the log's first minutes do anywhere, or if it has
-    no ids straight on, which a line says. Each group of a log is tracked by itself; its vehicles are called group/id.
+    or the log states it, the sensor's noise is learned from the log's first minutes, and printed; without ids also how
+    often it misses vehicles, clutter and births. With --lag a pipe is tracked as it is written. Without --map vehicles
+    move as those of the log's first minutes do anywhere, or if it has no ids straight on, which a line says. Each group
+    of a log is tracked by itself; its vehicles are called group/id.
 
     Example: dirprim track recordings/roundabout_track.mcap --map map.mcap -o tracks.mcap --save tracks.rrd
     """
@@ -136,14 +137,15 @@ def track(
     filtering, association = read_filter(config, settings, Own, n_particles=particles, noise_m=noise)
     stream = reading.detections(log, motion=own.measured_motion, live=is_live)
     coverage, lost = Coverage(primitive_map, map_file, log, is_needed=is_learned and not own.without_map), Losses()
-    sensing, frames = sensor_of(
+    learned, frames = sensor_of(
         sensor, coverage.begun(stream, reading), log=log, is_stated=noise is not None or config is not None,
         is_live=is_live, with_ids=not no_ids, seed=seed,
     )  # fmt: skip
-    sensing, filtering, association = _configured(sensing, settings, filtering, association)
+    sensing, filtering, association = _configured(learned, settings, filtering, association, with_map=bool(map_file))
     moves, frames = motion_of(
         motion, primitive_map.without_places() if primitive_map and own.without_map else primitive_map, frames,
-        config=filtering, acceleration=own.acceleration_density, is_forecast=forecast > 0, seed=seed,
+        config=filtering, acceleration=own.acceleration_density,
+        fitted=learned.tracks.acceleration_density if learned.tracks else 0.0, is_forecast=forecast > 0, seed=seed,
         why_not="a live pipe does not wait for it" if is_live else "--no-ids" if no_ids else "",
     )  # fmt: skip
     smoother = Smoother(lag_s=lag) if smooth or lag is not None else None
@@ -204,17 +206,23 @@ def is_pipe(log: Path) -> bool:
 
 
 def _configured(
-    sensor: Sensor | None, settings: Settings, filtering: FilterConfig, association: TrackingConfig
+    sensing: Sensing, settings: Settings, filtering: FilterConfig, association: TrackingConfig, *, with_map: bool
 ) -> tuple[Sensor | None, FilterConfig, TrackingConfig]:
-    """A sensor and the configurations with what it states, but for what settings state themselves."""
-    if sensor is None:
+    """A sensor and the configurations with what is known of it and the scene, but for what settings state themselves.
+
+    How many vehicles a map expects follows from what it learned of them.
+    """
+    if sensing.sensor is None:
         return None, filtering, association
+    if sensing.tracks is not None and not with_map:
+        learned = {name: getattr(sensing.tracks.tracking, name) for name in ("birth_density", "vehicle_density")}
+        association = replace(association, **{name: of for name, of in learned.items() if name not in settings})
     own: dict[str, Any] = {
         name: getattr(association, name) for name in ("detection_probability", "clutter_density") if name in settings
     }
     if "outlier_probability" in settings:
         own["outlier_share"] = filtering.outlier_probability
-    sensor = replace(sensor, **own)
+    sensor = replace(sensing.sensor, **own)
     return sensor, *sensor.informs(filtering, association)
 
 

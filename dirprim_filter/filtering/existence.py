@@ -114,6 +114,29 @@ def of_own_name(moments: FloatArray, n_detections: int) -> FloatArray:
     return np.asarray(LABELLED * n_detections / (4.0 * np.pi * np.sqrt(np.maximum(spread, 1e-12))))
 
 
+class Tally:
+    """What a tracker's own probabilities say of its log so far, frame after frame as they are updated.
+
+    Attributes:
+        log_density: natural log of the density of all detections, given who is assigned; what is expected by chance in
+            the whole area of the sensor is not subtracted.
+        n_hits: expected number of detections of vehicles, but for those that initialise tracks.
+        n_looks: expected number of vehicles in sight, summed over frames.
+    """
+
+    def __init__(self) -> None:
+        self.log_density = self.n_hits = self.n_looks = 0.0
+
+    def add(self, before: FloatArray, after: FloatArray, is_hit: BoolArray, config: TrackingConfig) -> None:
+        """Take what hits and misses (n,) made of existence, (n, 3) -> (n, 3)."""
+        others, left = (of[:, OCCLUDED:].sum(axis=1) for of in (before, after))  # these are as likely either way
+        norm = np.divide(others, left, out=np.ones_like(left), where=left > 0)  # else there is nothing to compare with
+        missed = before[:, VISIBLE] * (1.0 - config.detection_probability) / norm
+        self.log_density += float(np.log(norm).sum())
+        self.n_looks += float(after[:, VISIBLE].sum())
+        self.n_hits += float((after[:, VISIBLE] - missed)[is_hit].sum())
+
+
 class Undetected:
     """The intensity of vehicles not yet detected, in one group.
 

@@ -69,6 +69,7 @@ class Roster:
 
     Attributes:
         longest_gap_ns: nanoseconds without a measurement after which every track ends.
+        tally: of the hits and misses so far.
     """
 
     time_ns: IntArray  # (slots,) the time each belief holds for
@@ -102,6 +103,7 @@ class Roster:
         self.longest_gap_ns = int(self._max_gap_ns)
         first = config.birth_density / (config.birth_density + config.clutter_density)  # existence of a first detection
         self._forget_below = config.forget_below * first
+        self.tally = existence.Tally()
         self._n_slots = 0
         self._grow(FIRST_CAPACITY)
 
@@ -220,11 +222,14 @@ class Roster:
         is_missed = is_scan & (self.measured_ns < time_ns) & (time_ns - self.counted_ns >= due_ns)
         is_missed[hit] = ~is_explained
         seen, missed = hit[is_explained], self.slots[is_missed[self.slots]]
+        counted, is_hit = np.append(seen, missed), np.arange(seen.size + missed.size) < seen.size
+        before = self.existence[counted]
         self.existence[seen] = existence.after_hit(
             self.existence[seen], log_density[is_explained], by_chance[is_explained], self._config
         )
         self.existence[missed] = existence.after_miss(self.existence[missed], self._config)
-        self.counted_ns[seen] = self.counted_ns[missed] = time_ns
+        self.tally.add(before, self.existence[counted], is_hit, self._config)
+        self.counted_ns[counted] = time_ns
         sure, slot = self.probability >= self._config.confirm_above, self.unlabelled
         for one in slot[sure[slot] & ~self.is_confirmed[slot]].tolist():
             self._number(one)

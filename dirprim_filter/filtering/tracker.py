@@ -17,7 +17,7 @@ from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.filtering import existence
 from dirprim_filter.filtering.association import associated
 from dirprim_filter.filtering.belief import birth_key
-from dirprim_filter.filtering.existence import Undetected
+from dirprim_filter.filtering.existence import Tally, Undetected
 from dirprim_filter.filtering.measurements import innovation, with_unseen_errors
 from dirprim_filter.filtering.particle_filter import bayes_filter_of
 from dirprim_filter.filtering.protocols import BayesFilter, OnMap
@@ -102,6 +102,11 @@ class Tracker:
         return self._roster.longest_gap_ns
 
     @property
+    def tally(self) -> Tally:
+        """What hits and misses so far are worth, for parameters to be compared by."""
+        return self._roster.tally
+
+    @property
     def n_tracks(self) -> int:
         """How many there are, those that are not reported included."""
         return len(self._roster)
@@ -176,6 +181,7 @@ class Tracker:
             self._scanned_ns = now_ns
             self._undetected.advance(passed_ns * 1e-9, roster.longest_gap_ns * 1e-9)
             by_chance = self._undetected.by_chance(detections.position, is_labelled)
+            roster.tally.log_density += float(np.log(by_chance).sum())
         labelled, unlabelled = roster.labelled, roster.unlabelled
         n_steps = (now_ns - roster.time_ns[labelled]) // self._step_ns
         for i in range(int(n_steps.max(initial=0))):

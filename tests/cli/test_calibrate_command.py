@@ -83,7 +83,7 @@ def test_a_bad_sensor_file_is_one_line(text, says, tmp_path):
         ("--end 2 --config own.toml", None),
         ("--end 1 --set fields=stated", None),
         ("--end 0.6", "noise: 0.5 m, unless the log states it: expected at least 8 pieces of track"),
-        ("--end 0.6 --no-ids", "noise: 0.5 m, unless the log states it: without ids"),
+        ("--end 2 --no-ids", "sensor, learned from "),
     ],
 )
 def test_where_no_noise_is_stated_it_is_learned_from_the_log_which_is_tracked_whole(options, says, here, capsys):
@@ -99,6 +99,8 @@ def test_where_no_noise_is_stated_it_is_learned_from_the_log_which_is_tracked_wh
         assert {line.split()[0] for line in said if " m" in line} >= {"along.spread_m", "across.spread_m"}
         assert not any(line.startswith(("latency_s", "along.bias_m")) for line in said)
         assert any(line.startswith("not known: latency_s, along.bias_m, across.bias_m") for line in said)
+        counted = {"detection_probability", "clutter_density", "birth_density"} & {line.split()[0] for line in said}
+        assert len(counted) == 3 * ("--no-ids" in options)
         assert read_estimates("out").time_ns.min() <= TRUTH.time_ns.min() + 500_000_000  # what was learned from too
 
 

@@ -38,7 +38,6 @@ CASES = [
     (f"{TRACK} --smooth --lag 1", USAGE, "--smooth waits for the whole log"),
     (f"{TRACK} --noise 1 --sensor auto", USAGE, "a sensor's model contains the noise"),
     (f"{TRACK} --sensor absent.toml", USAGE, "'absent.toml' does not exist"),
-    (f"{TRACK} --sensor auto --no-ids", USAGE, "auto learns from a log with ids"),
     (f"{TRACK} --end 0.5 --sensor auto", FAILED, "log.mcap: --sensor auto: expected at least 8 pieces of track"),
     (f"{TRACK} --sensor late.toml", FAILED, "error: late.toml: latency_s: expected 0 to 5 seconds, got -1"),
     (f"{TRACK} --set particles_out=many", USAGE, "particles_out: expected a value of type int"),

@@ -31,19 +31,20 @@ def existence_by_enumeration(steps, config):
             else:  # a detection there is the vehicle's, or there by chance
                 weight *= p * density + (1.0 - p) * by_chance if after == 0 else by_chance
         total[path[-1]] += weight
-    return total / total.sum()
+    return total / by_chance ** sum(density is not None for _, density in steps)
 
 
 def existence_by_the_filter(steps, config):
-    first = np.array([config.birth_density])
+    first, tally = np.array([config.birth_density]), existence.Tally()
     state = existence.at_birth(first, config)
     for dt_s, density in steps:
-        state = existence.later(state, np.array([dt_s]), config)
+        before = existence.later(state, np.array([dt_s]), config)
         if density is None:
-            state = existence.after_miss(state, config)
+            state = existence.after_miss(before, config)
         else:
-            state = existence.after_hit(state, np.log([density]), first + config.clutter_density, config)
-    return state[0]
+            state = existence.after_hit(before, np.log([density]), first + config.clutter_density, config)
+        tally.add(before, state, np.array([density is not None]), config)
+    return state[0], tally
 
 
 @pytest.mark.parametrize(
@@ -56,10 +57,11 @@ def existence_by_the_filter(steps, config):
 )
 def test_existence_is_the_sum_over_all_ways_through_the_states(steps):
     config = TrackingConfig(detection_probability=0.8, occlusion_rate=0.3, reappearance_rate=0.6, departure_rate=0.2)
-    expected = existence_by_enumeration(steps, config)
-    np.testing.assert_allclose(existence_by_the_filter(steps, config), expected, rtol=1e-9)
+    expected, (found, tally) = existence_by_enumeration(steps, config), existence_by_the_filter(steps, config)
+    np.testing.assert_allclose(found, expected / expected.sum(), rtol=1e-9)
+    assert tally.log_density == pytest.approx(np.log(expected.sum()), rel=1e-9)
     other = existence_by_enumeration(steps, TrackingConfig(detection_probability=0.7))
-    assert np.abs(other - expected).max() > 1e-6
+    assert np.abs(other / other.sum() - expected / expected.sum()).max() > 1e-6
 
 
 def followed(ring_map, frames, *, filter_of="particles", config=None, tracking=None):

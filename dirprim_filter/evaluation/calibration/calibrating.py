@@ -211,7 +211,7 @@ def _sensor(found: dict[str, Measured], fits: dict[str, ErrorFit]) -> Sensor:
     return Sensor(**numbers, along=axes["along"], across=axes["across"], uncertainty=uncertainty)
 
 
-def share(n: int, of: int) -> Measured:
+def share(n: float, of: float) -> Measured:
     """A share by its count, with half a count to either side so that none is certain."""
     value = (n + 0.5) / (of + 1.0)
     return Measured(value, float(np.sqrt(value * (1.0 - value) / (of + 1.0))))

@@ -7,6 +7,8 @@ noise, as in `Sensor`; the vehicle's acceleration is another such process. How h
 piece to piece: the likelihood is the mean over that, for if each piece took the size that suits it best, motion would
 explain a part of the errors. A Kalman filter of place, speed, acceleration and lasting error computes it.
 
+Detections without ids are tracked first, see `own_tracks`.
+
 Source: Singer, Estimating Optimal Tracking Filter Performance for Manned Maneuvering Targets, 1970, for the
 acceleration; Schweppe, Evaluation of likelihood functions for Gaussian signals, 1965.
 """
@@ -14,7 +16,7 @@ acceleration; Schweppe, Evaluation of likelihood functions for Gaussian signals,
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
@@ -25,6 +27,7 @@ from scipy.special import logsumexp
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.evaluation.calibration._kernels import misfits
+from dirprim_filter.evaluation.calibration.own_tracks import OwnTracks, own_tracks
 from dirprim_filter.sensor import WIDE, AxisError, Sensor
 from dirprim_filter.track_ids import vehicle_numbers
 
@@ -68,6 +71,10 @@ RANGE: tuple[tuple[float, float], ...] = (
 )  # fmt: skip
 """Of each parameter; drivers hold an acceleration for a second or longer."""
 MOST_STEPS = 80
+UNSEEN = (
+    "latency_s, along.bias_m, across.bias_m: detections that are all late or off look as if vehicles were there, and "
+    "no covariance of an estimate contains that"
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,28 +86,54 @@ class SelfCalibration:
         n_pieces: pieces of track that they were learned from.
         n_detections: in them.
         unknown: what cannot be seen without a truth, and why.
+        tracks: of detections without ids; None with ids.
     """
 
     sensor: Sensor
     n_pieces: int
     n_detections: int
     unknown: tuple[str, ...]
+    tracks: OwnTracks | None = None
 
 
 def self_calibrate(detections: Detections, *, rng: np.random.Generator) -> SelfCalibration:
-    """Learn how a sensor errs from what it reports of vehicles in motion.
+    """Learn how a sensor errs from what it reports of vehicles in motion; without ids also misses, clutter and births.
 
     Args:
-        detections: with ids: of a few minutes.
+        detections: of a few minutes. If none has an id they are tracked, else those that have one count.
         rng: which pieces of track are looked at, where there are many.
 
     Raises:
-        ValueError: detections have no ids, or too few are of vehicles in motion.
+        ValueError: too few detections with ids are of vehicles in motion, or nothing can be tracked.
     """
     named = detections[detections.track_id != NO_ID]
-    if len(named) == 0:
-        raise ValueError("expected detections with ids, to learn from how the same vehicle is seen again; got none")
-    pieces = pieces_of(named, n_most=MOST_PIECES, rng=rng)
+    if len(named):
+        found = _of_pieces(pieces_of(named, n_most=MOST_PIECES, rng=rng))
+        if found is None:
+            raise ValueError(
+                f"expected at least {FEWEST_PIECES} pieces of track of moving vehicles: state the noise, or calibrate "
+                "the sensor against a truth"
+            )
+        uncounted = "detection_probability, clutter_density, outlier_share: a truth is needed to count them"
+        return replace(found, unknown=(*found.unknown, uncounted))
+    tracks = own_tracks(detections)
+    seen = tracks.seen[tracks.seen.track_id != NO_ID]
+    pieces = pieces_of(seen, n_most=MOST_PIECES, rng=rng)
+    white = SelfCalibration(
+        sensor=Sensor.white(tracks.noise.value), n_pieces=0, n_detections=len(seen), unknown=(UNSEEN,)
+    )
+    found = _of_pieces(pieces) or white
+    counted = {name: getattr(tracks, name) for name in ("detection_probability", "clutter_density")}
+    uncertainty = {name: WIDE * number.error for name, number in counted.items()}
+    sensor = replace(
+        found.sensor, **{name: number.value for name, number in counted.items()},
+        uncertainty={**found.sensor.uncertainty, **uncertainty},
+    )  # fmt: skip
+    return replace(found, sensor=sensor, tracks=tracks)
+
+
+def _of_pieces(pieces: Pieces) -> SelfCalibration | None:
+    """The errors in these pieces of track; None if there are too few."""
     n = pieces.length.size
     errors = [_likeliest_error(pieces, position) for position in (pieces.along, pieces.across)] if n else []
     found = partial(SelfCalibration, n_pieces=n, n_detections=int(pieces.length.sum()))
@@ -111,18 +144,13 @@ def self_calibrate(detections: Detections, *, rng: np.random.Generator) -> SelfC
         )
         return found(sensor=SMOOTH, unknown=(unknown,))
     if n < FEWEST_PIECES:
-        raise ValueError(
-            f"expected at least {FEWEST_PIECES} pieces of track of moving vehicles, got {n}: state the noise, or "
-            "calibrate the sensor against a truth"
-        )
+        return None
     along, across = errors
     too_long = [name for name, at in (("along", along), ("across", across)) if _lasts_too_long(at)]
     return found(
         sensor=Sensor(along=_axis(along), across=_axis(across)),
         unknown=(
-            "latency_s, along.bias_m, across.bias_m: detections that are all late or off look as if vehicles were "
-            "there, and no covariance of an estimate contains that",
-            "detection_probability, clutter_density, outlier_share: a truth is needed to count them",
+            UNSEEN,
             *(f"{name}: errors that last {LONGEST_LASTING_S:g} s or longer look like the vehicle's own way"
               for name in too_long),
         ),
