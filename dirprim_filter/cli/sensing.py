@@ -6,7 +6,7 @@ import logging
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -36,26 +36,15 @@ SENSOR_COUNTS = "its covariances are not used, but the sensor's model; without -
 LOG_COUNTS = "its covariances are used, and the stated noise where it has none; --sensor goes before them"
 
 
-class Sensing(NamedTuple):
-    """What a command goes by.
-
-    Attributes:
-        sensor: its model; None: the noise is that of the filter.
-        tracks: what a log without ids shows beside it; None where it was not asked.
-    """
-
-    sensor: Sensor | None = None
-    tracks: OwnTracks | None = None
-
-
 def sensor_of(
     sensor: str | None, frames: Iterable[Detections], *, log: Path, is_stated: bool, is_live: bool, with_ids: bool,
     seed: int,
-) -> tuple[Sensing, Iterable[Detections]]:  # fmt: skip
+) -> tuple[Sensor | None, OwnTracks | None, Iterable[Detections]]:  # fmt: skip
     """The sensor's model, if its file was given; or what the log shows of it, which is printed; and all its frames.
 
     Where neither the user nor the log's covariances state the noise, the log is asked; if it does not show how the
-    sensor errs, a line says so, and the default noise is left.
+    sensor errs, a line says so, and the default noise is left. None: the noise is that of the filter. Of a log without
+    ids there are its own tracks too.
 
     Args:
         sensor: a file, or `AUTO`.
@@ -73,18 +62,20 @@ def sensor_of(
     from dirprim_filter.recording.sensor_file import load_sensor
 
     if sensor not in (None, AUTO):
-        return Sensing(load_sensor(sensor)), _beside_covariances(frames, log, SENSOR_COUNTS)
+        return load_sensor(sensor), None, _beside_covariances(frames, log, SENSOR_COUNTS)
     if is_live:
         why = "a live pipe does not wait for it"
         if sensor == AUTO:
             raise typer.BadParameter(f"auto learns from a log that is whole: {why}", param_hint="--sensor")
         if not is_stated:
             _say_default(why)
-        return Sensing(), frames
+        return None, None, frames
     if is_stated and sensor is None:
-        return Sensing(), _beside_covariances(frames, log, LOG_COUNTS)
+        return None, None, _beside_covariances(frames, log, LOG_COUNTS)
     found, frames = _learned(frames, log, seed=seed, is_asked=sensor == AUTO, with_ids=with_ids)
-    return found, frames if found.sensor is None else _beside_covariances(frames, log, SENSOR_COUNTS)
+    if found is None:
+        return None, None, frames
+    return found.sensor, found.tracks, _beside_covariances(frames, log, SENSOR_COUNTS)
 
 
 def _beside_covariances(frames: Iterable[Detections], log: Path, which: str) -> Iterator[Detections]:
@@ -101,7 +92,7 @@ def _beside_covariances(frames: Iterable[Detections], log: Path, which: str) -> 
 
 def _learned(
     frames: Iterable[Detections], log: Path, *, seed: int, is_asked: bool, with_ids: bool
-) -> tuple[Sensing, Iterable[Detections]]:
+) -> tuple[SelfCalibration | None, Iterable[Detections]]:
     import numpy as np
 
     from dirprim_filter.cli.progress import working
@@ -114,7 +105,7 @@ def _learned(
         everything = chain(first, coming)
         detections = Detections.concatenate(first)
         if not is_asked and not np.isnan(detections.covariance[:, 0, 0]).all():
-            return Sensing(), everything
+            return None, everything
         detections = detections if with_ids else detections.without_ids()
         try:
             found = self_calibrate(detections, rng=np.random.default_rng(seed))
@@ -122,9 +113,9 @@ def _learned(
             if is_asked:
                 raise ValueError(f"{log}: --sensor auto: {error}") from error
             _say_default(str(error))
-            return Sensing(), everything
+            return None, everything
     typer.echo("\n".join(_lines(found)))
-    return Sensing(found.sensor, found.tracks), everything
+    return found, everything
 
 
 def _lines(found: SelfCalibration) -> list[str]:

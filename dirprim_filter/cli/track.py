@@ -15,7 +15,7 @@ from dirprim_filter.cli import exit_codes, options
 from dirprim_filter.cli.motion import map_of, motion_of
 from dirprim_filter.cli.reading import Reading
 from dirprim_filter.cli.results import CONFIG_KEY, read_filter
-from dirprim_filter.cli.sensing import Sensing, sensor_of
+from dirprim_filter.cli.sensing import sensor_of
 from dirprim_filter.cli.settings import Settings, taken
 from dirprim_filter.cli.texts import counted, say
 from dirprim_filter.recording.topic_names import RosMessages
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from dirprim_filter.cli.coverage import Coverage
     from dirprim_filter.config import FilterConfig, TrackingConfig
     from dirprim_filter.estimates import EstimateSink
+    from dirprim_filter.evaluation.calibration import OwnTracks
     from dirprim_filter.filtering import GroupTracker
     from dirprim_filter.recording.writer import EstimateWriter
     from dirprim_filter.sensor import Sensor
@@ -137,15 +138,17 @@ def track(
     filtering, association = read_filter(config, settings, Own, n_particles=particles, noise_m=noise)
     stream = reading.detections(log, motion=own.measured_motion, live=is_live)
     coverage, lost = Coverage(primitive_map, map_file, log, is_needed=is_learned and not own.without_map), Losses()
-    learned, frames = sensor_of(
+    sensing, own_tracks, frames = sensor_of(
         sensor, coverage.begun(stream, reading), log=log, is_stated=noise is not None or config is not None,
         is_live=is_live, with_ids=not no_ids, seed=seed,
     )  # fmt: skip
-    sensing, filtering, association = _configured(learned, settings, filtering, association, with_map=bool(map_file))
+    sensing, filtering, association = _configured(
+        sensing, None if map_file else own_tracks, settings, filtering, association
+    )
     moves, frames = motion_of(
         motion, primitive_map.without_places() if primitive_map and own.without_map else primitive_map, frames,
         config=filtering, acceleration=own.acceleration_density,
-        fitted=learned.tracks.acceleration_density if learned.tracks else 0.0, is_forecast=forecast > 0, seed=seed,
+        fitted=own_tracks.acceleration_density if own_tracks else 0.0, is_forecast=forecast > 0, seed=seed,
         why_not="a live pipe does not wait for it" if is_live else "--no-ids" if no_ids else "",
     )  # fmt: skip
     smoother = Smoother(lag_s=lag) if smooth or lag is not None else None
@@ -206,23 +209,21 @@ def is_pipe(log: Path) -> bool:
 
 
 def _configured(
-    sensing: Sensing, settings: Settings, filtering: FilterConfig, association: TrackingConfig, *, with_map: bool
-) -> tuple[Sensor | None, FilterConfig, TrackingConfig]:
-    """A sensor and the configurations with what is known of it and the scene, but for what settings state themselves.
-
-    How many vehicles a map expects follows from what it learned of them.
-    """
-    if sensing.sensor is None:
+    sensor: Sensor | None, tracks: OwnTracks | None, settings: Settings, filtering: FilterConfig,
+    association: TrackingConfig,
+) -> tuple[Sensor | None, FilterConfig, TrackingConfig]:  # fmt: skip
+    """A sensor and configurations with what is known of it and of the scene, but for what settings state themselves."""
+    if sensor is None:
         return None, filtering, association
-    if sensing.tracks is not None and not with_map:
-        learned = {name: getattr(sensing.tracks.tracking, name) for name in ("birth_density", "vehicle_density")}
+    if tracks is not None:
+        learned = {name: getattr(tracks.tracking, name) for name in ("birth_density", "vehicle_density")}
         association = replace(association, **{name: of for name, of in learned.items() if name not in settings})
     own: dict[str, Any] = {
         name: getattr(association, name) for name in ("detection_probability", "clutter_density") if name in settings
     }
     if "outlier_probability" in settings:
         own["outlier_share"] = filtering.outlier_probability
-    sensor = replace(sensing.sensor, **own)
+    sensor = replace(sensor, **own)
     return sensor, *sensor.informs(filtering, association)
 
 
