@@ -15,7 +15,8 @@ from dirprim_filter.cli.texts import counted
 
 if TYPE_CHECKING:
     from dirprim_filter.detections import Detections
-    from dirprim_filter.evaluation.calibration import OwnTracks, SelfCalibration
+    from dirprim_filter.evaluation.calibration.own_tracks import OwnTracks
+    from dirprim_filter.evaluation.calibration.self_calibration import SelfCalibration
     from dirprim_filter.sensor import Sensor
 
 logger = logging.getLogger(__name__)

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from dirprim_filter.cli.coverage import Coverage
     from dirprim_filter.config import FilterConfig, TrackingConfig
     from dirprim_filter.estimates import EstimateSink
-    from dirprim_filter.evaluation.calibration import OwnTracks
+    from dirprim_filter.evaluation.calibration.own_tracks import OwnTracks
     from dirprim_filter.filtering import GroupTracker
     from dirprim_filter.recording.writer import EstimateWriter
     from dirprim_filter.sensor import Sensor

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dirprim_filter.evaluation.calibration import self_calibrate
 from dirprim_filter.evaluation.calibration.own_tracks import own_tracks
+from dirprim_filter.evaluation.calibration.self_calibration import self_calibrate
 from dirprim_filter.sensor import WIDE
 from dirprim_filter.simulation.sensor import detect
 from evaluation.test_calibration import circling

@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize
@@ -27,9 +27,11 @@ from scipy.special import logsumexp
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.evaluation.calibration._kernels import misfits
-from dirprim_filter.evaluation.calibration.own_tracks import OwnTracks, own_tracks
 from dirprim_filter.sensor import WIDE, AxisError, Sensor
 from dirprim_filter.track_ids import vehicle_numbers
+
+if TYPE_CHECKING:
+    from dirprim_filter.evaluation.calibration.own_tracks import OwnTracks
 
 SPREAD, SHARE, LASTS, SIZE, HOLDS, DIFFER = range(6)
 """Parameters: of the error log standard deviation, logit of the share that lasts, log seconds that it lasts; of the
@@ -116,6 +118,8 @@ def self_calibrate(detections: Detections, *, rng: np.random.Generator) -> SelfC
             )
         uncounted = "detection_probability, clutter_density, outlier_share: a truth is needed to count them"
         return replace(found, unknown=(*found.unknown, uncounted))
+    from dirprim_filter.evaluation.calibration.own_tracks import own_tracks  # noqa: PLC0415 - ids do without a tracker
+
     tracks = own_tracks(detections)
     seen = tracks.seen[tracks.seen.track_id != NO_ID]
     pieces = pieces_of(seen, n_most=MOST_PIECES, rng=rng)
