@@ -22,8 +22,8 @@ def dp_means(feature: FloatArray, order: IntArray, opens_at: float, most: int, l
     on, a mean over the known features, a visit opens a group.
     """
     f = feature.shape[1]
-    total, known = np.zeros((most, f)), np.zeros((most, f))
-    label[:] = -1
+    total, known = np.empty((most, f)), np.empty((most, f))
+    total[:], known[:], label[:] = 0.0, 0.0, -1
     n_groups = 0
     for number in range(PASSES):
         changed = False

@@ -66,8 +66,8 @@ def expectation(
         The log likelihood.
     """
     k, curved = sums.shape[0], sums.shape[1] == CURVED_SUMS
-    factor = np.zeros((k, 8))  # of 1, cosine, sine, log speed and speed in the log density; for the slopes' scores
-    sums[:] = 0.0
+    factor = np.empty((k, 8))  # of 1, cosine, sine, log speed and speed in the log density; for the slopes' scores
+    factor[:], sums[:] = 0.0, 0.0
     for m in range(k):
         cosine, sine = math.cos(table[m, MEAN]), math.sin(table[m, MEAN])
         concentration = math.expm1(table[m, LOG_CONCENTRATION])

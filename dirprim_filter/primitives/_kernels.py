@@ -64,9 +64,8 @@ def fit_cells_at_once(
     """
     for c in range(first, last):
         at, n, vehicles = start[c], start[c + 1] - start[c], n_vehicles[c]
-        filled = np.empty((3, ON_CIRCLE))
+        filled, trial = np.empty((3, ON_CIRCLE)), np.empty((bounds.max_modes, N_CURVED))
         used, total, mean_speed = sort_around(columns, at, n, filled)
-        trial = np.zeros((bounds.max_modes, N_CURVED))
         best, chosen = -np.inf, 0
         cost = bounds.parameter_cost * 0.5 * math.log(max(vehicles, 2.0))
         enough = 0.0 if bounds.curved else COMPARED * cost
@@ -103,7 +102,8 @@ def sort_around(columns: FloatArray, at: int, n: int, filled: FloatArray) -> tup
     Returns:
         How many there are, the weight of all, and the mean speed; none where no row has any weight.
     """
-    weight = np.zeros(ON_CIRCLE)
+    weight = np.empty(ON_CIRCLE)
+    weight[:] = 0.0  # `zeros` would compile three functions of numba
     total, speed = 0.0, 0.0
     for i in range(at, at + n):
         turn = math.atan2(columns[SINE, i], columns[COSINE, i]) / TWO_PI
@@ -175,9 +175,10 @@ def ascend(
     total = 0.0
     for i in range(at, at + n):
         total += columns[WEIGHT, i]
-    sums, usual = np.zeros((k, CURVED_SUMS if curved else SUMS)), usual_log_density(bounds)
+    sums, usual = np.empty((k, CURVED_SUMS if curved else SUMS)), usual_log_density(bounds)
     room = np.empty((REST + k * (1 + N_COLUMNS), BLOCK))  # of `expectation`, kept from one iteration to the next
-    history = np.zeros((2 * DEPTH + 4, k, width))  # how places changed, how steps did, then what they were last
+    history = np.empty((2 * DEPTH + 4, k, width))  # how places changed, how steps did, then what they were last
+    history[:] = 0.0
     here, step = 2 * DEPTH, 2 * DEPTH + 1
     was, would = step + 1, step + 2
     mixed, halvings, driven = -1, 0, k  # mixed: changes that are known; -1 before the first step
@@ -232,7 +233,8 @@ def ascend(
 @compiled
 def _mix(history: FloatArray, n: int, bounds: Bounds, table: FloatArray) -> None:
     """Move from EM's point to that where the last n steps, each linear in its place, would shrink most."""
-    a, share = np.zeros((n, n)), np.zeros(n)
+    a, share = np.empty((n, n)), np.empty(n)
+    a[:], share[:] = 0.0, 0.0
     reach = 0.5 / bounds.bend_scale  # metres by which a slope is weighed against the mean: half a cell
     k, width = history.shape[1], history.shape[2]
     for m in range(k):

@@ -80,9 +80,9 @@ def behind(
 def ahead_of_each(state: FloatArray, first: IntArray, seen: FloatArray) -> None:
     """Fills (n, 3), see `behind`: the leader, straight on, of each vehicle of each instant, see `Instants`."""
     n, none = len(state), np.int64(-1)  # no literal, nor parts of rows: `behind` would be compiled once more
-    straight, position, direction = np.zeros(n), np.empty((n, 2)), np.empty(n)
+    straight, position, direction = np.empty(n), np.empty((n, 2)), np.empty(n)
     for j in range(n):
-        position[j, 0], position[j, 1], direction[j] = state[j, 0], state[j, 1], state[j, 2]
+        position[j, 0], position[j, 1], direction[j], straight[j] = state[j, 0], state[j, 1], state[j, 2], 0.0
     for i in range(first.size - 1):
         a, b = first[i], first[i + 1]
         others = state[a:b].reshape((1, b - a, 4))
