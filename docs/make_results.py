@@ -120,9 +120,9 @@ def rounded(figure: Any) -> Any:
 
 
 def commit_at_hand() -> str:
-    """Its short name; marked as not clean if anything but documents differs from it."""
+    """Its short name; marked as not clean if anything but documents differs from it, which a run writes."""
     git = ["git", "-C", str(ROOT)]
-    status = [*git, "status", "--porcelain", "--untracked-files=no", "--", ".", ":!docs"]
+    status = [*git, "status", "--porcelain", "--untracked-files=no", "--", ".", ":!docs", ":!README.md"]
     others = subprocess.run(status, capture_output=True, text=True, check=True).stdout  # noqa: S603
     name = subprocess.run([*git, "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=True).stdout  # noqa: S603
     return name.strip() + ("-dirty" if others.strip() else "")
