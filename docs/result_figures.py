@@ -27,15 +27,15 @@ def densities(output: str) -> dict[str, Any]:
 
 
 def forecasts(output: str) -> dict[str, Any]:
-    """The methods of `evaluate forecast`, by horizon, and the least and greatest share in the 90 % region."""
+    """The methods of `evaluate forecast`, by horizon, and the least and greatest share in each region."""
     rows = {}
     for method in json.loads(output)["methods"]:
-        shares = [score["coverage_90"] for score in method["horizons"]]
+        shares = {of: [score[f"coverage_{of}"] for score in method["horizons"]] for of in ("50", "90")}
         by_horizon = {f"{score['horizon_s']:g}": score for score in method["horizons"]}
         rows[method["name"]] = {
             "energy": {horizon: score["energy"] for horizon, score in by_horizon.items()},
             "less": {horizon: score["gain"] for horizon, score in by_horizon.items()},
-            "coverage": f"{min(shares):.2f} to {max(shares):.2f}" if shares else "",
+            "coverage": {of: f"{min(held):.2f} to {max(held):.2f}" for of, held in shares.items() if held},
         }
     return rows
 

@@ -229,9 +229,10 @@ TABLES: dict[str, Table] = {
             Column(head="at 5 s, m", read=of_key("energy", "5")),
             *(Column(head=f"the map is nearer at {s} s, %", read=of_key("less", str(s), times=100.0), digits=0)
               for s in (1, 3, 5, 8)),
-            Column(head="in the 90 % region", read=of_key("coverage")),
+            Column(head="in the 50 % region", read=of_key("coverage", "50")),
+            Column(head="in the 90 % region", read=of_key("coverage", "90")),
         ),
-        blocks=(("energy at 1 s / 5 s, m / truth in the 90 % regions", (0, 1, 6)),
+        blocks=(("energy at 1 s / 5 s, m / truth in the 50 % / in the 90 % regions", (0, 1, 6, 7)),
                 ("the map is nearer at 1 s / 5 s / 8 s, %", (2, 4, 5))),
         renamed=WITHOUT,
     ),

@@ -75,13 +75,13 @@ def test_a_difference_is_bold_where_its_interval_does_not_hold_nought(elsewhere)
     beyond, within = {"value": 12.0, "low": 3.0, "high": 21.0}, {"value": -1.0, "low": -3.0, "high": 1.0}
     nothing = {"value": 0.0, "low": 0.0, "high": 0.0}
     figures = {
-        "prior": [0.5, 0.25, nothing, nothing, nothing, None, "0.88 to 0.91"],
-        "constant velocity": [0.75, 1234.5, beyond, within, {"value": 2.0, "low": None, "high": None}, None, ""],
+        "prior": [0.5, 0.25, nothing, nothing, nothing, None, "0.50 to 0.56", "0.88 to 0.91"],
+        "constant velocity": [0.75, 1234.5, beyond, within, {"value": 2.0, "low": None, "high": None}, None, "", ""],
     }
     elsewhere.store("forecasts", {"roundabout": record(elsewhere, "forecasts", figures=figures), "no such run": {}})
     shown = elsewhere.page()
     for line in (
-        "|prior|0.50/0.25/0.88-0.91|", "|constant velocity|0.75/1,234.50/|",
+        "|prior|0.50/0.25/0.50-0.56/0.88-0.91|", "|constant velocity|0.75/1,234.50//|",
         "|constant velocity|**+12**±9/+2/|", "`, abc1234 (2026-01-01)",
         "|forecasts 5 s ahead|roundabout|constant velocity|+2 (not distinguishable)|",
     ):  # fmt: skip
