@@ -20,6 +20,8 @@ from dirprim_filter.track_ids import in_order
 
 logger = logging.getLogger(__name__)
 
+MOVING_FROM = 0.5
+"""m/s, as in the paper: a slower vehicle has no course to measure or to be wrong about, only its body's heading."""
 HALF_WINDOWS_S = (0.25, 0.5, 1.0)
 """Positions are differenced over one of these times to either side: the shortest is two rows of 10 Hz data."""
 MAX_COURSE_ERROR = 0.03
@@ -41,8 +43,8 @@ STANDARD_DEVIATION_OF_MEDIAN = 0.6744897501960817
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Motion:
-    """Motion derived from positions, row by row."""
+class DerivedMotion:
+    """DerivedMotion derived from positions, row by row."""
 
     direction: FloatArray  # (n,) course over ground, radians; the body's heading where positions do not determine it
     speed: FloatArray  # (n,) m/s; NaN where a row has no neighbour in time
@@ -52,7 +54,9 @@ class Motion:
     keeps_heading: bool  # the positions are so noisy that headings estimate the course better
 
 
-def motion_of(vehicle: IntArray, time_ns: IntArray, position: FloatArray, heading: FloatArray | None = None) -> Motion:
+def motion_of(
+    vehicle: IntArray, time_ns: IntArray, position: FloatArray, heading: FloatArray | None = None
+) -> DerivedMotion:
     """The motion of vehicles by their positions, each vehicle by itself.
 
     Where a vehicle stands its course is that of its row nearest in time that moves, with no long gap between; where
@@ -83,7 +87,7 @@ def motion_of(vehicle: IntArray, time_ns: IntArray, position: FloatArray, headin
     np.divide(np.hypot(*moved.T), span_s, out=along, where=span_s > 0)
     given = np.empty((2, len(time_ns)))  # in the order of the rows given
     given[:, ways.order] = direction, along
-    return Motion(
+    return DerivedMotion(
         direction=wrap(given[0]), speed=given[1], half_window_s=half_window_s, noise=noise, median_speed=speed,
         keeps_heading=bool(too_noisy and np.isfinite(yaw).any()),
     )  # fmt: skip
@@ -176,7 +180,7 @@ def _ns(seconds: float) -> int:
     return int(seconds * 1e9)
 
 
-def log_motion(motion: Motion, n: int) -> None:
+def log_motion(motion: DerivedMotion, n: int) -> None:
     """One line on how the courses of n rows were derived."""
     level = logging.WARNING if motion.keeps_heading else logging.INFO
     logger.log(

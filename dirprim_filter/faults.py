@@ -14,7 +14,7 @@ from dirprim_filter.jumps import ACCELERATION, FASTEST, Scale
 
 MAX_STEP_S, INTERVALS_IN_STEP = 2.0, 3.0
 """Across a longer pause nothing is known of the path between; of rows that come seldom, across so many intervals."""
-MOVING_FROM = 1.0
+DRIVES_FROM = 1.0
 """m/s: the distance that standing vehicles drive says nothing of units."""
 LEAST_STEPS, LEAST_COMPARED = 8, 20
 UNLIKE_RATIO, UNLIKE_ANGLE = 1.6, np.pi / 6
@@ -92,7 +92,7 @@ def find_faults(
     later, moves = later_rows(vehicle, time_ns, longest_s, longest_s)
     driven = np.append(0.0, np.cumsum(np.diff(time_ns) * 0.5e-9 * (speed[1:] + speed[:-1])))[: speed.size]
     distance = driven[later] - driven
-    moves &= distance >= MOVING_FROM * longest_s
+    moves &= distance >= DRIVES_FROM * longest_s
     if np.count_nonzero(moves) < LEAST_COMPARED:
         return found
     way_m = (position[later] - position)[moves]

@@ -26,7 +26,7 @@ MOST_ROWS = 10_000
 """Detections that motion is learned from."""
 
 
-class Motion(NamedTuple):
+class MotionModel(NamedTuple):
     """A model of motion.
 
     Attributes:
@@ -60,7 +60,7 @@ def motion_of(
     choice: Literal["learned", "constant-velocity"], by_map: PrimitiveMap | None, frames: Iterable[Detections], *,
     config: FilterConfig, acceleration: float = 0.0, fitted: float = 0.0, why_not: str = "", is_forecast: bool = False,
     seed: int,
-) -> tuple[Motion, Iterable[Detections]]:  # fmt: skip
+) -> tuple[MotionModel, Iterable[Detections]]:  # fmt: skip
     """The model, which a line states unless it is the given map; and all the frames.
 
     Without a map it is the background motion of the log's first minutes; constant velocity is fitted to them. Where
@@ -81,7 +81,7 @@ def motion_of(
         ValueError: it is to forecast, and nothing could be learned.
     """
     if choice == "learned" and by_map is not None:
-        return Motion(by_map), frames
+        return MotionModel(by_map), frames
 
     import numpy as np
 
@@ -90,7 +90,7 @@ def motion_of(
     from dirprim_filter.evaluation.without_map import acceleration_of, background_motion
 
     first, coming, rng = list[Detections](), iter(frames), np.random.default_rng(seed)
-    found, how = Motion(None, acceleration or fitted or STRAIGHT_ON), f"not learned: {why_not}"
+    found, how = MotionModel(None, acceleration or fitted or STRAIGHT_ON), f"not learned: {why_not}"
     if acceleration or fitted:
         how = "as stated" if acceleration else "fitted to tracks of the log's first minutes, without ids"
     elif not why_not:
@@ -101,9 +101,9 @@ def motion_of(
             of = f"{counted(int((n_rows > 1).sum()), 'vehicle')} of the log's first minutes"
             try:
                 if choice == "learned":
-                    found, how = Motion(background_motion(seen, rng=rng)), f"as {of} move anywhere"
+                    found, how = MotionModel(background_motion(seen, rng=rng)), f"as {of} move anywhere"
                 else:
-                    found, how = Motion(None, acceleration_of(seen, config, rng=rng)), f"fitted to {of}"
+                    found, how = MotionModel(None, acceleration_of(seen, config, rng=rng)), f"fitted to {of}"
             except ValueError as error:
                 how = f"not learned: {error}"
     if is_forecast and found.primitive_map is None:

@@ -22,6 +22,7 @@ from typing import Any, NamedTuple, get_args, get_type_hints
 import numpy as np
 
 from dirprim_filter.arrays import FloatArray
+from dirprim_filter.course import MOVING_FROM
 from dirprim_filter.distributions.angles import TWO_PI
 from dirprim_filter.evaluation.baselines.directional_grid_map import DirectionalGridMap
 from dirprim_filter.evaluation.baselines.gaussian_process import DirectionalGaussianProcess
@@ -134,8 +135,6 @@ class Uninformative:
         return self.direction_log_density(position, direction) + self.speed_log_density(position, speed)
 
 
-MOVING_FROM = 0.5
-"""m/s, as in the paper: slower rows count for nothing, neither here nor there, as their direction is the body's."""
 INNER_FOLDS = 4
 """A fourth of the training part chooses a rival's settings."""
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
+from dirprim_filter.course import MOVING_FROM
 from dirprim_filter.distributions import gaussian
 from dirprim_filter.distributions.angles import difference
 from dirprim_filter.evaluation.metrics.clear_mot import clear_mot, identity_f1
@@ -18,8 +19,6 @@ from dirprim_filter.evaluation.tracked_rows import TrackedRows, names_in_group
 from dirprim_filter.track_ids import vehicle_numbers
 from dirprim_filter.tracks import Tracks
 
-MOVING_FROM = 0.5
-"""m/s; below it a vehicle has no course to be wrong about."""
 GAP_FROM_S = 0.5
 """Where only the tracker says when a vehicle was measured: unseen for longer is a gap, for less a missed frame."""
 

@@ -21,8 +21,6 @@ TAIL = 6.0
 """How many times as wide as its Gaussian the tail of a position's error is, Student's t of two degrees of freedom."""
 LOST = 1e-3
 """Share of wrong positions by which it is judged whether a belief explains one, where none are said to be wrong."""
-MOVING_FROM = 0.5
-"""m/s; slower vehicles have no measured course."""
 FASTEST = 60.0
 """m/s; an outlier of a measured speed, or a false detection's, lies anywhere below it."""
 

@@ -16,12 +16,13 @@ import numpy as np
 
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.config import FilterConfig
+from dirprim_filter.course import MOVING_FROM
 from dirprim_filter.detections import Detections
 from dirprim_filter.distributions import von_mises
 from dirprim_filter.filtering import _conditioning, _kernels, _measuring, _resampling
 from dirprim_filter.filtering.belief import BeliefSamples, ParticleBelief, weigh_by_cue
 from dirprim_filter.filtering.kalman import ConstantVelocityKalman, WanderingKalman
-from dirprim_filter.filtering.measurements import FASTEST, LOST, MOVING_FROM
+from dirprim_filter.filtering.measurements import FASTEST, LOST
 from dirprim_filter.filtering.protocols import BayesFilter, Evidence, Places, States
 from dirprim_filter.filtering.smoothing import _kernels as smoothing
 from dirprim_filter.primitives._leader import ALONE

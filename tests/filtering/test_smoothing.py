@@ -14,7 +14,7 @@ from dirprim_filter.estimates import EstimateList
 from dirprim_filter.filtering import ConstantVelocityKalman, GroupTracker, ParticleFilter
 from dirprim_filter.filtering.kalman import FIRST_SPEED_STD
 from dirprim_filter.filtering.protocols import States
-from dirprim_filter.filtering.smoothing.links import Step, links_of, tempered
+from dirprim_filter.filtering.smoothing.links import Before, links_of, tempered
 from dirprim_filter.filtering.smoothing.recorder import Recorder
 from dirprim_filter.filtering.smoothing.smoother import Smoother
 from dirprim_filter.primitives.motion import PUSH_RATE
@@ -282,7 +282,7 @@ def linked(weight, then, now):
         )
         for of in (then, now)
     )
-    link = links_of(particles, [[Step(0, then)]], now, np.array([10**8]), np.zeros((1, 5, 5)))[0][0]
+    link = links_of(particles, [[Before(0, then)]], now, np.array([10**8]), np.zeros((1, 5, 5)))[0][0]
     return link["mean"], link["later"], link["gain"], link["spread"]
 
 

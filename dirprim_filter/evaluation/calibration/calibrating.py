@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
+from dirprim_filter.course import MOVING_FROM
 from dirprim_filter.detections import Detections
 from dirprim_filter.evaluation.calibration.gauss_markov import ErrorFit, fit_errors
 from dirprim_filter.evaluation.calibration.pairing import APART_M, Scene, TruthRows, find_lag
@@ -26,8 +27,6 @@ LEAST_SPREAD = 0.05
 GATES_M = (2.0, 8.0)
 GATE_SPREADS = 6.0
 """So many spreads from the truth a detection is of something else, between `GATES_M`."""
-MOVING_FROM = 0.5
-"""m/s: of slower vehicles the way has no direction."""
 FEWEST = 30
 """Pairs of detections and true positions."""
 LATENCY_KNOWN_S = 0.15

@@ -25,6 +25,7 @@ from scipy.optimize import minimize
 from scipy.special import logsumexp
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
+from dirprim_filter.course import MOVING_FROM
 from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.evaluation.calibration._kernels import misfits
 from dirprim_filter.sensor import WIDE, AxisError, Sensor
@@ -44,8 +45,6 @@ LONGEST, FEWEST = 50, 12
 LEAST_STEP_S = 0.09
 """Detections nearer in time are passed over: pieces would be too short to separate errors that last from white ones."""
 LONGEST_PAUSE_S = 1.0
-MOVING_FROM = 0.5
-"""m/s: of slower vehicles the way has no direction that is worth to be known."""
 BEND_S, MOST_BENDS = 1.6, 3
 """Seconds of a piece for each degree of the polynomial in time whose course it is unrolled by, and the highest degree:
 of short pieces a course that bends would follow the errors that last."""

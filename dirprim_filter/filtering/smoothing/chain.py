@@ -14,7 +14,7 @@ from dirprim_filter.filtering.kalman import ConstantVelocityKalman
 from dirprim_filter.filtering.protocols import States
 from dirprim_filter.filtering.smoothing import _kernels
 from dirprim_filter.filtering.smoothing.bridge import Ends, Gaussian, without
-from dirprim_filter.filtering.smoothing.links import LINK, MOVES, Belief, Step, unlinked
+from dirprim_filter.filtering.smoothing.links import LINK, MOVES, Before, Belief, unlinked
 
 PAUSE_NS = 350_000_000
 """A vehicle in sight is seldom missed for so long."""
@@ -110,7 +110,7 @@ class Chain:
         self.existence, self.patience_ns = 0.0, LABELLED_GAP_NS
         self.first_ns = first.time_ns
         self.last, self.straight, self.samples = first, straight, samples
-        self.path: list[Step] = []
+        self.path: list[Before] = []
         self._spans: list[Span] = []
 
     @property

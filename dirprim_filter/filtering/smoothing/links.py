@@ -46,7 +46,7 @@ class Belief(NamedTuple):
     course: FloatArray  # (2,) mean of cosine and sine of the direction
 
 
-class Step(NamedTuple):
+class Before(NamedTuple):
     """The state of a vehicle before a step."""
 
     time_ns: int
@@ -61,7 +61,7 @@ def moments_of(bayes_filter: Smoothable, states: States) -> tuple[FloatArray, Fl
 
 
 def links_of(
-    bayes_filter: Smoothable, paths: Sequence[Sequence[Step]], now: States, now_ns: IntArray, found: FloatArray
+    bayes_filter: Smoothable, paths: Sequence[Sequence[Before]], now: States, now_ns: IntArray, found: FloatArray
 ) -> list[AnyArray]:
     """(m,) `LINK` for each step of paths (v,) to states that hold at (v,) times.
 

@@ -15,7 +15,7 @@ from dirprim_filter.filtering.protocols import BayesFilter, Evidence, Smoothable
 from dirprim_filter.filtering.smoothing import bridge
 from dirprim_filter.filtering.smoothing.bridge import Gaussian
 from dirprim_filter.filtering.smoothing.chain import GAP_NS, LABELLED_GAP_NS, PAUSE_NS, Chain, Smoothed, may_lead
-from dirprim_filter.filtering.smoothing.links import MOVES, Belief, Step, links_of, moments_of, tempered, unlinked
+from dirprim_filter.filtering.smoothing.links import MOVES, Before, Belief, links_of, moments_of, tempered, unlinked
 from dirprim_filter.sensor import Sensor
 from dirprim_filter.track_ids import qualified_names
 
@@ -130,7 +130,7 @@ class Recorder:
             return
         states = self.filter.states(slot[[i for i, _ in known]])
         for row, (i, chain) in enumerate(known):
-            chain.path.append(Step(int(time_ns[i]), _row(states, row)))
+            chain.path.append(Before(int(time_ns[i]), _row(states, row)))
 
     def weigh(self, slot: IntArray, measured: Detections, time_ns: int) -> Evidence:
         """Have the filter weigh beliefs, and link them to what they were at their last measurement and since."""
