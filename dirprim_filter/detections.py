@@ -34,8 +34,8 @@ class Detections(ArrayTable):
         size: (n, 3) measured length, width and height of the body, metres; NaN where unknown. Left out: nowhere known.
         cue: (n, 2) what the vehicle signals of its next turn (p_t of Eq. 4): the mean turn relative to its heading,
             radians counter-clockwise, and its von Mises concentration; NaN where it signals nothing. Left out: nowhere.
-        confidence: (n,) probability that there is such a vehicle, as the sensor states it; NaN where it does not. Left
-            out: nowhere.
+        confidence: (n,) probability that there is such a vehicle, as the sensor states it; NaN or 0 where it does
+            not. Left out: nowhere.
         group: (n,) int64, the recording that each row is of, as in `Tracks`. Left out: all 0.
         origin: latitude and longitude of the plane's origin, degrees; None where positions have none.
 

@@ -106,8 +106,8 @@ def test_pixels_come_back_to_the_ground_with_the_spread_of_the_mapping():
 
 
 def test_tracks_are_kept_by_their_mean_score():
-    box = np.zeros((4, 4))
-    rows = Boxes(np.arange(4), np.array([1, 1, 2, 2]), box, np.array([1.0, 3.0, 3.0, 3.0]), box[:, :2], box[:, :2])
+    box, score = np.zeros((4, 4)), np.array([1.0, 3.0, 3.0, 3.0])
+    rows = Boxes(np.arange(4), np.array([1, 1, 2, 2]), box, score, box[:, :2], box[:, :2], box[:, :3])
     assert above_mean(rows, 2.5).name.tolist() == [2, 2]
     one, others = np.array([[0.0, 0, 2, 2]]), np.array([[1.0, 0, 3, 2], [5, 5, 6, 6]])
     assert overlaps(one, others, np.array([0]), np.array([0, 1])).tolist() == [[1 / 3, 0.0]]

@@ -30,40 +30,63 @@ class Pairs(NamedTuple):
 
 
 def associated(
-    bayes_filter: BayesFilter, slot: IntArray, detections: Detections, *, existence: FloatArray,
+    bayes_filter: BayesFilter, slot: IntArray, detections: Detections, *, existence: FloatArray, size: FloatArray,
     is_confirmed: BoolArray, by_chance: FloatArray, noise: FilterConfig, config: TrackingConfig,
-) -> IntArray:  # fmt: skip
-    """(d,) slots of the tracks that predicted unlabelled detections best, -1 for none.
+) -> tuple[IntArray, BoolArray]:  # fmt: skip
+    """Slots of the tracks that predicted unlabelled detections best, -1 for none; and which are of no new vehicle.
 
-    Confirmed tracks choose first, tentative ones among what they leave.
+    Confirmed tracks choose first, tentative ones among what they leave. No vehicle is in the body of another: what lies
+    in that of a confirmed or earlier track is of this vehicle, which left its belief; or else it is detected twice.
 
     Args:
         bayes_filter: holds the tracks' beliefs.
         slot: (v,) tracks, moved to the frame's time.
         detections: (d,) of the frame.
         existence: (v, 3) of the tracks.
+        size: (v, 3) of their bodies, metres; NaN where unknown.
         is_confirmed: (v,) of the tracks.
         by_chance: (d,) density of clutter and first detections that was expected at each.
         noise: for measurements that report no covariance.
         config: gate and detection probability.
+
+    Returns:
+        (d,) and (d,).
     """
-    track_of = np.full(len(detections), -1, np.int64)
-    for chosen in (is_confirmed, ~is_confirmed):
-        left, tracks = np.flatnonzero(track_of < 0), slot[chosen]
-        if tracks.size == 0 or left.size == 0:
+    row_of, m = np.full(len(detections), -1, np.int64), bayes_filter.moments(slot)
+    for chosen in (np.flatnonzero(is_confirmed), np.flatnonzero(~is_confirmed)):
+        left = np.flatnonzero(row_of < 0)
+        if chosen.size == 0 or left.size == 0:
             continue
-        m, seen = bayes_filter.moments(tracks), detections[left]
+        seen = detections[left]
         pairs = gated(
-            m[:, :2], m[:, [2, 3, 3, 4]].reshape(-1, 2, 2), seen.position, measured_covariance(seen, noise),
-            gate=config.gate,
+            m[chosen, :2], m[chosen][:, [2, 3, 3, 4]].reshape(-1, 2, 2), seen.position,
+            measured_covariance(seen, noise), gate=config.gate,
         )  # fmt: skip
-        fit = bayes_filter.log_likelihood(tracks[pairs.one], seen[pairs.other])
-        visible, occluded = existence[chosen][pairs.one][:, [VISIBLE, OCCLUDED]].T
+        track, other = chosen[pairs.one], left[pairs.other]
+        fit = bayes_filter.log_likelihood(slot[track], detections[other])
+        visible, occluded = existence[track][:, [VISIBLE, OCCLUDED]].T
         expected = config.detection_probability * (visible / (visible + occluded))  # if it exists: that is judged later
-        gain = np.log(expected) - np.log1p(-expected) + fit - np.log(by_chance)[left[pairs.other]]
+        gain = np.log(expected) - np.log1p(-expected) + fit - np.log(by_chance)[other]
         best = best_pairs(*pairs, gain)
-        track_of[left[pairs.other[best]]] = tracks[pairs.one[best]]
-    return track_of
+        row_of[other[best]] = track[best]
+    rank = np.append(np.where(is_confirmed, -1, np.arange(slot.size)), slot.size)
+    is_there = is_confirmed | np.isin(np.arange(slot.size), row_of)
+    bodies = np.flatnonzero(is_there & ~np.isnan(size[:, :2]).any(axis=1))
+    depth = _depth(detections.position, m[bodies], size[bodies])
+    inside, body = np.nonzero((depth > 0) & (rank[bodies] < rank[row_of][:, None]))
+    is_double = np.isin(np.arange(len(detections)), inside)
+    row_of[is_double] = -1
+    free = np.flatnonzero(~np.isin(inside, inside[np.isin(bodies[body], row_of)]))
+    best = free[best_pairs(inside[free], body[free], depth[inside, body][free])]
+    row_of[inside[best]] = bodies[body[best]]
+    return np.append(slot, -1)[row_of], is_double
+
+
+def _depth(position: FloatArray, moments: FloatArray, size: FloatArray) -> FloatArray:
+    """(d, t) how deep in bodies, along their course, places (d, 2) are: 1 in the middle, 0 at an edge."""
+    off, c, s = position[:, None] - moments[:, :2], np.cos(moments[:, 5]), np.sin(moments[:, 5])
+    ahead, aside = off[..., 0] * c + off[..., 1] * s, off[..., 1] * c - off[..., 0] * s
+    return np.asarray(1.0 - 2.0 * np.maximum(np.abs(ahead) / size[:, 0], np.abs(aside) / size[:, 1]))
 
 
 def gated(mean: FloatArray, covariance: FloatArray, position: FloatArray, noise: FloatArray, *, gate: float) -> Pairs:

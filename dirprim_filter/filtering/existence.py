@@ -30,14 +30,24 @@ LEVEL_S = 900.0
 """Seconds in which all but 1/e of what is known of the traffic's level is forgotten: within a rush hour it follows."""
 
 
-def at_birth(first: FloatArray, config: TrackingConfig) -> FloatArray:
+def false_density(confidence: FloatArray, config: TrackingConfig) -> FloatArray:
+    """(n,) -> (n,) density of false detections, 1/m^2: of a confidence c that of true ones times (1 - c) / c.
+
+    That of true ones is detection probability times vehicle density. Where c is NaN, or 0, as fields of messages are
+    that nobody sets, it is the configured density.
+    """
+    known, true = np.where(confidence > 0.0, confidence, np.nan), config.detection_probability * config.vehicle_density
+    return np.where(np.isnan(known), config.clutter_density, true * (1.0 - known) / known)
+
+
+def at_birth(first: FloatArray, false: FloatArray | float) -> FloatArray:
     """(n, 3) after the detection that initialises a track: the first of a vehicle, or a false one.
 
     Args:
         first: (n,) density of first detections that was expected there, see `Undetected`.
-        config: density of false ones.
+        false: (n,) that of false ones.
     """
-    exists = first / (first + config.clutter_density)
+    exists = first / (first + false)
     return np.column_stack([exists, np.zeros_like(exists), 1.0 - exists])
 
 
@@ -179,16 +189,16 @@ class Undetected:
         elif self._traffic is not None:
             self._share = self._traffic.later(self._share, dt_s)
 
-    def by_chance(self, position: FloatArray, is_labelled: BoolArray) -> FloatArray:
-        """(n, 2), (n,) -> (n,) expected density of first detections and false ones there in this frame, 1/m^2.
+    def by_chance(self, position: FloatArray, is_labelled: BoolArray, false: FloatArray | float) -> FloatArray:
+        """(n, 2), (n,) -> (n,) expected density of first detections and `false` ones there in this frame, 1/m^2.
 
         Of those with an id at most a share: all false ones on a map are `MOST_FALSE`.
         """
-        expected = self._density(self._per_level(position)) + self.config.clutter_density
+        expected = self._density(self._per_level(position)) + false
         return np.asarray(expected * np.where(is_labelled, self._of_labels, 1.0))
 
-    def see(self, position: FloatArray, is_labelled: BoolArray) -> FloatArray:
-        """Take the frame's detections (n, 2) that are of no track; thin by what the frame would show.
+    def see(self, position: FloatArray, is_labelled: BoolArray, false: FloatArray) -> FloatArray:
+        """Take the frame's detections (n, 2) that are of no track, `false` (n,); thin by what the frame would show.
 
         From those without an id the level is learned: no vehicle that has one has a part in the estimates of others.
 
@@ -201,7 +211,7 @@ class Undetected:
             found, per_unlabelled = self._counts[0], per_level[~is_labelled]
             self._counts[1] += (self.config.detection_probability * self._share).sum()
             for _ in range(N_FIXED_POINT):
-                any_cause = self._density(per_unlabelled) + self.config.clutter_density
+                any_cause = self._density(per_unlabelled) + false[~is_labelled]
                 self._counts[0] = found + (self.level * per_unlabelled / any_cause).sum()
         expected = self._density(per_level)
         self._share = (1.0 - self.config.detection_probability) * self._share

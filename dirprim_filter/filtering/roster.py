@@ -40,6 +40,7 @@ _EMPTY: dict[str, Any] = {
     "outside": 0.0, "ends": 0.0, "n_unexplained": np.int64(0), "log_evidence": 0.0, "innovation": np.nan,
     "expected": np.full(2, np.nan),
     "cue": np.full(2, np.nan), "cue_ns": np.int64(0), "gaps": NO_GAPS, "interval": np.full(2, np.nan),
+    "size": np.full(3, np.nan),
 }  # fmt: skip
 """The columns, and what a track has in each before it begins."""
 
@@ -90,6 +91,7 @@ class Roster:
     cue: FloatArray  # (slots, 2) the last that its vehicle gave, as in `Detections`; NaN for none
     cue_ns: IntArray  # (slots,) the time of the last measurement that gave it
     gaps: FloatArray  # (slots, 9) ns, last times between two frames that had its label; NaN for none
+    size: FloatArray  # (slots, 3) m, of its last detection with one, as in `Detections`
     interval: FloatArray  # (slots, 2) ns, usual time between two of its detections, and jitter; NaN while unknown
 
     def __init__(self, bayes_filter: BayesFilter, config: TrackingConfig, *, max_gap_s: float) -> None:

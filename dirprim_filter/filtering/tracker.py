@@ -134,11 +134,13 @@ class Tracker:
         seen, self._time_ns = self._checked(detections, time_ns)
         self._filter.resample(self._weighed)
         is_labelled = seen.track_id != NO_ID
-        slot, by_chance = self._assigned(seen, is_labelled, is_scan=is_scan)
+        slot, by_chance, false = self._assigned(seen, is_labelled, is_scan=is_scan)
         row = np.flatnonzero(slot >= 0)
         self._weighed = slot[row]
         if is_scan:
-            self._begin_tracks(seen, is_labelled, slot)
+            self._begin_tracks(seen, slot, false)
+            has_size = ~np.isnan(seen.size[:, 0])
+            self._roster.size[slot[has_size]] = seen.size[has_size]
         home, held = self._beliefs(slot[is_labelled])
         lost = self._weigh(self._weighed, seen[row], by_chance[row], is_scan=is_scan)
         has_name = self._roster.is_labelled[slot] | self._roster.is_confirmed[slot]
@@ -167,20 +169,22 @@ class Tracker:
 
     def _assigned(
         self, detections: Detections, is_labelled: BoolArray, *, is_scan: bool
-    ) -> tuple[IntArray, FloatArray]:  # fmt: skip
-        """Move tracks to the frame's time. (d,) the track of each detection, -1 for none; and `Undetected.by_chance`.
+    ) -> tuple[IntArray, FloatArray, FloatArray]:  # fmt: skip
+        """Move tracks to the frame's time. (d,) the track of each detection, -1 for none; and densities by chance.
 
-        An id is a gate: its track is assigned whatever it predicted.
+        These are `Undetected.by_chance`, and of false ones alone, infinite of a vehicle that was detected twice. An id
+        is a gate: its track is assigned whatever it predicted.
         """
         roster, now_ns = self._roster, self._time_ns
         passed_ns = now_ns - self._scanned_ns if is_scan else None
         slot = np.full(len(detections), -1, np.int64)
         slot[is_labelled] = roster.see(detections.track_id[is_labelled].tolist(), now_ns, passed_ns=passed_ns)
-        by_chance = np.empty(0)
+        by_chance, is_double = np.empty(0), np.zeros(len(detections), np.bool_)
+        false = existence.false_density(detections.confidence, self.tracking)
         if passed_ns is not None:
             self._scanned_ns = now_ns
             self._undetected.advance(passed_ns * 1e-9, roster.longest_gap_ns * 1e-9)
-            by_chance = self._undetected.by_chance(detections.position, is_labelled)
+            by_chance = self._undetected.by_chance(detections.position, is_labelled, false)
             roster.tally.log_density += float(np.log(by_chance).sum())
         labelled, unlabelled = roster.labelled, roster.unlabelled
         n_steps = (now_ns - roster.time_ns[labelled]) // self._step_ns
@@ -195,21 +199,22 @@ class Tracker:
         if unlabelled.size:
             roster.age(unlabelled, unlabelled, now_ns)
             row = np.flatnonzero(~is_labelled)
-            slot[row] = associated(
+            slot[row], is_double[row] = associated(
                 self._filter, unlabelled, detections[row], existence=roster.existence[unlabelled],
-                is_confirmed=roster.is_confirmed[unlabelled], by_chance=by_chance[row], noise=self.config,
-                config=self.tracking,
+                size=roster.size[unlabelled], is_confirmed=roster.is_confirmed[unlabelled], by_chance=by_chance[row],
+                noise=self.config, config=self.tracking,
             )  # fmt: skip
-        return slot, by_chance
+        false[is_double] = np.inf
+        return slot, by_chance, false
 
-    def _begin_tracks(self, detections: Detections, is_labelled: BoolArray, slot: IntArray) -> None:
+    def _begin_tracks(self, detections: Detections, slot: IntArray, false: FloatArray) -> None:
         """Initialise a track for each detection that has none, and enter it in (d,) `slot`."""
         row = np.flatnonzero(slot < 0)
-        expected = self._undetected.see(detections.position[row], is_labelled[row])
+        names = detections.track_id[row]
+        expected = self._undetected.see(detections.position[row], names != NO_ID, false[row])
         if row.size:
-            exists = existence.at_birth(expected, self.tracking)
-            names = detections.track_id[row].tolist()
-            slot[row] = self._roster.enter(names, time_ns=self._time_ns, exists=exists)
+            exists = existence.at_birth(expected, false[row])
+            slot[row] = self._roster.enter(names.tolist(), time_ns=self._time_ns, exists=exists)
             self._begin(slot[row], detections[row])
 
     def _begin(self, slot: IntArray, measured: Detections) -> None:

@@ -36,7 +36,7 @@ def existence_by_enumeration(steps, config):
 
 def existence_by_the_filter(steps, config):
     first, tally = np.array([config.birth_density]), existence.Tally()
-    state = existence.at_birth(first, config)
+    state = existence.at_birth(first, config.clutter_density)
     for dt_s, density in steps:
         before = existence.later(state, np.array([dt_s]), config)
         if density is None:
@@ -152,9 +152,9 @@ def test_an_id_that_comes_again_is_evidence_beside_the_place(ring_map, seed):
 
 def test_without_a_map_too_a_false_detection_hardly_has_the_id_of_a_track():
     """Of fast vehicles each some seconds the next place is less certain than a false detection's: ids tell."""
-    undetected = Undetected(None, TrackingConfig(), FilterConfig())
-    unlabelled, labelled = undetected.by_chance(np.zeros((2, 2)), np.array([False, True]))
-    assert unlabelled > TrackingConfig().clutter_density
+    undetected, false = Undetected(None, TrackingConfig(), FilterConfig()), TrackingConfig().clutter_density
+    unlabelled, labelled = undetected.by_chance(np.zeros((2, 2)), np.array([False, True]), false)
+    assert unlabelled > false
     assert labelled < 1e-5
 
 

@@ -105,11 +105,12 @@ def test_a_pause_of_many_minutes_costs_no_thousands_of_steps():
 
 def expected_at(undetected, places):
     """First detections per square metre; false ones aside."""
-    return undetected.by_chance(places, np.zeros(len(places), np.bool_)) - undetected.config.clutter_density
+    return undetected.by_chance(places, np.zeros(len(places), np.bool_), 0.0)
 
 
 def see(undetected, places, *, labelled=False):
-    return undetected.see(places, np.full(len(places), labelled))
+    false = np.full(len(places), undetected.config.clutter_density)
+    return undetected.see(places, np.full(len(places), labelled), false)
 
 
 def thinned(undetected, level):

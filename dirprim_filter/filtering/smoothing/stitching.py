@@ -103,7 +103,7 @@ def trim(chain: Chain, *, frame_s: float, log_density: float, config: TrackingCo
 def _is_confirmed(time_ns: IntArray, frame_s: float, log_density: float, config: TrackingConfig) -> bool:
     """Whether measurements (n,), in either order, and the misses between them, are of a vehicle."""
     anywhere = np.array([config.birth_density])
-    state, usual = existence.at_birth(anywhere, config), np.array([log_density])
+    state, usual = existence.at_birth(anywhere, config.clutter_density), np.array([log_density])
     for dt_ns in np.abs(np.diff(time_ns)).tolist():
         n_frames = max(round(dt_ns * 1e-9 / frame_s), 1)
         for i in range(n_frames):

@@ -22,6 +22,8 @@ from peer_scenes import Fold, Part, UnavailableError
 from peer_trackers import HALF_DECADE, Settings
 from peers import PACKAGES
 from scipy.optimize import linear_sum_assignment
+from scipy.special import expit
+from sklearn.linear_model import LogisticRegression
 
 from dirprim_filter import PrimitiveMap, Tracks
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
@@ -53,6 +55,7 @@ class Boxes(NamedTuple):
         score: (n,).
         place: (n, 2) metres on the ground.
         covariance: (n, 2, 2) square metres.
+        size: (n, 3) metres, as in `Detections`.
     """
 
     frame: IntArray
@@ -61,6 +64,7 @@ class Boxes(NamedTuple):
     score: FloatArray
     place: FloatArray
     covariance: FloatArray
+    size: FloatArray
 
     def of(self, rows: AnyArray) -> Boxes:
         """The chosen rows."""
@@ -137,17 +141,23 @@ def overlaps(one: FloatArray, other: FloatArray, mine: IntArray, own: IntArray) 
 
 
 class Fitted(NamedTuple):
-    """What training scenes show: the scale of the stated covariances, and the rates of detections and vehicles."""
+    """What training scenes show.
+
+    Attributes:
+        scale: of the stated covariances.
+        tracking: rates of detections and vehicles.
+        confidence: (n,) scores -> (n,) share of detections that are of a true vehicle, a logistic function of them.
+    """
 
     scale: float
     tracking: TrackingConfig
+    confidence: Callable[[FloatArray], FloatArray]
 
     @classmethod
     def of(cls, scenes: Sequence[Scene]) -> Fitted:
         """The scale by how far detections are from the truth."""
-        squared, hits = [], 0
-        for scene in scenes:
-            named = scene.named()
+        squared, hits, all_named = [], 0, [scene.named() for scene in scenes]
+        for scene, named in zip(scenes, all_named, strict=True):
             kept = named.of(named.name > 0)
             squared.append(normalised_squared(kept.place - scene.place_of(kept), kept.covariance))
             hits += kept.frame.size
@@ -160,13 +170,23 @@ class Fitted(NamedTuple):
             detection_probability=min(hits / n_true, 0.99), clutter_density=max(n_seen - hits, 1) / exposure,
             birth_density=n_new / exposure, vehicle_density=n_true / exposure,
         )  # fmt: skip
-        return cls(float(np.median(np.concatenate(squared)) / MEDIAN_SQUARED), tracking)
+        score, is_true = (np.concatenate(of) for of in zip(*((of.score, of.name > 0) for of in all_named), strict=True))
+        score, is_true = (
+            np.append(score, [score.min(), score.max()]),
+            np.append(is_true, [False, True]),
+        )  # there are both
+        fitted = LogisticRegression().fit(score[:, None], is_true)
+
+        def confidence(of: FloatArray) -> FloatArray:
+            return np.asarray(expit(fitted.coef_[0, 0] * of + fitted.intercept_[0]))
+
+        return cls(float(np.median(np.concatenate(squared)) / MEDIAN_SQUARED), tracking, confidence)
 
 
-def _detections(of: Boxes, scene: Scene, scale: float) -> Detections:
+def _detections(of: Boxes, scene: Scene, scale: float, **stated: FloatArray) -> Detections:
     return Detections(
         track_id=np.full(of.frame.size, NO_ID), time_ns=np.round(of.frame * scene.frame_s * 1e9).astype(np.int64),
-        position=of.place, covariance=scale * of.covariance,
+        position=of.place, covariance=scale * of.covariance, **stated,
     )  # fmt: skip
 
 
@@ -211,7 +231,8 @@ def ours(
 
 def _tracked(model: PrimitiveMap | BayesFilter, config: FilterConfig, scene: Scene, given: Given) -> Boxes:
     of, names = scene.seen, []
-    seen = _detections(of, scene, given.fit.scale * given.settings["factor"])
+    stated = {"size": of.size, "confidence": given.fit.confidence(of.score)}
+    seen = _detections(of, scene, given.fit.scale * given.settings["factor"], **stated)
     tracker = Tracker(model, config=config, tracking=given.fit.tracking, rng=np.random.default_rng(given.seed))
     for frame in range(scene.n_frames):
         found = tracker.track(seen[of.frame == frame], time_ns=round(frame * scene.frame_s * 1e9))

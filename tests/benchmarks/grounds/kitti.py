@@ -46,22 +46,22 @@ def lifted(place: FloatArray, frame: AnyArray, pose: FloatArray) -> FloatArray:
 def truth_of(data: Path, name: str) -> Boxes:
     """Labelled cars: frame, track + 1, box, score, place."""
     lines = [line.split() for line in (data / f"label/{name}.txt").read_text().splitlines()]
-    rows = [[line[0], int(line[1]) + 1, *line[6:10], 1, *line[13:16]] for line in lines if line[2] == "Car"]
-    return _boxes(np.array(rows, np.float64).reshape(-1, 10), data, name)
+    rows = [[line[0], int(line[1]) + 1, *line[6:10], 1, *line[10:16]] for line in lines if line[2] == "Car"]
+    return _boxes(np.array(rows, np.float64).reshape(-1, 13), data, name)
 
 
 def _boxes(rows: FloatArray, data: Path, name: str) -> Boxes:
     rows = rows[np.argsort(rows[:, 0], kind="stable")]
     pose = np.loadtxt(data / f"pose/{name}.txt", ndmin=2).reshape(-1, 3, 4)
-    (frame, track), place = rows[:, :2].T.astype(np.int64), rows[:, 7:]
+    (frame, track), place = rows[:, :2].T.astype(np.int64), rows[:, 10:]
     covariance = np.tile(DETECTED_M**2 * np.eye(2), (frame.size, 1, 1))
-    return Boxes(frame, track, rows[:, 2:6], rows[:, 6], lifted(place, frame, pose), covariance)
+    return Boxes(frame, track, rows[:, 2:6], rows[:, 6], lifted(place, frame, pose), covariance, rows[:, [9, 8, 7]])
 
 
 def scene_of(data: Path, name: str) -> Scene:
     """A sequence with detections."""
     rows = np.loadtxt(data / f"det/{name}.txt", delimiter=",", ndmin=2)
-    seen = _boxes(rows[:, [0, 1, 2, 3, 4, 5, 6, 10, 11, 12]], data, name)
+    seen = _boxes(rows[:, :13], data, name)
     n_frames = len(np.loadtxt(data / f"pose/{name}.txt", ndmin=2))
     return Scene(name, seen, truth_of(data, name), n_frames, FRAME_S, AREA)
 

@@ -125,7 +125,10 @@ class Camera(NamedTuple):
         near = (np.linalg.eigvalsh(covariance)[:, 1] < FAR_M) & (np.hypot(*place.T) < FAR_M)
         frame = rows[:, 0].astype(np.int64) - first
         name = rows[:, 1].astype(np.int64)
-        return Boxes(frame, name, box, rows[:, 6], place, covariance).of(near)
+        left, right = (self.ground.feet(box[:, [side, 1, side, 3]])[0] for side in (0, 2))
+        width = np.hypot(*(right - left).T)  # a body is as long as it is wide; those on the horizon are left out
+        size = np.column_stack([width, width, np.full(width.size, np.nan)])
+        return Boxes(frame, name, box, rows[:, 6], place, covariance, size).of(near)
 
     def lines(self, number: int) -> str:
         """The truth of one of them, as the benchmark has it, frames from 1."""
