@@ -44,7 +44,7 @@ STANDARD_DEVIATION_OF_MEDIAN = 0.6744897501960817
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DerivedMotion:
-    """DerivedMotion derived from positions, row by row."""
+    """Derived from positions, row by row."""
 
     direction: FloatArray  # (n,) course over ground, radians; the body's heading where positions do not determine it
     speed: FloatArray  # (n,) m/s; NaN where a row has no neighbour in time
