@@ -13,6 +13,7 @@ import numpy as np
 from dirprim_filter.arrays import AnyArray
 from tessellation._compiling import compiled, pasted, uncounted
 
+FOUR, EIGHT = np.int64(4), np.int64(8)  # of `load`, which would be compiled once more for each literal
 MESSAGE = 5
 HEAD = 9
 MESSAGE_HEAD = 31
@@ -53,7 +54,7 @@ def _end(buffer: AnyArray, at: Any, size: int) -> Any:
     """The byte after the record at `at`; -1 where it does not fit."""
     if at + HEAD > size:
         return -1
-    length = load(buffer, at + 1, 8, True)
+    length = load(buffer, at + 1, EIGHT, True)
     if length > np.uint64(size - at - HEAD) or (buffer[at] == MESSAGE and length < np.uint64(MIN_MESSAGE)):
         return -1
     return at + HEAD + np.int64(length)
@@ -84,9 +85,9 @@ def read_records(buffer: AnyArray) -> tuple[Any, ...]:
             break
         if buffer[at] == MESSAGE:
             channel[i] = np.uint16(buffer[at + 9]) | (np.uint16(buffer[at + 10]) << np.uint16(8))
-            sequence[i] = load(buffer, at + 11, 4, True)
-            log_time[i] = load(buffer, at + 15, 8, True)
-            publish_time[i] = load(buffer, at + 23, 8, True)
+            sequence[i] = load(buffer, at + 11, FOUR, True)
+            log_time[i] = load(buffer, at + 15, EIGHT, True)
+            publish_time[i] = load(buffer, at + 23, EIGHT, True)
             start[i] = at + MESSAGE_HEAD
             stop[i] = end
             i += 1
@@ -109,7 +110,7 @@ def message_run(buffer: AnyArray, at: Any, max_bytes: int) -> tuple[int, Any, An
         end = _end(buffer, at, size)
         if end < 0:
             break
-        time = load(buffer, at + 15, 8, True)
+        time = load(buffer, at + 15, EIGHT, True)
         earliest = min(earliest, time)
         latest = max(latest, time)
         at = end

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, IntArray
-from dirprim_filter.recording.container._kernels import load
+from dirprim_filter.recording.container._kernels import FOUR, load
 from dirprim_filter.recording.decoding._kernels import (
     CUT,
     ENCAPSULATION,
@@ -38,7 +38,7 @@ def _length(data: AnyArray, at: int, end: int, little: bool, most: int) -> tuple
     """A length, the byte after it, and whether it is one: of at most `most`, 0 for any, and within the message."""
     if at + 4 > end:
         return 0, at, CUT
-    length = np.int64(load(data, at, 4, little))
+    length = np.int64(load(data, at, FOUR, little))
     at += 4
     return length, at, OVERLONG if length > end - at or (most > 0 and length > most) else OK
 
