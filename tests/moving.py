@@ -7,10 +7,10 @@ import numpy as np
 
 from dirprim_filter import estimates
 from dirprim_filter.config import FilterConfig
-from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.distributions import _random as random
 from dirprim_filter.forecasting import leader_table, projected, sampled
 from dirprim_filter.primitives import _motion
+from dirprim_filter.primitives._modes import Modes
 from dirprim_filter.primitives.motion import COURSE_RATE, FLOATS, Motion, background_manoeuvres, joined
 from dirprim_filter.primitives.motion_table import motion_table
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
@@ -77,8 +77,7 @@ def squares(n_x, n_y, motion, *, side=SIDE):
     column = np.ones((n + 1, 1))
     return PrimitiveMap(
         tessellation=GridTessellation(origin=np.zeros(2), cell_size=side, n_x=n_x, n_y=n_y, square=np.arange(n)),
-        direction=VonMisesMixture(weight=column, mean_direction=0 * column, concentration=100.0 * column),
-        speed=Gamma(shape=100.0 * column, rate=10.0 * column),
+        modes=Modes.flat(column, 0 * column, 100.0 * column, 100.0 * column, 10.0 * column),
         n_rows=np.ones(n + 1, np.int64), n_background_modes=0, motion=motion,
     )  # fmt: skip
 
@@ -100,11 +99,9 @@ def ring_road(radius, *, pace, swing, back, shape, side=4.0):
     return replace(
         made,
         tessellation=replace(made.tessellation, origin=np.full(2, -side * n / 2)),
-        direction=VonMisesMixture(
-            weight=column, mean_direction=np.append(course, 0.0)[:, None], concentration=1e4 * column
-        ),
-        bend=np.append(bend, np.zeros((1, 2)), axis=0)[:, None],
-        speed=Gamma(shape=shape * column, rate=shape / pace * column),
+        modes=Modes.flat(
+            column, np.append(course, 0.0)[:, None], 1e4 * column, shape * column, shape / pace * column
+        )._replace(bend=np.append(bend, np.zeros((1, 2)), axis=0)[:, None]),
     )
 
 

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 
 from dirprim_filter.config import TrackingConfig
-from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.filtering import _kernels
+from dirprim_filter.primitives._modes import Modes
 from dirprim_filter.primitives.motion import FLOATS, Motion
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.rows import CellRows
@@ -85,12 +85,10 @@ def rows_of(direction, speed, *, position=(0.0, 0.0), time_ns=0, first_id=0):
 
 def one_cell(direction, speed, *, weight=None, n_vehicles, position=None):
     """Rows of one cell around the origin, as the fit takes them."""
-    n = speed.size
-    return CellRows(
-        direction=direction, speed=speed, position=np.zeros((n, 2)) if position is None else position,
-        start=np.array([0, n]), row=np.arange(n), weight=np.ones(n) if weight is None else weight,
-        center=np.zeros((1, 2)), n_vehicles=np.array([float(n_vehicles)]), n_standing=np.zeros(1),
-    )  # fmt: skip
+    n, none = speed.size, np.zeros(1)
+    weight, place = np.ones(n) if weight is None else weight, np.zeros((n, 2)) if position is None else position
+    columns = np.stack([np.cos(direction), np.sin(direction), speed, np.log(speed), weight, *place.T])
+    return CellRows(columns, np.array([0, n]), np.array([float(n_vehicles)]), none, none)
 
 
 def one_cell_map(*, mean=0.0, concentration=1e6, speed=10.0, shape=1e8, side=1e4):
@@ -100,8 +98,7 @@ def one_cell_map(*, mean=0.0, concentration=1e6, speed=10.0, shape=1e8, side=1e4
         tessellation=GridTessellation(
             origin=np.full(2, -side / 2), cell_size=side, n_x=1, n_y=1, square=np.zeros(1, np.int64)
         ),
-        direction=VonMisesMixture(weight=column, mean_direction=mean * column, concentration=concentration * column),
-        speed=Gamma(shape=shape * column, rate=shape / speed * column),
+        modes=Modes.flat(column, mean * column, concentration * column, shape * column, shape / speed * column),
         n_rows=np.array([1, 1]),
         n_background_modes=0,
     )

@@ -53,18 +53,17 @@ def warm_up() -> None:
 
     from dirprim_filter.config import FilterConfig
     from dirprim_filter.detections import Detections
-    from dirprim_filter.distributions import Gamma, VonMisesMixture
     from dirprim_filter.distributions.highest_density import highest_density_regions
     from dirprim_filter.filtering import Tracker
     from dirprim_filter.forecasting import forecast
+    from dirprim_filter.primitives._modes import Modes
     from dirprim_filter.primitives.primitive_map import PrimitiveMap
     from tessellation import GridTessellation
 
     two_rows = np.ones((2, 1))
     anywhere = PrimitiveMap(
         tessellation=GridTessellation.covering(np.zeros((1, 2)), cell_size=1.0),
-        direction=VonMisesMixture(weight=two_rows, mean_direction=0.0 * two_rows, concentration=two_rows),
-        speed=Gamma(shape=two_rows, rate=two_rows),
+        modes=Modes.flat(two_rows, 0.0 * two_rows, two_rows, two_rows, two_rows),
         n_rows=np.ones(2, np.int64),
         n_background_modes=0,
     )

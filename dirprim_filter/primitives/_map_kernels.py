@@ -37,7 +37,7 @@ class ModeTable(NamedTuple):
 
     @classmethod
     def of(cls, modes: Modes, center: FloatArray) -> Self:
-        """The table of (n_cells, K) modes, of which those of weight 0 are left out."""
+        """The table of modes, of which those of weight 0 are left out."""
         used = modes.weight > 0
         weight, mean, concentration, shape, rate, *slopes = (column[used] for column in modes)
         concentration = np.minimum(concentration, SHARPEST)

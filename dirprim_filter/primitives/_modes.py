@@ -6,11 +6,13 @@ What is said once for a fit stands in its bounds: as a literal argument it would
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from dirprim_filter.arrays import FloatArray
+from dirprim_filter.distributions.angles import wrap
 
 COSINE, SINE, SPEED, LOG_SPEED, WEIGHT, EAST, NORTH = range(7)
 """Columns of rows of moving vehicles, or of what stands for several: their means. Metres from the cell's centre."""
@@ -45,24 +47,47 @@ class Bounds(NamedTuple):
 
 
 class Modes(NamedTuple):
-    """Parameters of modes, (n_cells, K) or (K,) each."""
+    """Modes of cells, (n_cells, K) each: von Mises over direction (Eq. 1), and for each a gamma of speed (Eq. 3)."""
 
-    weight: FloatArray
-    mean: FloatArray
+    weight: FloatArray  # 0 pads
+    mean_direction: FloatArray  # radians, at the centre of the cell
     concentration: FloatArray
     shape: FloatArray
-    rate: FloatArray
-    bend_east: FloatArray  # rad/m, how the mean direction turns across the cell
-    bend_north: FloatArray
-    gain_east: FloatArray  # 1/m, how the logarithm of the mean speed grows across the cell
-    gain_north: FloatArray
+    rate: FloatArray  # s/m
+    bend: FloatArray  # (n_cells, K, 2) rad/m, how the mean direction turns to the east and to the north of the centre
+    gain: FloatArray  # (n_cells, K, 2) 1/m, how the logarithm of the mean speed grows
+
+    @classmethod
+    def flat(cls, *columns: FloatArray) -> Modes:
+        """Modes of five columns that neither bend nor gain."""
+        return cls(*columns, *np.zeros((2, *columns[0].shape, 2)))
 
     @classmethod
     def of(cls, table: FloatArray) -> Modes:
         """What a kernel has found, (..., K, N_CURVED)."""
-        log_weight, mean, log_concentration, log_shape, log_mean_speed, *slopes = np.moveaxis(table, -1, 0)
+        log_weight, mean, log_concentration, log_shape, log_mean_speed = np.moveaxis(table[..., :N_FLAT], -1, 0)
         weight, shape = np.where(log_weight > NO_MODE / 2, np.exp(log_weight), 0.0), np.exp(log_shape)
+        slopes = table[..., BEND_EAST:GAIN_EAST], table[..., GAIN_EAST:]
         return cls(weight, mean, np.expm1(log_concentration), shape, shape / np.exp(log_mean_speed), *slopes)
+
+    @classmethod
+    def beside(cls, parts: Sequence[Modes]) -> Modes:
+        """All modes of the same cells."""
+        return cls(*(np.concatenate(columns, axis=1) for columns in zip(*parts, strict=True)))
+
+    def take(self, index: Any) -> Modes:
+        """Those at an index of the leading axes."""
+        return Modes(*(column[index] for column in self))
+
+    def times(self, share: FloatArray | float) -> Modes:
+        """The same of so many times the weight."""
+        return self._replace(weight=share * self.weight)
+
+    def at(self, offset: FloatArray) -> Modes:
+        """The same where they are seen from offsets (n_cells, 2) from the centres, metres."""
+        turned, gained = ((slope * offset[..., None, :]).sum(axis=-1) for slope in (self.bend, self.gain))
+        mean_direction = wrap(self.mean_direction + turned)
+        return self._replace(mean_direction=mean_direction, rate=self.rate * np.exp(-gained))
 
 
 def empty_table(*shape: int) -> FloatArray:

@@ -47,15 +47,14 @@ LEAST_PUSH, LEAST_TURNING = 0.1, 0.01
 class Background(NamedTuple):
     """Modes of all tracks, of which the last two are uniform in direction and for standing; manoeuvres."""
 
-    modes: Modes  # (m,) each
+    modes: Modes  # (1, m) each
     speed_spread: float  # log(mean) - mean(log) of all moving speeds
     manoeuvres: dict[str, FloatArray]  # (k,) columns of `Motion`
     following: csr_array  # (k, k) how often one followed the other `JUMP_S` later
 
     def log_density(self, rows: TrackRows, speed: FloatArray) -> FloatArray:
         """(n,) of the rows' directions and of speeds (n,)."""
-        nowhere = np.zeros(len(rows), np.int64)
-        table = ModeTable.of(Modes(*(column[None] for column in self.modes)), np.zeros((1, 2)))
+        table, nowhere = ModeTable.of(self.modes, np.zeros((1, 2))), np.zeros(len(rows), np.int64)
         return table.log_density(nowhere, rows.position, rows.direction, speed)
 
 
@@ -73,7 +72,7 @@ def learn_background(rows: TrackRows, config: LearningConfig, *, rng: np.random.
     is_moving = rows.speed >= config.standing_speed
     moving, weighed = rows[is_moving], weight[is_moving]
     n_standing = float(weight[~is_moving].sum())
-    found = Modes(*np.empty((len(Modes._fields), 0)))
+    found = Modes.flat(*np.empty((5, 1, 0)))
     spread, mean_speed = 1.0, 1.0
     if len(moving):
         mean_speed = float(np.average(moving.speed, weights=weighed))
@@ -83,20 +82,18 @@ def learn_background(rows: TrackRows, config: LearningConfig, *, rng: np.random.
         bounds = bounds_of(config, prior_strength=PRIOR_VEHICLES, max_modes=k, speed_spread=spread)
         nowhere = residents(np.zeros(len(moving), np.int64), np.zeros((1, 2)))
         unplaced = CellRows.of(moving, nowhere, moving.position, standing_speed=0.0)
-        found = Modes.of(fit_all(unplaced, bounds)[0])
+        found = Modes.of(fit_all(unplaced, bounds))
+        found = found.take((slice(None), found.weight[0] > 0))
     creeping = rows.speed[~is_moving]
     standing_mean = max(float(creeping.mean()) if creeping.size else 0.0, MIN_STANDING_MEAN)
     standing = (n_standing + 1) / (float(weight.sum()) + 2)
     anywhere = 1.0 / (moving.n_vehicles + 1)  # the next vehicle may do what none has done
-    used = np.flatnonzero(found.weight)
-    share = np.concatenate([(1 - anywhere) * found.weight[used], [anywhere if used.size else 1.0]])
+    free = np.array([[1.0 - standing, standing]])
+    free[0, 0] *= anywhere if found.weight.size else 1.0
+    rate = np.array([[1.0 / mean_speed, 1.0 / standing_mean]])
+    modes = found.times(1 - anywhere).times(1 - standing), Modes.flat(free, 0 * free, 0 * free, np.ones((1, 2)), rate)
     manoeuvres, following = learn_chain(Visits.of(rows.some(MOST_ROWS, rng=rng), GridTessellation.empty()), rng=rng)
-    modes = Modes(
-        np.append((1 - standing) * share, standing), np.append(found.mean[used], [0.0, 0.0]),
-        np.append(found.concentration[used], [0.0, 0.0]), np.append(found.shape[used], [1.0, 1.0]),
-        np.append(found.rate[used], [1.0 / mean_speed, 1.0 / standing_mean]), *np.zeros((4, used.size + 2)),
-    )  # fmt: skip
-    return Background(modes, spread, manoeuvres, following)
+    return Background(Modes.beside(modes), spread, manoeuvres, following)
 
 
 def learn_chain(visits: Visits, *, rng: np.random.Generator) -> tuple[dict[str, FloatArray], csr_array]:

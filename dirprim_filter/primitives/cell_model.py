@@ -8,8 +8,6 @@ import numpy as np
 
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.config import LearningConfig
-from dirprim_filter.distributions import Gamma, VonMisesMixture
-from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.primitives._map_kernels import ModeTable
 from dirprim_filter.primitives._modes import Bounds, Modes
 from dirprim_filter.primitives.background import Background
@@ -50,23 +48,17 @@ class PrimitiveCells(NamedTuple):
         modes = self.modes
         used = max(int((modes.weight > 0).sum(axis=1).max(initial=0)), 1)
         order = np.argsort(-modes.weight, axis=1, kind="stable")[:, :used]
-        modes = Modes(*(np.take_along_axis(column, order, axis=1)[of] for column in modes))
-        east, north = (place - self.center[of]).T[:, :, None]
-        turned = modes.bend_east * east + modes.bend_north * north
-        return modes._replace(
-            mean=wrap(modes.mean + turned),
-            rate=modes.rate * np.exp(-modes.gain_east * east - modes.gain_north * north),
-        )
+        return modes.take((of[:, None], order[of])).at(place - self.center[of])
 
     def log_density(
         self, cell: IntArray, position: FloatArray, direction: FloatArray, speed: FloatArray, standing_rate: float
     ) -> FloatArray:
         """Of direction and speed of rows in cells, (n,) each, by the cells' own modes and that of standing."""
-        modes, standing = self.modes, self.standing[:, None]
-        moving, none = modes._replace(weight=(1.0 - standing) * modes.weight), np.zeros(standing.shape)
-        still = Modes(standing, none, none, none + 1.0, none + standing_rate, none, none, none, none)
-        every = Modes(*map(np.hstack, zip(moving, still, strict=True)))
-        return ModeTable.of(every, self.center).log_density(cell, position, direction, speed)
+        standing = self.standing[:, None]
+        none = 0.0 * standing
+        still = Modes.flat(standing, none, none, none + 1.0, none + standing_rate)
+        modes = Modes.beside([self.modes.times(1.0 - standing), still])
+        return ModeTable.of(modes, self.center).log_density(cell, position, direction, speed)
 
 
 class PrimitiveModel(NamedTuple):
@@ -101,7 +93,7 @@ def fitted(rows: TrackRows, members: Members, position: FloatArray, bounds: Boun
         standing=cells.n_standing / np.maximum(n_rows, 1e-9),
         n_vehicles=np.where(n_rows > 0, np.maximum(cells.n_vehicles, np.minimum(n_rows, 1.0)), 0.0),
         n_rows=n_rows,
-        center=cells.center,
+        center=members.center,
     )
 
 
@@ -159,40 +151,28 @@ def assemble(
         strength: pseudo-vehicles with which its parent enters each cell, and the background model the last of them.
     """
     n_rows = np.round(levels[0].fits.n_rows[levels[0].of]).astype(np.int64)
-    n, left, still = cells.n_cells, np.ones((cells.n_cells, 1)), []
-    cores: list[Modes] = []
-    tails: list[Modes] = []
+    left, standing, cores, tails = np.ones((cells.n_cells, 1)), list[FloatArray](), list[Modes](), list[Modes]()
     for fits, of in levels:
         known = np.where(n_rows > 0, (fits.n_vehicles / (fits.n_vehicles + strength))[of], 0.0)[:, None]
-        still.append(left * known * fits.standing[of][:, None])
-        core = fits.heaviest_at(cells.centers, of)
-        core = core._replace(weight=(left * known - still[-1]) * core.weight)
+        standing.append(left * known * fits.standing[of][:, None])
+        core = fits.heaviest_at(cells.centers, of).times(left * known - standing[-1])
         shape = np.maximum(core.shape / BROADER, 1.0)
-        tails.append(core._replace(
-            weight=config.broad_share * core.weight, concentration=core.concentration / BROADER, shape=shape,
-            rate=core.rate * shape / core.shape,
+        tails.append(core.times(config.broad_share)._replace(
+            concentration=core.concentration / BROADER, shape=shape, rate=core.rate * shape / core.shape
         ))  # fmt: skip
-        cores.append(core._replace(weight=(1.0 - config.broad_share) * core.weight))
+        cores.append(core.times(1.0 - config.broad_share))
         left = left * (1.0 - known)
-    behind = Modes(*(np.tile(column, (n, 1)) for column in background.modes))
-    standing = Modes(still[0], *(column[:, -1:] for column in behind[1:]))
-    behind = behind._replace(weight=left * behind.weight)
-    behind.weight[:, -1:] += sum(still[1:])
-    parts = [cores[0], standing, *tails, *cores[1:], behind]
-    modes = [np.hstack(column) for column in zip(*parts, strict=True)]
-    nowhere = np.zeros(modes[0].shape[1] - background.modes.weight.size)  # the background row has no other modes
-    weight, mean, concentration, shape, rate, *slopes = (
-        np.vstack([column, np.append(nowhere + (name in ("shape", "rate")), last)])
-        for name, column, last in zip(Modes._fields, modes, background.modes, strict=True)
-    )
+    behind = background.modes.take(np.zeros(cells.n_cells, np.int64)).times(left)
+    still = behind.take((slice(None), slice(-1, None)))._replace(weight=standing[0])
+    behind.weight[:, -1:] += sum(standing[1:])
+    modes = Modes.beside([cores[0], still, *tails, *cores[1:], behind])
+    width = modes.weight.shape[1]
+    nothing = (1, width - background.modes.weight.size)  # the background row has no other modes
+    nowhere = Modes.beside([Modes.flat(*np.zeros((3, *nothing)), *np.ones((2, *nothing))), background.modes])
+    modes = Modes(*map(np.concatenate, zip(modes, nowhere, strict=True)))
     return PrimitiveMap(
         tessellation=cells,
-        direction=VonMisesMixture(
-            weight=weight / weight.sum(axis=1, keepdims=True), mean_direction=mean, concentration=concentration
-        ),
-        speed=Gamma(shape=shape, rate=rate),
+        modes=modes._replace(weight=modes.weight / modes.weight.sum(axis=1, keepdims=True)),
         n_rows=np.append(n_rows, n_rows.sum()),
-        n_background_modes=weight.shape[1] - cores[0].weight.shape[1] - 1,
-        bend=np.stack(slopes[:2], axis=-1),
-        gain=np.stack(slopes[2:], axis=-1),
+        n_background_modes=width - cores[0].weight.shape[1] - 1,
     )

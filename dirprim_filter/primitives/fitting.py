@@ -22,14 +22,11 @@ from dirprim_filter.primitives import _kernels
 from dirprim_filter.primitives._em import maximisation
 from dirprim_filter.primitives._modes import (
     COSINE,
-    EAST,
     LOG_CONCENTRATION,
     LOG_MEAN_SPEED,
     LOG_SHAPE,
     LOG_SPEED,
     MEAN,
-    N_COLUMNS,
-    NORTH,
     SINE,
     SPEED,
     WEIGHT,
@@ -59,34 +56,31 @@ def bounds_of(config: LearningConfig, **others: Any) -> Bounds:
     return Bounds(**{name: getattr(config, name) for name in shared} | others)
 
 
-def fit_all(in_cells: CellRows, bounds: Bounds) -> FloatArray:
+def fit_all(rows: CellRows, bounds: Bounds) -> FloatArray:
     """Fit every cell's modes to its rows; threads divide the cells, so their number changes nothing.
 
     Args:
-        in_cells: the rows of each cell.
+        rows: of each cell.
         bounds: priors and bounds; `with_speed`: direction and speed together and modes by BIC, or else the paper's two
             steps.
 
     Returns:
         (n_cells, max_modes, N_CURVED) a table of modes, see `_modes`; none where a cell has no rows or fewer modes.
     """
-    at_once = bounds.with_speed
-    columns, start = columns_of(in_cells)
-    fitted = np.diff(start)  # of a large cell fewer rows, which are not of more vehicles
-    n_vehicles = np.where(fitted < MOST_ROWS // 2, in_cells.n_vehicles, np.minimum(in_cells.n_vehicles, fitted))
-    n_cells = in_cells.n_vehicles.size
+    columns, start = some_columns(rows)
+    fitted, n_cells = np.diff(start), rows.n_vehicles.size  # of a large cell fewer rows, which are not of more vehicles
+    n_vehicles = np.where(fitted < MOST_ROWS // 2, rows.n_vehicles, np.minimum(rows.n_vehicles, fitted))
     table = empty_table(n_cells, bounds.max_modes)
-
     cost = start + ROWS_OF_A_CELL * np.arange(n_cells + 1)
     bound = np.unique(np.append(np.searchsorted(cost, np.arange(0, cost[-1], SHARE)), n_cells))
 
     def fit_share(i: int) -> None:
-        if at_once:
+        if bounds.with_speed:
             _kernels.fit_cells_at_once(columns, start, n_vehicles, bounds, bound[i], bound[i + 1], table)
             return
         for c in range(bound[i], bound[i + 1]):
-            rows = np.ascontiguousarray(columns[:, start[c] : start[c + 1]])
-            fit_in_two_steps(rows, float(n_vehicles[c]), bounds, table[c])
+            own = np.ascontiguousarray(columns[:, start[c] : start[c + 1]])
+            fit_in_two_steps(own, float(n_vehicles[c]), bounds, table[c])
 
     if bound.size > 2:
         with ThreadPoolExecutor(os.cpu_count()) as pool:
@@ -96,22 +90,14 @@ def fit_all(in_cells: CellRows, bounds: Bounds) -> FloatArray:
     return table
 
 
-def columns_of(in_cells: CellRows) -> tuple[FloatArray, IntArray]:
-    """A column for each member that is fitted, sorted by cell: (N_COLUMNS, n), and where each cell's begin."""
-    n_members = np.diff(in_cells.start)
-    cell, number = np.repeat(np.arange(n_members.size), n_members), np.arange(in_cells.row.size)
-    stride = 1 + n_members // MOST_ROWS
-    meant = (in_cells.weight > 0.0) & ((number - in_cells.start[cell]) % stride[cell] == 0)
-    cell, row = cell[meant], in_cells.row[meant]
-    start = np.concatenate([[0], np.cumsum(np.bincount(cell, minlength=n_members.size))])
-    used, index = (slice(None), row) if row.size > in_cells.speed.size else (row, slice(None))  # what costs less
-    direction, speed = in_cells.direction[used], np.maximum(in_cells.speed[used], 1e-300)
-    columns = np.empty((N_COLUMNS, row.size))
-    columns[COSINE], columns[SINE] = np.cos(direction)[index], np.sin(direction)[index]
-    columns[SPEED], columns[LOG_SPEED] = speed[index], np.log(speed)[index]
-    columns[WEIGHT] = in_cells.weight[meant]
-    columns[EAST], columns[NORTH] = (in_cells.position[row] - in_cells.center[cell]).T
-    return columns, start
+def some_columns(rows: CellRows) -> tuple[FloatArray, IntArray]:
+    """The columns that are fitted, of large cells some, and where each cell's begin; see `MOST_ROWS`."""
+    n_rows = np.diff(rows.start)
+    stride = np.repeat(1 + n_rows // MOST_ROWS, n_rows)
+    if (stride == 1).all():
+        return rows.columns, rows.start
+    kept = (np.arange(stride.size) - np.repeat(rows.start[:-1], n_rows)) % stride == 0
+    return np.ascontiguousarray(rows.columns[:, kept]), np.append(0, np.cumsum(kept))[rows.start]
 
 
 def fit_in_two_steps(columns: FloatArray, n_vehicles: float, bounds: Bounds, out: FloatArray) -> None:

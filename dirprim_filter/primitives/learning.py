@@ -179,7 +179,7 @@ def lay_out(
     if not joint:
         return layout, strength
     rough = leaning(few, layout, bounds, background)._replace(**ROUGH)
-    model = PrimitiveModel(rough, float(background.modes.rate[-1]), strength, backing)
+    model = PrimitiveModel(rough, float(background.modes.rate[0, -1]), strength, backing)
     found = fit_jointly(
         model, position, rows, group=rows.group, reach=reach, n_cells=n_cells, softness=SOFTNESS, progress=progress,
         rng=rng, max_rows=enough_rows(position, reach), start=layout.cells.centers if n_cells is None else None,

@@ -10,7 +10,6 @@ from scipy.sparse import block_diag, csr_array
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.primitives import _clustering
 from dirprim_filter.primitives._map_kernels import ModeTable
-from dirprim_filter.primitives._modes import Modes
 from dirprim_filter.primitives.background import MOST_ROWS, Background
 from dirprim_filter.primitives.motion import CREEP, PUSHED_SHARE, Motion, joined
 from dirprim_filter.primitives.motion_sums import Labels, MotionSums, pace_field
@@ -76,7 +75,7 @@ def label_visits(
     """Group the visits of each mode of each cell, in an order that is drawn; see `DETAIL`."""
     inside = np.flatnonzero(visits.cell >= 0)
     mode, feature = modes_of(primitives, visits), visits.features(primitives.centers)
-    n_modes = primitives.direction.weight.shape[1]
+    n_modes = primitives.modes.weight.shape[1]
     key = visits.cell[inside] * n_modes + mode[inside]
     order = np.argsort(key, kind="stable")
     bounds = np.append(np.flatnonzero(np.diff(key[order], prepend=-1)), order.size)
@@ -99,16 +98,12 @@ def modes_of(primitives: PrimitiveMap, visits: Visits) -> IntArray:
     Of visits to no cell it says nothing.
     """
     n_own = primitives.n_own_modes
-    direction, speed, at = primitives.direction, primitives.speed, visits.inside
+    at = visits.inside
     of_instant = visits.of_instant[at]
     v = np.maximum(visits.speed[at], 1e-2)
     total = np.empty((max(n_own - 1, 1), len(visits)))
     for m, log_p in enumerate(total):
-        one = Modes(
-            direction.weight[:, [m]], direction.mean_direction[:, [m]], direction.concentration[:, [m]],
-            speed.shape[:, [m]], speed.rate[:, [m]], *primitives.bend[:, [m]].T.swapaxes(1, 2),
-            *primitives.gain[:, [m]].T.swapaxes(1, 2),
-        )  # fmt: skip
+        one = primitives.modes.take((slice(None), [m]))
         each = ModeTable.of(one, primitives.centers).log_density(
             visits.cell[of_instant], visits.position[at], visits.course[at], v
         )
@@ -126,11 +121,11 @@ def motion_of(sums: MotionSums, labels: Labels, primitives: PrimitiveMap, backgr
     acceleration[:, 3] = np.clip(acceleration[:, 3], -MOST_REVERSION, 0.0)
     mean_speed = primitives.speed.mean[cell, mode]
     acceleration[:, 0] -= acceleration[:, 3] * mean_speed
-    direction = primitives.direction.mean_direction[cell, mode]
+    direction = primitives.modes.mean_direction[cell, mode]
     stands = mode == primitives.n_own_modes - 1
     placed = {
         "cell": cell, "mode": mode, "visits": sums.visits, "seconds": sums.seconds,
-        "course": direction + course[:, 0], "bend": primitives.bend[cell, mode] + course[:, 1:],
+        "course": direction + course[:, 0], "bend": primitives.modes.bend[cell, mode] + course[:, 1:],
         "log_pace": np.log(mean_speed + CREEP) + pace[:, 0], "gain": pace_field(primitives, cell, mode) + pace[:, 1:],
         "path": beta["path"], "path_direction": direction, "acceleration": acceleration,
         "stretch": beta["stretch"][:, 0],

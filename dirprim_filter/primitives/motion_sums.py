@@ -141,12 +141,12 @@ def _of_instants(
     share, z = (visits.weight / (visits.end - visits.begin))[of], labels.label[of]
     n, speed, there = labels.cell.size, visits.speed[at], (labels.cell[z], labels.mode[z])
     driven = share * np.clip(speed, SLOWEST_COURSE, 1.0)
-    mean_direction = primitives.direction.mean_direction[there]
+    mean_direction = primitives.modes.mean_direction[there]
     mean_speed = primitives.speed.mean[there]
     offset = visits.position[at] - primitives.centers[there[0]]
     one = np.ones(z.size)
     place = np.column_stack([one, offset])
-    of_mode = np.column_stack([mean_direction, primitives.bend[there]])
+    of_mode = np.column_stack([mean_direction, primitives.modes.bend[there]])
     off_course = difference(visits.course[at], (place * of_mode).sum(axis=1))
     gained = np.column_stack([np.log(mean_speed + CREEP), pace_field(primitives, *there)])
     off_pace = np.log(speed + CREEP) - (place * gained).sum(axis=1)
@@ -172,7 +172,7 @@ def _totals(label: IntArray, column: FloatArray, n: int) -> FloatArray:
 def pace_field(primitives: PrimitiveMap, cell: IntArray, mode: IntArray) -> FloatArray:
     """(z, 2) 1/m, the field of log(speed + 0.3) that a mode's gain of log speed is."""
     mean = primitives.speed.mean[cell, mode]
-    return np.asarray(primitives.gain[cell, mode] * (mean / (mean + CREEP))[:, None])
+    return np.asarray(primitives.modes.gain[cell, mode] * (mean / (mean + CREEP))[:, None])
 
 
 def _change(visits: Visits, column: FloatArray, seconds: float, *, is_angle: bool = False) -> FloatArray:

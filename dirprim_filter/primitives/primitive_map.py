@@ -7,7 +7,7 @@ Eq. 1-3.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple, cast
+from typing import NamedTuple, Self, cast
 
 import numpy as np
 
@@ -31,6 +31,13 @@ class Primitive(NamedTuple):
     direction: VonMisesMixture
     speed: Gamma
 
+    @classmethod
+    def of(cls, modes: Modes) -> Self:
+        """Where modes hold, without their slopes."""
+        mean = modes.mean_direction
+        direction = VonMisesMixture(weight=modes.weight, mean_direction=mean, concentration=modes.concentration)
+        return cls(direction, Gamma(shape=modes.shape, rate=modes.rate))
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PrimitiveMap:
@@ -41,14 +48,10 @@ class PrimitiveMap:
 
     Attributes:
         tessellation: the cells.
-        direction: (n_cells + 1, M) mixture of directions.
-        speed: (n_cells + 1, M) speeds of each mode.
+        modes: (n_cells + 1, M) modes of direction and speed.
         n_rows: (n_cells + 1,) how many observations each row was learned from.
         n_background_modes: how many of the last modes are tails, or the background model's: what a cell leans on
             where it knows little. They say where vehicles go at large, not here, so motion is not drawn to them.
-        bend: (n_cells + 1, M, 2) rad/m, how a mode's mean direction turns towards the east and the north of its cell;
-            left out: none, the primitives are flat.
-        gain: (n_cells + 1, M, 2) 1/m, how the logarithm of a mode's mean speed grows; left out: none.
         motion: how vehicles go on from place to place; left out: each on the mode of its cell, and settling on it.
         origin: latitude and longitude of the plane's origin, degrees; None where positions have none.
 
@@ -57,20 +60,17 @@ class PrimitiveMap:
     """
 
     tessellation: Tessellation
-    direction: VonMisesMixture
-    speed: Gamma
+    modes: Modes
     n_rows: IntArray
     n_background_modes: int
-    bend: FloatArray = field(default_factory=lambda: np.empty(0))
-    gain: FloatArray = field(default_factory=lambda: np.empty(0))
     motion: Motion = None  # type: ignore[assignment]  # made of the primitives where it is left out
     origin: Origin | None = None
     _table: MapTable | None = field(init=False, repr=False, compare=False, default=None)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "origin", Origin.of(self.origin))
-        n = self.tessellation.n_cells + 1
-        shapes = (self.direction.weight.shape, self.speed.shape.shape)
+        n, (direction, speed) = self.tessellation.n_cells + 1, Primitive.of(self.modes)
+        shapes = direction.weight.shape, speed.shape.shape
         if len(shapes[0]) != 2 or shapes[0] != shapes[1] or shapes[0][0] != n or self.n_rows.shape != (n,):
             raise ValueError(
                 f"direction, speed, n_rows: expected ({n}, M), ({n}, M) and ({n},), "
@@ -78,26 +78,35 @@ class PrimitiveMap:
             )
         if not 0 <= self.n_background_modes <= shapes[0][1]:
             raise ValueError(f"n_background_modes: expected 0 to {shapes[0][1]}, got {self.n_background_modes}")
-        for name in ("bend", "gain"):
-            slope = getattr(self, name)
-            slope = as_floats(name, slope, f"{n} {shapes[0][1]} 2") if slope.size else np.zeros((*shapes[0], 2))
-            object.__setattr__(self, name, slope)
+        slopes = (as_floats(name, getattr(self.modes, name), f"{n} {shapes[0][1]} 2") for name in ("bend", "gain"))
+        mixture = direction.weight, direction.mean_direction, direction.concentration
+        object.__setattr__(self, "modes", Modes(*mixture, speed.shape, speed.rate, *slopes))
         if self.motion is None:
-            settling = Motion.settling(self.direction, self.speed, self.bend, self.gain, self.n_own_modes)
+            settling = Motion.settling(direction, speed, self.modes.bend, self.modes.gain, self.n_own_modes)
             object.__setattr__(self, "motion", settling)
         last = self.motion.cell[self.motion.n_placed - 1] if self.motion.n_placed else -1
         if last >= n - 1 or ((self.motion.mode < 0) | (self.motion.mode >= shapes[0][1])).any():
             raise ValueError(f"motion: expected manoeuvres of {n - 1} cells and {shapes[0][1]} modes, got others")
 
     @property
+    def direction(self) -> VonMisesMixture:
+        """(n_cells + 1, M) mixture of directions."""
+        return Primitive.of(self.modes).direction
+
+    @property
+    def speed(self) -> Gamma:
+        """(n_cells + 1, M) speeds of each mode."""
+        return Primitive.of(self.modes).speed
+
+    @property
     def n_own_modes(self) -> int:
         """How many of the first modes are a cell's own; where they were learned, the last is for standing."""
-        return int(self.direction.weight.shape[1]) - self.n_background_modes
+        return int(self.modes.weight.shape[1]) - self.n_background_modes
 
     @property
     def own_weight(self) -> FloatArray:
         """(n_cells, n_own_modes) the weights of the cells' own modes."""
-        return self.direction.weight[:-1, : self.n_own_modes]
+        return self.modes.weight[:-1, : self.n_own_modes]
 
     @property
     def centers(self) -> FloatArray:
@@ -111,20 +120,8 @@ class PrimitiveMap:
             ValueError: the last axis is not 2, or a coordinate is not finite.
         """
         cell = self.tessellation.cell_of(position)
-        if not (self.bend.any() or self.gain.any()):
-            return Primitive(self.direction[cell], self.speed[cell])
-        offset = (np.asarray(position, dtype=np.float64) - self.centers[cell])[..., None, :]
-        direction, speed = self.direction[cell], self.speed[cell]
-        turned = (self.bend[cell] * offset).sum(axis=-1)
-        gained = (self.gain[cell] * offset).sum(axis=-1)
-        return Primitive(
-            VonMisesMixture(
-                weight=direction.weight,
-                mean_direction=direction.mean_direction + turned,
-                concentration=direction.concentration,
-            ),
-            Gamma(shape=speed.shape, rate=speed.rate * np.exp(-gained)),
-        )
+        offset = np.asarray(position, dtype=np.float64) - self.centers[cell]
+        return Primitive.of(self.modes.take(cell).at(offset))
 
     def log_density(self, position: FloatArray, direction: FloatArray, speed: FloatArray) -> FloatArray:
         """Natural log of p(direction, speed | position), per radian and m/s. (..., 2), (...), (...) -> (...).
@@ -175,16 +172,12 @@ class PrimitiveMap:
     def compiled(self) -> MapTable:
         """The parameters as the kernels take them, made at the first use."""
         if self._table is None:
-            direction, speed = self.direction, self.speed
-            parameters = direction.weight, direction.mean_direction, direction.concentration, speed.shape, speed.rate
-            slopes = (slope[..., axis] for slope in (self.bend, self.gain) for axis in (0, 1))
-            modes = ModeTable.of(Modes(*parameters, *slopes), self.centers)
+            modes = ModeTable.of(self.modes, self.centers)
             object.__setattr__(self, "_table", MapTable(locator_of(self.tessellation), *modes))
         return cast(MapTable, self._table)
 
     def without_places(self) -> PrimitiveMap:
         """The same map with no cell: the ablation that shows what knowing the place is worth."""
-        last = np.array([-1])
-        columns = {name: getattr(self, name)[last] for name in ("direction", "speed", "n_rows", "bend", "gain")}
-        motion = self.motion.without_places()
-        return replace(self, tessellation=GridTessellation.empty(), motion=motion, **columns)
+        last, motion = np.array([-1]), self.motion.without_places()
+        rows = {"modes": self.modes.take(last), "n_rows": self.n_rows[last]}
+        return replace(self, tessellation=GridTessellation.empty(), motion=motion, **rows)

@@ -9,6 +9,7 @@ import numpy as np
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray, read_only
 from dirprim_filter.primitives import _thinning
+from dirprim_filter.primitives._modes import COSINE, EAST, LOG_SPEED, N_COLUMNS, NORTH, SINE, SPEED, WEIGHT
 from dirprim_filter.tracks import Tracks
 from tessellation.protocols import Members
 
@@ -143,61 +144,32 @@ class TrackRows:
         return np.asarray(members.weight * weight * (total / np.where(square > 0.0, square, 1.0))[cell])
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CellRows:
-    """Which rows each cell has; a row may be in several, with a weight of its own in each.
+class CellRows(NamedTuple):
+    """What cells are fitted to: the rows of each that move, cell by cell, and how much there is of them."""
 
-    Attributes:
-        direction: (n,) radians in [-pi, pi].
-        speed: (n,) m/s, positive where a row is a member.
-        position: (n, 2) metres.
-        start: (n_cells + 1,) cell c has the members from start[c] to start[c + 1].
-        row: (n_members,) which row a member is.
-        weight: (n_members,) not negative.
-        center: (n_cells, 2) metres.
-        n_vehicles: (n_cells,) vehicles that the members are of.
-        n_standing: (n_cells,) rows of standing vehicles, by weight, which are no members.
-    """
-
-    direction: FloatArray
-    speed: FloatArray
-    position: FloatArray
-    start: IntArray
-    row: IntArray
-    weight: FloatArray
-    center: FloatArray
-    n_vehicles: FloatArray
-    n_standing: FloatArray
+    columns: FloatArray  # (N_COLUMNS, n) see `_modes`; metres from the centre of the cell
+    start: IntArray  # (n_cells + 1,) cell c has the columns from start[c] to start[c + 1]
+    n_vehicles: FloatArray  # (n_cells,) that these rows are of
+    n_moving: FloatArray  # (n_cells,) rows, by weight
+    n_standing: FloatArray  # (n_cells,) slower rows, by weight, which are left out
 
     @classmethod
     def of(cls, rows: TrackRows, members: Members, position: FloatArray, *, standing_speed: float) -> CellRows:
-        """Separate the moving members of each cell from those that are slower and stand.
-
-        The positions (n, 2) of the rows are from the same origin as the members' centres.
-        """
-        moves = rows.speed[members.row] >= standing_speed
-        start = np.concatenate([[0], np.cumsum(moves)])[members.start]
-        weighed = rows.member_weights(members)
-        row, weight = members.row[moves], weighed[moves]
-        n_cells = len(members.center)
+        """The members of cells; positions (n, 2) of the rows are from the same origin as the members' centres."""
+        n_cells, weight = len(members.center), rows.member_weights(members)
         cell = np.repeat(np.arange(n_cells), np.diff(members.start))
-        return cls(
-            direction=rows.direction,
-            speed=rows.speed,
-            position=position,
-            start=start,
-            row=row,
-            weight=weight,
-            center=members.center,
-            n_vehicles=_count_vehicles(cell[moves], rows.vehicle[row], weight, n_cells),
-            n_standing=np.asarray(np.bincount(cell[~moves], weighed[~moves], minlength=n_cells), np.float64),
-        )
-
-    @property
-    def n_moving(self) -> FloatArray:
-        """(n_cells,) members, by weight."""
-        cell = np.repeat(np.arange(self.n_vehicles.size), np.diff(self.start))
-        return np.asarray(np.bincount(cell, self.weight, minlength=self.n_vehicles.size), np.float64)
+        moves = rows.speed[members.row] >= standing_speed
+        n_moving, n_standing = (np.bincount(cell[of], weight[of], minlength=n_cells) for of in (moves, ~moves))
+        cell, row, weight = cell[moves], members.row[moves], weight[moves]
+        start = np.append(0, np.cumsum(moves))[members.start]
+        used, index = (slice(None), row) if row.size > len(rows) else (row, slice(None))  # what costs less
+        direction, speed = rows.direction[used], np.maximum(rows.speed[used], 1e-300)
+        columns = np.empty((N_COLUMNS, row.size))
+        columns[COSINE], columns[SINE] = np.cos(direction)[index], np.sin(direction)[index]
+        columns[SPEED], columns[LOG_SPEED], columns[WEIGHT] = speed[index], np.log(speed)[index], weight
+        columns[EAST], columns[NORTH] = (position[row] - members.center[cell]).T
+        n_vehicles = _count_vehicles(cell, rows.vehicle[row], weight, n_cells)
+        return cls(columns, start, n_vehicles, *(np.asarray(of, np.float64) for of in (n_moving, n_standing)))
 
 
 def _count_vehicles(cell: IntArray, vehicle: IntArray, weight: FloatArray, n_cells: int) -> FloatArray:

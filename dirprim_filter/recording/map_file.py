@@ -24,8 +24,8 @@ from google.protobuf.message import DecodeError
 
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray, require
 from dirprim_filter.columns import GLOBE
-from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.origin import Origin
+from dirprim_filter.primitives._modes import Modes
 from dirprim_filter.primitives.leader import LeaderResponse
 from dirprim_filter.primitives.motion import FLOATS, Motion
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
@@ -144,7 +144,7 @@ VERSION = 7
 MOST_MODES = 4096
 """Of a cell: no map has so many, and kernels make room for them."""
 
-ROW = ("weight", "mean_direction", "concentration", "shape", "rate", "bend", "gain")
+ROW = Modes._fields
 """Columns of the modes of each cell."""
 LEADER = ("gain", "push", "trust", "start_rate")
 SCALARS = {"version": int, "n_background_modes": int, "kind": str, "background_visits": float}
@@ -168,11 +168,6 @@ def encoded(primitive_map: PrimitiveMap) -> bytes:
     """
     cells, motion = primitive_map.tessellation, primitive_map.motion
     kind, scalars, square, others = _cells(cells)
-    direction, speed = primitive_map.direction, primitive_map.speed
-    rows = (
-        direction.weight, direction.mean_direction, direction.concentration, speed.shape, speed.rate,
-        primitive_map.bend, primitive_map.gain,
-    )  # fmt: skip
     leaders = [motion.leader] if motion.leader else []
     scalars = {
         "version": VERSION, "n_background_modes": primitive_map.n_background_modes, "kind": kind, **scalars,
@@ -180,7 +175,7 @@ def encoded(primitive_map: PrimitiveMap) -> bytes:
     }  # fmt: skip
     scalars |= primitive_map.origin._asdict() if primitive_map.origin else {}
     return encode(scalars, {
-        "row": dict(zip(ROW, rows, strict=True)) | {"n_rows": primitive_map.n_rows},
+        "row": primitive_map.modes._asdict() | {"n_rows": primitive_map.n_rows},
         "place": {"center": cells.centers.reshape(-1, 2)}, "square": {"number": square},
         "manoeuvre": {"cell": motion.cell, "mode": motion.mode, "n_following": np.diff(motion.first)}
         | {name: getattr(motion, name) for name in FLOATS},
@@ -226,11 +221,11 @@ def map_of(data: bytes, tessellation: Callable[..., Tessellation] | None = None)
         raise ValueError(f"row.weight: expected at most {MOST_MODES} modes, got {modes[1:]}")
     return PrimitiveMap(
         tessellation=_tessellation(scalars, tables, tessellation),
-        direction=VonMisesMixture(**{name: rows[name] for name in ROW[:3]}),
-        speed=Gamma(**{name: rows[name] for name in ROW[3:5]}),
+        modes=Modes(
+            **{name: rows[name] for name in ROW[:5]}, **{name: rows[name].reshape(*modes, 2) for name in ROW[5:]}
+        ),
         n_rows=rows["n_rows"],
         n_background_modes=scalars["n_background_modes"],
-        **{name: rows[name].reshape(*modes, 2) for name in ROW[5:]},
         motion=_motion(scalars["background_visits"], tables),
         origin=Origin.of([scalars[name] for name in GLOBE if name in scalars] or None),
     )

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from dirprim_filter.arrays import AnyArray, IntArray
-from dirprim_filter.distributions import Gamma, VonMisesMixture
+from dirprim_filter.primitives._modes import Modes
 from dirprim_filter.primitives.motion import FLOATS, Motion
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.store.blocks import Block, places_of
@@ -41,11 +41,7 @@ def joined(parts: dict[Block, PrimitiveMap]) -> PrimitiveMap:
     c = {name: column[rows] for name, column in _columns(maps, own, of_most, n_own=n_own, n_free=n_free).items()}
     c["n_rows"][-1] = c["n_rows"][:-1].sum()
     return PrimitiveMap(
-        tessellation=cells, n_rows=c["n_rows"], n_background_modes=n_free,
-        direction=VonMisesMixture(
-            weight=c["weight"], mean_direction=c["mean_direction"], concentration=c["concentration"]
-        ),
-        speed=Gamma(shape=c["shape"], rate=c["rate"]), bend=c["bend"], gain=c["gain"],
+        tessellation=cells, n_rows=c.pop("n_rows"), n_background_modes=n_free, modes=Modes(**c),
         motion=_motion(maps, own, homes, cells=cells, of_most=of_most, n_own=n_own),
     )  # fmt: skip
 
@@ -69,15 +65,10 @@ def _columns(
     """Of all primitives, one block's cells after the other's, and last of no place."""
     parts: list[dict[str, AnyArray]] = []
     for m, cells in [*zip(maps, own, strict=True), (of_most, np.array([-1]))]:
-        d, s = m.direction, m.speed
-        values = {
-            "weight": d.weight, "mean_direction": d.mean_direction, "concentration": d.concentration,
-            "shape": s.shape, "rate": s.rate, "bend": m.bend, "gain": m.gain,
-        }  # fmt: skip
         free = n_own + np.arange(n_free - m.n_background_modes, n_free)
         at = np.concatenate([np.arange(m.n_own_modes - 1), [n_own - 1], free])  # in motion, standing, background
         part: dict[str, AnyArray] = {"n_rows": m.n_rows[cells]}
-        for name, value in values.items():  # a mode that a cell does not have weighs nothing
+        for name, value in m.modes._asdict().items():  # a mode that a cell does not have weighs nothing
             filler = 1.0 if name in {"shape", "rate"} else 0.0
             part[name] = np.full((cells.size, n_own + n_free, *value.shape[2:]), filler)
             part[name][:, at] = value[cells]

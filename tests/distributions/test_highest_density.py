@@ -54,17 +54,6 @@ def test_at_every_instant_the_fan_holds_its_share_and_a_smaller_one_lies_within(
     assert holds(wide, narrow.mean(axis=1)).mean() > 0.98
 
 
-def test_triangles_do_not_overlap_and_all_turn_one_way():
-    (fan,) = region_triangles(fork(40, seed=3), (0.9,))
-    assert (area_of(fan) >= -1e-9).all()
-    rng = np.random.default_rng(4)
-    points = rng.uniform(fan.min(axis=(0, 1)), fan.max(axis=(0, 1)), (3000, 2))
-    inside = np.sum([Outline(t).contains_points(points) for t in fan], axis=0)
-    assert inside.max() == 1
-    box = np.prod(np.ptp(fan, axis=(0, 1)))
-    assert inside.mean() * box == pytest.approx(area_of(fan).sum(), rel=0.1)
-
-
 def test_a_fan_splits_where_rollouts_do():
     (fan,) = region_triangles(fork(60, seed=5), (0.9,))
     ends = fork(60, seed=5)[:, -1]

@@ -22,7 +22,7 @@ def circling(**settings):
     straight = one_cell_map(side=60.0, **settings)
     bend = np.zeros((2, 1, 2))
     bend[0, 0, 0] = 1 / RADIUS
-    return only_places(replace(straight, bend=bend, motion=None))
+    return only_places(replace(straight, modes=straight.modes._replace(bend=bend), motion=None))
 
 
 def test_a_vehicle_turns_with_the_bend_as_the_line_of_the_field_does():
@@ -40,7 +40,7 @@ def test_speed_settles_on_the_gain_of_the_place():
     flat = one_cell_map(shape=400.0, concentration=1e4)
     gain = np.zeros((2, 1, 2))
     gain[0, 0, 1] = 0.02  # north, across the course
-    climbing = only_places(replace(flat, gain=gain, motion=None))
+    climbing = only_places(replace(flat, modes=flat.modes._replace(gain=gain), motion=None))
     for north in (-10.0, 10.0):
         paths = forecast(
             climbing, position=(0.0, north), direction=0.0, speed=10.0, horizon_s=20.0, dt_s=1.0, n_samples=400,
@@ -56,7 +56,8 @@ def test_a_belief_is_born_of_the_density_of_its_place(place):
     """Far from the centre of a cell that bends and gains: direction and speed are those of `log_density` there."""
     slope = np.zeros((2, 1, 2))
     slope[0, 0] = 0.01, -0.004
-    bent = replace(circling(concentration=40.0, shape=12.0), gain=slope, motion=None)
+    bent = circling(concentration=40.0, shape=12.0)
+    bent = replace(bent, modes=bent.modes._replace(gain=slope), motion=None)
     filter_ = ParticleFilter(bent, FilterConfig(n_particles=20_000, noise_m=1e-6))
     slot, place = np.zeros(1, np.int64), np.array(place)
     filter_.begin(slot, np.array([7], np.uint64), Detections(track_id=["a"], time_ns=[0], position=[place]))

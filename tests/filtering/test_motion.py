@@ -35,7 +35,7 @@ def test_motion_is_the_same_however_time_is_cut():
     curved = one_cell_map(concentration=150.0, shape=30.0, side=200.0)
     bend = np.zeros((2, 1, 2))
     bend[0, 0] = 0.01, -0.005
-    curved = replace(curved, bend=bend, motion=None)
+    curved = replace(curved, modes=curved.modes._replace(bend=bend), motion=None)
     once = laws(curved, key=1)
     tenths = laws(curved, key=2, n_calls=40)
     finer = laws(curved, key=3, step_s=0.05)

@@ -9,7 +9,6 @@ import pytest
 from dirprim_filter.columns import column_fields
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
-from dirprim_filter.distributions import Gamma
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.filtering import ConstantVelocityKalman, Tracker
 from dirprim_filter.filtering.belief import FIRST_CAPACITY
@@ -275,7 +274,8 @@ def test_beliefs_are_as_wide_as_they_err(ring_map, seed):
 
 def test_who_creeps_where_all_others_drove_fast_is_found_after_some_detections():
     rng, fast = np.random.default_rng(3), one_cell_map(concentration=1e3)
-    fast = replace(fast, speed=Gamma(shape=np.array([[400.0], [2.0]]), rate=np.array([[20.0], [0.2]])))
+    modes = fast.modes._replace(shape=np.array([[400.0], [2.0]]), rate=np.array([[20.0], [0.2]]))
+    fast = replace(fast, modes=modes)
     noise = rng.normal(0, 0.3, (40, 2))
     frames = [one("slow", 0.1 * i, 0.2 * i + noise[i, 0], noise[i, 1]) for i in range(40)]
     found, tracker = track(fast, frames, n_particles=1000, noise_m=0.3)

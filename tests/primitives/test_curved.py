@@ -38,9 +38,9 @@ def fitted(rows, **settings):
     given = {"max_modes": 3, "prior_strength": 0.02, "speed_spread": 0.2, "curved": True} | settings
     out = Modes.of(fit_all(rows, bounds_of(LearningConfig(), **given))[0])
     used = out.weight > 0
-    weight, mean, concentration, shape, rate, *slopes = (column[used] for column in out)
-    found = np.column_stack([weight, mean, concentration, shape, shape / rate, *slopes])
-    return found[np.argsort(-weight)]
+    out = out.take(used)
+    found = np.column_stack([*out[:4], out.shape / out.rate, out.bend, out.gain])
+    return found[np.argsort(-found[:, 0])]
 
 
 def slopes_off(found, truth, n):
@@ -88,7 +88,7 @@ def bent_map(bend=(0.05, -0.08), gain=(0.03, 0.02)):
     """One cell of 10 m around the origin with one curved mode; outside of it a flat one."""
     flat = one_cell_map(mean=3.1, concentration=60.0, speed=12.0, shape=40.0, side=SIDE)
     slope = [np.stack([[given], [np.zeros(2)]]) for given in (bend, gain)]
-    return replace(flat, bend=slope[0], gain=slope[1])
+    return replace(flat, modes=flat.modes._replace(bend=slope[0], gain=slope[1]))
 
 
 def places(n, rng):
@@ -121,7 +121,7 @@ def test_a_quarter_turn_of_the_traffic_turns_the_map(ring, ring_map):
     """The squares of the grid lie around the origin, so they turn into each other."""
     turned = replace(ring, position=quarter_turn(ring.position), direction=wrap(ring.direction + np.pi / 2))
     other = learn_primitives(turned, tessellation="grid", cell_size=6.0, rng=np.random.default_rng(7))
-    assert ring_map.bend.any()
+    assert ring_map.modes.bend.any()
     test = ring_traffic(np.random.default_rng(5), n_vehicles=20)
     mine = ring_map.log_density(test.position, test.direction, test.speed)
     theirs = other.log_density(quarter_turn(test.position), wrap(test.direction + np.pi / 2), test.speed)
@@ -132,13 +132,13 @@ def test_a_quarter_turn_of_the_traffic_turns_the_map(ring, ring_map):
 def test_a_ring_is_learned_as_bends_of_one_over_its_radius(ring_map):
     """On a circle the course turns by 1 / radius along the way, so that is the length of every bend."""
     busy = ring_map.n_rows[:-1] > np.median(ring_map.n_rows[:-1])
-    bend = np.linalg.norm(ring_map.bend[:-1, 0], axis=-1)[busy]
+    bend = np.linalg.norm(ring_map.modes.bend[:-1, 0], axis=-1)[busy]
     np.testing.assert_allclose(bend, 1 / 20.0, rtol=0.1)
 
 
 def test_a_bend_that_does_not_fit_the_modes_is_refused():
     for name in ("bend", "gain"):
         with pytest.raises(ValueError, match=f"{name}: expected"):
-            replace(bent_map(), **{name: np.zeros((2, 3, 2))})
+            replace(bent_map(), modes=bent_map().modes._replace(**{name: np.zeros((2, 3, 2))}))
     with pytest.raises(ValueError, match="bend: expected finite"):
         bent_map(bend=(np.nan, 0.0))

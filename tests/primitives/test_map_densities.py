@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from dirprim_filter.distributions import Gamma, VonMisesMixture
+from dirprim_filter.primitives._modes import Modes
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from oracles import map_log_densities
 from situations import one_cell_map
@@ -24,20 +24,15 @@ def random_map(*, curved, least=1e-9, concentration=1e6, seed=0):
     alpha[:, 0] = 1.0
     kappa = 10 ** rng.uniform(np.log10(least), np.log10(concentration), shape)
     kappa[0] = 0.0
-    slope = 0.02 * rng.normal(size=(2, *shape, 2)) if curved else np.empty((2, 0))
+    slope = 0.02 * curved * rng.normal(size=(2, *shape, 2))
     return PrimitiveMap(
         tessellation=GridTessellation(origin=np.zeros(2), cell_size=10.0, n_x=4, n_y=4, square=np.arange(N_CELLS)),
-        direction=VonMisesMixture(
-            weight=weight / weight.sum(axis=1, keepdims=True),
-            mean_direction=rng.choice([np.pi, 0.0, -1.5, 3.0], shape),
-            concentration=kappa,
+        modes=Modes(
+            weight / weight.sum(axis=1, keepdims=True), rng.choice([np.pi, 0.0, -1.5, 3.0], shape), kappa,
+            alpha, alpha / rng.uniform(0.5, 20.0, shape), *slope,
         ),
-        speed=Gamma(shape=alpha, rate=alpha / rng.uniform(0.5, 20.0, shape)),
-        n_rows=np.ones(shape[0], np.int64),
-        n_background_modes=0,
-        bend=slope[0],
-        gain=slope[1],
-    )
+        n_rows=np.ones(shape[0], np.int64), n_background_modes=0,
+    )  # fmt: skip
 
 
 def rows(n, rng):
@@ -118,11 +113,10 @@ def test_samples_follow_their_density(curved):
 def test_direction_and_speed_of_a_sample_are_of_one_mode():
     two = replace(
         one_cell_map(), motion=None,
-        direction=VonMisesMixture(
-            weight=np.full((2, 2), 0.5), mean_direction=[[0.0, 2.0]] * 2, concentration=np.full((2, 2), 1e5)
+        modes=Modes.flat(
+            np.full((2, 2), 0.5), np.array([[0.0, 2.0]] * 2), np.full((2, 2), 1e5), np.full((2, 2), 1e4),
+            1e4 / np.array([[3.0, 12.0]] * 2),
         ),
-        speed=Gamma(shape=np.full((2, 2), 1e4), rate=1e4 / np.array([[3.0, 12.0]] * 2)),
-        bend=np.empty(0), gain=np.empty(0),
     )  # fmt: skip
     direction, speed = two.sample(np.zeros((1000, 2)), rng=np.random.default_rng(0))
     np.testing.assert_array_equal(direction > 1.0, speed > 7.0)

@@ -38,7 +38,7 @@ def test_the_density_is_that_of_the_cell_its_parents_and_the_background_by_their
     for (fits, of), n in zip(levels, n_rows, strict=True):
         if layout.softness == 0.0:  # all that children have, parents have, each row once
             np.testing.assert_allclose(fits.n_rows, n)
-        own = fits.log_density(of[cell], rows.position, rows.direction, speed, float(background.modes.rate[-1]))
+        own = fits.log_density(of[cell], rows.position, rows.direction, speed, float(background.modes.rate[0, -1]))
         share = left * (fits.n_vehicles / (fits.n_vehicles + strength))[of[cell]]
         expected, left = expected + share * np.exp(own), left - share
     expected += left * np.exp(background.log_density(rows, speed))

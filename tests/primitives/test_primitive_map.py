@@ -117,6 +117,6 @@ def test_a_map_whose_rows_do_not_fit_its_cells_is_refused(ring_map):
     with pytest.raises(ValueError, match="n_rows: expected"):
         type(ring_map)(**parts | {"n_rows": ring_map.n_rows[:-1]})
     with pytest.raises(ValueError, match="direction, speed"):
-        type(ring_map)(**parts | {"direction": ring_map.direction[:-1], "speed": ring_map.speed[:-1]})
+        type(ring_map)(**parts | {"modes": ring_map.modes.take(np.s_[:-1])})
     with pytest.raises(ValueError, match="n_background_modes: expected 0 to"):
         type(ring_map)(**parts | {"n_background_modes": 99})

@@ -12,8 +12,8 @@ import pytest
 from numba import typeof
 
 from dirprim_filter.config import FilterConfig
-from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.forecasting import leader_table
+from dirprim_filter.primitives._modes import Modes
 from dirprim_filter.primitives.leader import LeaderResponse
 from dirprim_filter.primitives.motion import FLOATS, Motion
 from dirprim_filter.primitives.motion_table import motion_table
@@ -42,13 +42,12 @@ def some_map(n_cells, *, n_modes=3, seed=0, voronoi=False):
     generators = 5e6 / 7 + rng.normal(size=(n_cells, 2))
     return PrimitiveMap(
         tessellation=VoronoiTessellation(generators=generators, region=grid) if voronoi else grid,
-        direction=VonMisesMixture(
-            weight=rng.dirichlet(np.ones(n_modes), size=n_cells + 1),
-            mean_direction=rng.uniform(-np.pi, np.pi, rows), concentration=10.0 ** rng.uniform(-3, 6, rows),
+        modes=Modes(
+            rng.dirichlet(np.ones(n_modes), size=n_cells + 1), rng.uniform(-np.pi, np.pi, rows),
+            10.0 ** rng.uniform(-3, 6, rows), *rng.gamma(2.0, 1.0, (2, *rows)), *rng.normal(size=(2, *rows, 2)),
         ),
-        speed=Gamma(shape=rng.gamma(2.0, 1.0, rows), rate=rng.gamma(2.0, 1.0, rows)),
         n_rows=rng.integers(0, 2**40, n_cells + 1), n_background_modes=1,
-        bend=rng.normal(size=(*rows, 2)), motion=some_motion(n_cells, n_modes, rng),
+        motion=some_motion(n_cells, n_modes, rng),
     )  # fmt: skip
 
 

@@ -25,28 +25,6 @@ def test_it_is_as_good_as_that_of_scikit_learn(offset):
     assert ours < 1.1 * theirs
 
 
-def test_generators_end_near_the_means_of_their_positions():
-    position = np.random.default_rng(1).normal(0, 30, (3000, 2))
-    cells = cells_around(position, n_cells=20)
-    cell = cells.cell_of(position)
-    means = np.array([position[cell == c].mean(axis=0) for c in range(cells.n_cells)])
-    np.testing.assert_allclose(cells.generators, means, atol=1.0)
-    random = np.random.default_rng(2).choice(position, 20, replace=False)  # a control: no seeds are so near
-    assert np.abs(random - means).max() > 5.0
-
-
-def test_clusters_far_apart_get_a_generator_each():
-    corner = np.stack(np.meshgrid(np.arange(8), np.arange(8)), -1).reshape(-1, 1, 2) * 100.0
-    position = (corner + np.random.default_rng(3).normal(0, 1, (64, 30, 2))).reshape(-1, 2)
-    found = sum(cost(cells_around(position, n_cells=64, seed=s), position) < 64 * 30 * 4 for s in range(10))
-    uniform = 0
-    for s in range(10):  # the control: seeds drawn uniformly miss clusters
-        chosen = np.random.default_rng(s).choice(64 * 30, 64, replace=False) // 30
-        uniform += np.unique(chosen).size == 64
-    assert uniform == 0
-    assert found > 0
-
-
 def test_seeds_are_drawn_as_by_the_plain_algorithm():
     rng = np.random.default_rng(4)
     position, weight, uniform = rng.integers(0, 64, (500, 2)).astype(float), rng.integers(1, 5, 500), rng.random(60)

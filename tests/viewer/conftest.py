@@ -5,8 +5,8 @@ import pytest
 import rerun as rr
 
 from dirprim_filter.detections import Detections
-from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
+from dirprim_filter.primitives._modes import Modes
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from situations import tracks_of
 from tessellation import GridTessellation
@@ -30,12 +30,13 @@ def scene_map():
     cells = GridTessellation.covering(np.array([[5.0, 5.0], [15.0, 15.0], [25.0, 25.0]]), cell_size=10.0)
     return PrimitiveMap(
         tessellation=cells,
-        direction=VonMisesMixture(
-            weight=[[0.9, 0.0, 0.1], [0.6, 0.3, 0.1], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0]],
-            mean_direction=[[np.pi / 2, 0.0, 0.0], [0.3, 2.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]],
-            concentration=[[500.0, 1.0, 0.0], [8.0, 0.5, 0.0], [1.0, 1.0, 0.0], [1.0, 1.0, 0.0]],
+        modes=Modes.flat(
+            np.array([[0.9, 0.0, 0.1], [0.6, 0.3, 0.1], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0]]),
+            np.array([[np.pi / 2, 0.0, 0.0], [0.3, 2.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]),
+            np.array([[500.0, 1.0, 0.0], [8.0, 0.5, 0.0], [1.0, 1.0, 0.0], [1.0, 1.0, 0.0]]),
+            np.full((4, 3), 4.0),
+            np.array([[0.5, 1.0, 1.0]] * 4),
         ),
-        speed=Gamma(shape=np.full((4, 3), 4.0), rate=np.array([[0.5, 1.0, 1.0]] * 4)),
         n_rows=np.array([100, 60, 0, 160]),
         n_background_modes=1,
     )

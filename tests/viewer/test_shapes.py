@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.drawing import shapes
+from dirprim_filter.primitives._modes import Modes
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from tessellation import GridTessellation
 
@@ -57,11 +57,10 @@ def test_in_a_city_the_cells_of_a_square_have_one_rose_of_the_modes_that_differ(
     cells = GridTessellation.covering(np.argwhere(np.ones((40, 40))) * 10.0 + 5.0, cell_size=10.0)
     n, aside = cells.n_cells + 1, np.radians(np.tile([-20.0, 20.0], cells.n_cells // 2 + 1)[: cells.n_cells + 1])
     of = PrimitiveMap(
-        tessellation=cells, direction=VonMisesMixture(
-            weight=np.tile([0.75, 0.25], (n, 1)), mean_direction=np.column_stack([aside, np.pi - aside]),
-            concentration=np.full((n, 2), 200.0),
-        ), speed=Gamma(shape=np.ones((n, 2)), rate=np.tile([0.1, 0.2], (n, 1))), n_rows=np.full(n, 10),
-        n_background_modes=0,
+        tessellation=cells, modes=Modes.flat(
+            np.tile([0.75, 0.25], (n, 1)), np.column_stack([aside, np.pi - aside]), np.full((n, 2), 200.0),
+            np.ones((n, 2)), np.tile([0.1, 0.2], (n, 1)),
+        ), n_rows=np.full(n, 10), n_background_modes=0,
     )  # fmt: skip
     petals = shapes.rose_petals(of, spacing=100.0)
     assert np.bincount(petals.cell).tolist() == [2] * 16
@@ -78,8 +77,8 @@ def test_in_a_city_the_cells_of_a_square_have_one_rose_of_the_modes_that_differ(
 
 
 def test_vehicles_that_stand_are_a_disc_and_leave_the_petals_of_the_others_as_large(scene_map):
-    speed = replace(scene_map.speed, rate=np.where(np.arange(3) == 0, 100.0, scene_map.speed.rate))  # mode 1 stands
-    petals = shapes.rose_petals(replace(scene_map, speed=speed))
+    modes = scene_map.modes._replace(rate=np.where(np.arange(3) == 0, 100.0, scene_map.speed.rate))  # mode 1 stands
+    petals = shapes.rose_petals(replace(scene_map, modes=modes))
     assert petals.is_disc.tolist() == [True, True, False]  # beneath what moves
     assert petals.weight.tolist() == [0.9, 0.6, 1.0]
     (alone,) = shapes.rose_petals(scene_map).polygon[2:]
@@ -98,8 +97,7 @@ def test_most_of_the_traffic_leaves_out_who_is_far_away_and_without_traffic_all_
         n_rows[cells.cell_of(np.array([[5.0, 5.0], [15.0, 5.0], [1005.0, 5.0]]))] = 500, 500, n_far
         one = np.ones((cells.n_cells + 1, 1))
         of = PrimitiveMap(
-            tessellation=cells, direction=VonMisesMixture(weight=one, mean_direction=0.0 * one, concentration=one),
-            speed=Gamma(shape=one, rate=one), n_rows=n_rows, n_background_modes=0,
+            tessellation=cells, modes=Modes.flat(one, 0.0 * one, one, one, one), n_rows=n_rows, n_background_modes=0,
         )  # fmt: skip
         return float(np.ptp(shapes.map_extent(of, share=0.99), axis=0)[0])
 
@@ -139,7 +137,7 @@ def test_a_petal_bends_as_its_mode_does_and_keeps_its_area(scene_map):
     bend = np.zeros((4, 3, 2))
     bend[0, 0] = [0.3, 0.06]  # the mode of the first cell heads north: 0.06 rad in each metre along its way
     straight = shapes.rose_petals(scene_map).polygon[0]
-    bent = shapes.rose_petals(replace(scene_map, bend=bend)).polygon[0]
+    bent = shapes.rose_petals(replace(scene_map, modes=scene_map.modes._replace(bend=bend))).polygon[0]
     center = scene_map.tessellation.centers[0]
     assert bent[0] == pytest.approx(center)
     length = np.hypot(*(straight - center).T)
