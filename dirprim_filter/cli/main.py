@@ -73,6 +73,21 @@ def _every_command(
     say_more_or_less(verbose, quiet)
     for handler in logging.getLogger().handlers:
         handler.setFormatter(_Shown("%(levelname)s: %(message)s"))
+        handler.addFilter(_Once())
+
+
+class _Once(logging.Filter):
+    """A command that reads a log twice, for its tracks and its detections, says once what of it is lost."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._said = set[str]()
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Whether it is no warning, or one that was not given before."""
+        text, n_said = record.getMessage(), len(self._said)
+        self._said |= {text} if record.levelno >= logging.WARNING else set()
+        return record.levelno < logging.WARNING or len(self._said) > n_said
 
 
 class _Shown(logging.Formatter):
