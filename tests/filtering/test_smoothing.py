@@ -35,12 +35,13 @@ def measured(tracks, *, seed=3, hidden=()):
     )
 
 
-def smoothed(seen, *, model=None, lag_s=None, with_ids=True, times=None, group=0, config=CONFIG, seed=0):
+def smoothed(seen, *, model=None, lag_s=None, with_ids=True, times=None, group=0, config=CONFIG, tracking=None, seed=0):
     """What the filter and what the smoother says of detections."""
     found, later = EstimateList(), EstimateList()
     smoother = Smoother(lag_s=lag_s, sinks=[later.write])
     model = model or ConstantVelocityKalman(acceleration_density=DENSITY, config=config)
-    tracker = smoother.tracker(group, model, config=config, tracking=TrackingConfig(), rng=np.random.default_rng(seed))
+    tracking = tracking or TrackingConfig()
+    tracker = smoother.tracker(group, model, config=config, tracking=tracking, rng=np.random.default_rng(seed))
     frames = {int(frame.time_ns[0]): frame if with_ids else frame.without_ids() for frame in seen.frames()}
     with smoother:
         for time_ns in sorted({*frames, *(times or ())}):

@@ -1,10 +1,12 @@
 """Pieces of unlabelled tracks: joined, trimmed, or left alone."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import stats
 
-from dirprim_filter.config import FilterConfig
+from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.filtering import ConstantVelocityKalman, ParticleFilter
 from dirprim_filter.filtering.smoothing import bridge
@@ -25,16 +27,22 @@ def side_by_side(*, ahead_m):
     return seen
 
 
-def tracked(seen, *, lag_s=None):
-    """What the filter says without ids, and what the smoother says."""
+def tracked(seen, *, lag_s=None, scale=1.0):
+    """What the filter says without ids, and what the smoother says; of a scene so many times as large."""
+    seen, config = Detections.concatenate(seen), replace(CONFIG, noise_m=scale * CONFIG.noise_m)
+    tracking = TrackingConfig(
+        **{f"{what}_density": getattr(TrackingConfig(), f"{what}_density") / scale**2
+           for what in ("clutter", "birth", "vehicle")}
+    )  # fmt: skip
     return smoothed(
-        Detections.concatenate(seen), model=ConstantVelocityKalman(acceleration_density=0.2, config=CONFIG),
-        with_ids=False, times=[i * 100_000_000 for i in range(N_FRAMES)], config=CONFIG, lag_s=lag_s,
+        replace(seen, position=scale * seen.position),
+        model=ConstantVelocityKalman(acceleration_density=0.2 * scale**2, config=config),
+        with_ids=False, times=[i * 100_000_000 for i in range(N_FRAMES)], config=config, tracking=tracking, lag_s=lag_s,
     )  # fmt: skip
 
 
 def test_pieces_of_a_vehicle_become_one_track_that_leads_through_the_gap():
-    found, later = tracked(side_by_side(ahead_m=7.0))
+    found, later = tracked(side_by_side(ahead_m=6.0))
     assert np.unique(found.track_id).size == 4  # the tracker lost both
     assert sorted(set(later.track_id.tolist())) == ["track-1", "track-2"]
     assert len(later) == 2 * N_FRAMES
@@ -44,7 +52,14 @@ def test_pieces_of_a_vehicle_become_one_track_that_leads_through_the_gap():
         assert (np.diff(way[:, 0]) > 0.5).all()
 
 
-@pytest.mark.parametrize(("ahead_m", "lag_s"), [(25.0, None), (7.0, 1.0)])
+@pytest.mark.parametrize(("ahead_m", "n_tracks"), [(6.0, 2), (7.5, 4)])
+def test_people_are_joined_as_cars_are(ahead_m, n_tracks):
+    """In a scene a fifth as large, with everything that has a length, what appears is a fifth as fast."""
+    for scale in (1.0, 0.2):
+        assert np.unique(tracked(side_by_side(ahead_m=ahead_m), scale=scale)[1].track_id).size == n_tracks
+
+
+@pytest.mark.parametrize(("ahead_m", "lag_s"), [(25.0, None), (6.0, 1.0)])
 def test_what_is_too_far_away_is_another_vehicle_and_with_a_lag_nothing_is_joined(ahead_m, lag_s):
     later = tracked(side_by_side(ahead_m=ahead_m), lag_s=lag_s)[1]
     assert np.unique(later.track_id).size == 4

@@ -19,7 +19,6 @@ from dirprim_filter.config import TrackingConfig
 from dirprim_filter.filtering import existence
 from dirprim_filter.filtering.association import best_pairs
 from dirprim_filter.filtering.belief import birth_key
-from dirprim_filter.filtering.measurements import FASTEST
 from dirprim_filter.filtering.smoothing import bridge
 from dirprim_filter.filtering.smoothing.chain import Chain, may_lead
 from dirprim_filter.filtering.smoothing.links import MOVES, Belief
@@ -29,6 +28,8 @@ from dirprim_filter.filtering.tracker import Tracker
 SURE = 0.99
 """Probability of existence that an unlabelled track has had, of a vehicle: of all candidates of a whole log a few look
 confirmed for a moment."""
+SLOWEST = 0.5
+"""m/s, of s: among those that stand one may walk."""
 
 
 def stitch(
@@ -64,7 +65,8 @@ def stitch(
     starts = [Belief(*(column[0] for column in chain.smoothed()[:4])) for chain in chains]
     pairs = _candidates(chains, starts, before_ns=before_ns, gap_ns=gap_ns)
     out_s = np.array([starts[j].time_ns - chains[i].last.time_ns for i, j in pairs]) * 1e-9
-    gain = np.array([evidence_of(recorder, chains[i], chains[j]) for i, j in pairs]) + _log_odds(out_s, frame_s, config)
+    gain = np.array([evidence_of(recorder, chains[i], chains[j]) for i, j in pairs])
+    gain += _log_odds(out_s, frame_s, config, starts)
     one, other = np.array(pairs, np.int64).reshape(-1, 2).T
     best = best_pairs(one, other, gain).tolist()
     names = []
@@ -130,15 +132,17 @@ def _candidates(
     return list(zip(one[near].tolist(), other[near].tolist(), strict=True))
 
 
-def _log_odds(out_s: FloatArray, frame_s: float, config: TrackingConfig) -> FloatArray:
+def _log_odds(out_s: FloatArray, frame_s: float, config: TrackingConfig, starts: Sequence[Belief]) -> FloatArray:
     """Of one vehicle that came back after so long (n,), against one that left and another that appeared.
 
     The density of the state in which it came back is not in it.
 
     In a frame a vehicle is occluded at the occlusion rate and comes back at the reappearance rate, or leaves at the
-    departure rate; another appears at the birth density, at any velocity up to the fastest.
+    departure rate; another appears at the birth density, as fast as those that did: their velocities count as Gaussian,
+    which has the density 1 / (4 pi s^2) on average, and half of them are slower than s (2 log 2)^.5.
     """
+    squared = np.median([start.mean[2:MOVES] @ start.mean[2:MOVES] for start in starts] or [0.0]) / (2.0 * np.log(2.0))
     back = np.log(config.reappearance_rate * frame_s) - config.reappearance_rate * out_s
     away = np.log(config.occlusion_rate) - np.log(config.departure_rate)
-    other = np.log(config.birth_density) - np.log(np.pi * FASTEST**2)
+    other = np.log(config.birth_density) - np.log(4.0 * np.pi * max(squared, SLOWEST**2))
     return np.asarray(away + back - other)
