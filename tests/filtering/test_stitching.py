@@ -74,6 +74,17 @@ def test_a_false_detection_long_after_the_last_is_cut_off_and_a_vehicle_seen_aga
     assert times([*range(20), *range(30, 35)]).max() == 34
 
 
+@pytest.mark.parametrize("interval_s", [0.1, 0.5, 2.0])
+def test_of_a_vehicle_without_a_name_all_rows_are_kept_however_seldom_the_sensor_looks(interval_s):
+    times = [round(1e9 * interval_s * i) for i in range(40)]
+    seen = Detections.concatenate([
+        Detections(track_id=["a"], time_ns=[ns], position=[[8e-9 * ns, 0.0]]) for i, ns in enumerate(times) if i % 5 != 4
+    ])  # fmt: skip
+    model = ConstantVelocityKalman(acceleration_density=0.2, config=CONFIG)
+    later = smoothed(seen, model=model, with_ids=False, times=times, config=CONFIG)[1]
+    assert later.time_ns.tolist() == times[:-1]
+
+
 def ends_of(model, off):
     """A gap of a second, after which a vehicle is so far ahead of what straight motion expects."""
     start = Gaussian(np.array([5.0, 1.0, 8.0, 0.5]), np.diag([0.2, 0.1, 0.3, 0.3]))

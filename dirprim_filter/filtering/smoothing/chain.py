@@ -224,14 +224,14 @@ class Chain:
         self.first_ns, self.is_joined = former.first_ns, True
 
     def tail(self) -> IntArray:
-        """Times of the measurements since the last pause, the latest first; none without such a pause."""
-        if (pause := self._last_pause()) < 0:
+        """Times of the measurements since the last long pause, the latest first; none without such a pause."""
+        if (pause := self._last_pause(long=True)) < 0:
             return np.empty(0, np.int64)
         return np.array([self.last.time_ns, *(span.start.time_ns for span in self._spans[:pause:-1])])
 
     def cut(self) -> None:
-        """End at the measurement before the last pause."""
-        pause = self._last_pause()
+        """End at the measurement before the last long pause."""
+        pause = self._last_pause(long=True)
         start = self._spans[pause]
         self.last, self.straight, self._spans = start.start, start.straight, self._spans[:pause]
         self.samples = start.samples or self.samples  # a pause has them
@@ -240,6 +240,7 @@ class Chain:
         """Drop what is only needed for beliefs at earlier times than this."""
         del self._spans[: max(bisect_right([span.start.time_ns for span in self._spans], before_ns) - 1, 0)]
 
-    def _last_pause(self) -> int:
-        """Which of the spans; -1 without one."""
-        return max((i for i, span in enumerate(self._spans) if span.is_pause), default=-1)
+    def _last_pause(self, *, long: bool = False) -> int:
+        """Which of the spans; -1 without one. A sensor may look so seldom that pauses are usual: those that are not."""
+        pauses = (i for i, span in enumerate(self._spans) if span.is_pause and span.is_long >= long)
+        return max(pauses, default=-1)
