@@ -78,7 +78,8 @@ def test_a_false_detection_long_after_the_last_is_cut_off_and_a_vehicle_seen_aga
 def test_of_a_vehicle_without_a_name_all_rows_are_kept_however_seldom_the_sensor_looks(interval_s):
     times = [round(1e9 * interval_s * i) for i in range(40)]
     seen = Detections.concatenate([
-        Detections(track_id=["a"], time_ns=[ns], position=[[8e-9 * ns, 0.0]]) for i, ns in enumerate(times) if i % 5 != 4
+        Detections(track_id=["a"], time_ns=[ns], position=[[8e-9 * ns, 0.0]])
+        for i, ns in enumerate(times) if i % 5 != 4
     ])  # fmt: skip
     model = ConstantVelocityKalman(acceleration_density=0.2, config=CONFIG)
     later = smoothed(seen, model=model, with_ids=False, times=times, config=CONFIG)[1]

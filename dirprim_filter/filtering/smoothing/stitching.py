@@ -141,7 +141,9 @@ def _log_odds(out_s: FloatArray, frame_s: float, config: TrackingConfig, starts:
     departure rate; another appears at the birth density, as fast as those that did: their velocities count as Gaussian,
     which has the density 1 / (4 pi s^2) on average, and half of them are slower than s (2 log 2)^.5.
     """
-    squared = np.median([start.mean[2:MOVES] @ start.mean[2:MOVES] for start in starts] or [0.0]) / (2.0 * np.log(2.0))
+    squared = np.median([float(start.mean[2:MOVES] @ start.mean[2:MOVES]) for start in starts] or [0.0]) / (
+        2.0 * np.log(2.0)
+    )
     back = np.log(config.reappearance_rate * frame_s) - config.reappearance_rate * out_s
     away = np.log(config.occlusion_rate) - np.log(config.departure_rate)
     other = np.log(config.birth_density) - np.log(4.0 * np.pi * max(squared, SLOWEST**2))
