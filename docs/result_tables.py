@@ -166,8 +166,8 @@ TABLES: dict[str, Table] = {
         command=NEUTRAL,
         runs=(
             Run(name="KITTI", options="kitti --seeds 2", source="kitti_tracking"),
-            Run(name="MOT17", options="mot17 --seeds 2", source="mot17"),
-            Run(name="PETS09", options="pets09 --seeds 3", source="mot15"),
+            Run(name="MOT17", options="mot17 --seeds 5", source="mot17"),
+            Run(name="PETS09", options="pets09 --seeds 5", source="mot15"),
         ),
         entries=neutral,
         columns=(

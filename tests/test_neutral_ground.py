@@ -9,6 +9,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).with_name("benchmarks")))
 
+from grounds.box_trackers import filled
 from grounds.boxes import Boxes, above_mean, overlaps
 from grounds.findings import STRAIGHT, WITH, WITHOUT, Asked
 from grounds.gps import SOURCES, log_of, windows_of
@@ -87,6 +88,16 @@ def boxes_at(place: np.ndarray) -> np.ndarray:
     feet, head = feet[:, :2] / feet[:, 2:], head[:, :2] / head[:, 2:]
     height = feet[:, 1] - head[:, 1]
     return np.column_stack([feet[:, 0] - 0.2 * height, head[:, 1], 0.4 * height, height])
+
+
+def test_a_gap_of_a_smoothed_track_has_boxes_between_those_at_its_ends_and_a_long_one_none():
+    frame, name = np.array([0, 0, 1, 4, 4, 4, 40]), np.array([1, 2, 1, 1, 2, 2, 1])
+    box = np.column_stack([10.0 * frame + name, *np.zeros((3, 7))])
+    tracks = Boxes(frame, name, box, np.ones(7), box[:, :2], np.zeros((7, 2, 2)), np.zeros((7, 3)))
+    found = filled(tracks)
+    np.testing.assert_array_equal(found.frame[found.name == 1], [0, 1, 2, 3, 4, 40])
+    np.testing.assert_array_equal(found.frame[found.name == 2], [0, 1, 2, 3, 4])
+    np.testing.assert_allclose(found.box[:, 0], 10.0 * found.frame + found.name)
 
 
 def test_pixels_come_back_to_the_ground_with_the_spread_of_the_mapping():

@@ -1,15 +1,13 @@
-"""Detections that are boxes of images, tracked on the ground, and judged as boxes by TrackEval.
+"""Scenes whose detections are boxes of images, on the ground, and what TrackEval says of tracks of boxes.
 
-A track's box is that of the detection it was given; where it coasts it has none. Noise and rates are measured on
-training scenes: detections are those of a true vehicle where their boxes overlap by half. Each method chooses its
-settings there, by HOTA: errors of boxes last, so that ours may widen their spread as others may raise the acceleration.
+Noise and rates are measured on training scenes: detections are those of a true vehicle where their boxes overlap by
+half.
 """
 
 from __future__ import annotations
 
 import contextlib
 import io
-import logging
 import tempfile
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -18,30 +16,20 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from peer_scenes import Fold, Part, UnavailableError
-from peer_trackers import HALF_DECADE, Settings
-from peers import PACKAGES
 from scipy.optimize import linear_sum_assignment
 from scipy.special import expit
 from sklearn.linear_model import LogisticRegression
 
-from dirprim_filter import PrimitiveMap, Tracks
+from dirprim_filter import Tracks
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
-from dirprim_filter.config import FilterConfig, TrackingConfig
-from dirprim_filter.detections import NO_ID, Detections
+from dirprim_filter.config import TrackingConfig
 from dirprim_filter.evaluation.intervals import difference_of_means, paired
-from dirprim_filter.evaluation.settings import Axis, choose
 from dirprim_filter.evaluation.tracking_report import normalised_squared
-from dirprim_filter.filtering import BayesFilter, ConstantVelocityKalman, Tracker
-from grounds.findings import STRAIGHT, WITH, WITHOUT, Findings
+from grounds.findings import WITH, WITHOUT, Findings
 
 OVERLAP = 0.5
 MEDIAN_SQUARED = 1.386
 """Of chi-squared with two degrees."""
-GAIN = 0.1
-"""Of HOTA in percent; less is no gain."""
-GATE = 25.0
-"""Squared distance, in units of the covariance, of a package's track from the detection that it was given."""
 COLUMNS = ("hota", "assa", "deta", "mota", "idf1", "switches")
 
 
@@ -108,7 +96,7 @@ class Scene(NamedTuple):
         """The detections that are of a true vehicle, by its name."""
         name = np.zeros(self.seen.frame.size, np.int64)
         shared = partial(overlaps, self.seen.box, self.truth.box)
-        for mine, own in _alike(self.seen.frame, self.truth.frame, shared, least=OVERLAP):
+        for mine, own in alike(self.seen.frame, self.truth.frame, shared, least=OVERLAP):
             name[mine] = self.truth.name[own] + 1
         return self.seen._replace(name=name)
 
@@ -119,15 +107,15 @@ class Scene(NamedTuple):
         return self.truth.place[order[np.searchsorted(keys[0][order], keys[1])]]
 
 
-def _alike(
+def alike(
     one: IntArray, other: IntArray, similarity: Callable[[IntArray, IntArray], FloatArray], *, least: float
 ) -> Iterator[tuple[IntArray, IntArray]]:
     """Of each frame the rows that belong together, each to one at most, as alike as this at least."""
     for frame in np.intersect1d(one, other):
         mine, own = np.flatnonzero(one == frame), np.flatnonzero(other == frame)
-        alike = np.maximum(similarity(mine, own), least)
-        a, b = linear_sum_assignment(-alike)
-        near = alike[a, b] > least
+        nearness = np.maximum(similarity(mine, own), least)
+        a, b = linear_sum_assignment(-nearness)
+        near = nearness[a, b] > least
         yield mine[a[near]], own[b[near]]
 
 
@@ -181,113 +169,6 @@ class Fitted(NamedTuple):
             return np.asarray(expit(fitted.coef_[0, 0] * of + fitted.intercept_[0]))
 
         return cls(float(np.median(np.concatenate(squared)) / MEDIAN_SQUARED), tracking, confidence)
-
-
-def _detections(of: Boxes, scene: Scene, scale: float, **stated: FloatArray) -> Detections:
-    return Detections(
-        track_id=np.full(of.frame.size, NO_ID), time_ns=np.round(of.frame * scene.frame_s * 1e9).astype(np.int64),
-        position=of.place, covariance=scale * of.covariance, **stated,
-    )  # fmt: skip
-
-
-class Given(NamedTuple):
-    """What a method is run with: what training scenes show, settings, and a seed."""
-
-    fit: Fitted
-    settings: Settings
-    seed: int = 0
-
-
-class Method(NamedTuple):
-    """A tracker.
-
-    Attributes:
-        run: boxes of a scene, each under its track's name; by the scene's number too.
-        axes: the settings.
-        n_seeds: of its random numbers.
-    """
-
-    run: Callable[[int, Scene, Given], Boxes]
-    axes: tuple[Axis, ...]
-    n_seeds: int = 1
-
-
-def ours(
-    models: Mapping[str, Callable[[int], PrimitiveMap]], *, n_seeds: int, n_particles: int
-) -> dict[str, Method]:  # fmt: skip
-    """Our tracker on a map of each scene, and on a Kalman filter of constant velocity."""
-    config = FilterConfig(n_particles=n_particles, interaction="none")
-
-    def by_map(of: Callable[[int], PrimitiveMap], i: int, scene: Scene, given: Given) -> Boxes:
-        return _tracked(of(i), config, scene, given)
-
-    def by_kalman(_: int, scene: Scene, given: Given) -> Boxes:
-        return _tracked(ConstantVelocityKalman(acceleration_density=given.settings["density"]), config, scene, given)
-
-    factor = Axis("factor", 4.0, 4.0)
-    found = {name: Method(partial(by_map, of), (factor,), n_seeds) for name, of in models.items()}
-    return found | {STRAIGHT: Method(by_kalman, (factor, Axis("density", 1.0, HALF_DECADE)))}
-
-
-def _tracked(model: PrimitiveMap | BayesFilter, config: FilterConfig, scene: Scene, given: Given) -> Boxes:
-    of, names = scene.seen, []
-    stated = {"size": of.size, "confidence": given.fit.confidence(of.score)}
-    seen = _detections(of, scene, given.fit.scale * given.settings["factor"], **stated)
-    tracker = Tracker(model, config=config, tracking=given.fit.tracking, rng=np.random.default_rng(given.seed))
-    for frame in range(scene.n_frames):
-        found = tracker.track(seen[of.frame == frame], time_ns=round(frame * scene.frame_s * 1e9))
-        names.append(found.assigned)
-    known = np.concatenate(names)
-    return of._replace(name=np.unique(known, return_inverse=True)[1] + 1).of(known != NO_ID)
-
-
-def packages(scene: Scene, fit: Fitted) -> dict[str, Method]:
-    """The first tracker of each package of `peers.py` that is installed; any scene tells which there are."""
-    found = {}
-    for package in PACKAGES:
-        try:
-            name, peer = next(iter(package(_fold(scene, fit)).items()))
-        except UnavailableError as error:
-            logging.getLogger(__name__).warning("left out: %s", error)
-            continue
-        found[name] = Method(partial(_by_package, package), peer.axes)
-    return found
-
-
-def _fold(scene: Scene, fit: Fitted) -> Fold:
-    noise_m = float(np.sqrt(0.5 * fit.scale * np.median(np.trace(scene.seen.covariance, axis1=1, axis2=2))))
-    return Fold(judged=(), training=(), traffic=scene.tracks(), noise_m=noise_m, tracking=fit.tracking)
-
-
-def _by_package(package: Any, _: int, scene: Scene, given: Given) -> Boxes:
-    of, fold = scene.seen, _fold(scene, given.fit)
-    part = Part(seen=_detections(of, scene, given.fit.scale), truth=fold.traffic)
-    rows = next(iter(package(fold).values())).track(part, given.settings).rows
-    inverse, name = np.linalg.inv(of.covariance), np.zeros(of.frame.size, np.int64)
-
-    def nearness(mine: IntArray, own: IntArray) -> FloatArray:
-        off = of.place[mine, None] - rows.position[own]
-        return -np.einsum("dti,dij,dtj->dt", off, inverse[mine], off)
-
-    at = np.round(rows.time_ns * 1e-9 / scene.frame_s).astype(np.int64)
-    for mine, own in _alike(of.frame, at, nearness, least=-GATE):
-        name[mine] = rows.vehicle[own] + 1
-    return of._replace(name=name).of(name > 0)
-
-
-def tuned(
-    table: Findings, name: str, axes: Sequence[Axis], hota: Callable[[Settings], float], *, is_smoke: bool
-) -> Settings:  # fmt: skip
-    """The settings of the greatest HOTA; where all is to be quick, those to begin with."""
-    if is_smoke:
-        return {axis.name: axis.start for axis in axes}
-    names = [axis.name for axis in axes]
-    choices = choose(axes, lambda values: hota(dict(zip(names, values, strict=True))), least_gain=GAIN)
-    table.settings += [
-        of._replace(name=f"{name}: {of.name}") for axis, of in zip(axes, choices, strict=True)
-        if axis.least <= of.chosen / axis.factor and of.chosen * axis.factor <= axis.most  # else there is no beyond
-    ]  # fmt: skip
-    return {of.name: of.chosen for of in choices}
 
 
 def above_mean(tracks: Boxes, least: float) -> Boxes:

@@ -20,7 +20,8 @@ from peer_trackers import Settings
 
 from dirprim_filter import Tracks
 from dirprim_filter.arrays import AnyArray, FloatArray
-from grounds.boxes import COLUMNS, Boxes, Fitted, Given, Scene, above_mean, add_rows, ours, packages, trackeval, tuned
+from grounds.box_trackers import Given, ours, packages, tuned
+from grounds.boxes import COLUMNS, Boxes, Fitted, Scene, above_mean, add_rows, trackeval
 from grounds.findings import WITHOUT, Asked, Findings, learned
 
 FRAME_S = 0.1

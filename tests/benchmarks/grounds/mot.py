@@ -22,7 +22,8 @@ from scipy.optimize import least_squares
 
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.evaluation.settings import Axis
-from grounds.boxes import COLUMNS, Boxes, Fitted, Given, Method, Scene, add_rows, ours, packages, trackeval, tuned
+from grounds.box_trackers import Given, Method, ours, packages, tuned
+from grounds.boxes import COLUMNS, Boxes, Fitted, Scene, add_rows, trackeval
 from grounds.findings import WITH, WITHOUT, Asked, Findings, learned
 
 CONFIDENCE = Axis("confidence", 0.5, 1.2, most=0.95)
@@ -194,7 +195,7 @@ def of_mot(kind: str, asked: Asked) -> list[Findings]:
         partial(trackeval, partial(dataset, benchmark, sequences, part), lines_of, names=names) for part in range(4)
     ]
     models = {WITH: lambda i: maps[i], WITHOUT: lambda i: maps[i].without_places()}
-    methods = ours(models, n_seeds=asked.n_seeds, n_particles=100 if asked.is_smoke else 1000)
+    methods = ours(models, n_seeds=asked.n_seeds, n_particles=100 if asked.is_smoke else 1000, with_smoothed=True)
     methods |= {} if asked.is_smoke else packages(judged[0], Fitted.of(learned_from[:1]))
     table = Findings(f"{kind}: second halves of {' '.join(names)}, {asked.n_seeds} seeds")
 
