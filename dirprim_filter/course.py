@@ -1,9 +1,9 @@
-"""Course over ground and speed, from where vehicles were: central differences, over a window as long as noise asks for.
+"""Course over ground and speed, from where vehicles were: central differences, or a smoother where these are too noisy.
 
 A body's yaw is no course: on bends they differ by the slip angle, .1 to .25 rad in simulators and for detectors' boxes.
 White noise of standard deviation sigma in each coordinate puts a course, differenced over a span T at a speed v, wrong
 by sqrt(2) sigma / (v T) radians. Third differences kill all motion of constant acceleration, so what is left of them is
-that noise.
+that noise. Where it is too much, or rows come too seldom to show it so, velocities are a smoother's.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy as np
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.distributions.angles import wrap
+from dirprim_filter.smoothed_motion import SmoothedMotion
 from dirprim_filter.track_ids import in_order
 
 logger = logging.getLogger(__name__)
@@ -26,6 +27,8 @@ HALF_WINDOWS_S = (0.25, 0.5, 1.0)
 """Positions are differenced over one of these times to either side: the shortest is two rows of 10 Hz data."""
 MAX_COURSE_ERROR = 0.03
 """Radians, at the median speed of what moves: a fifth of what yaw and course differ by on a bend."""
+HEADING_ERROR = 0.1
+"""Radians: a course less certain is worth less than the heading of a body, which differs by as much on a bend."""
 MAX_GAP_S = 2.0
 """Across a longer gap nothing is differenced: the vehicle may have turned and come back; of rows that come seldom,"""
 INTERVALS_IN_GAP, LONGEST_GAP_S = 3.0, 60.0
@@ -33,9 +36,11 @@ INTERVALS_IN_GAP, LONGEST_GAP_S = 3.0, 60.0
 STANDING_M = 0.3
 """A vehicle that moves less over the window stands: its motion may be the rocking of a body, or rounding."""
 STANDING_NOISE = 4.0
-"""A displacement below so many standard deviations of its noise counts as none."""
+"""A displacement below so many standard deviations of its noise counts as none,"""
+SMOOTHED_NOISE = 2.0
+"""or below so many of a smoother's."""
 NOISE_SPAN_S = 1.0
-"""Third differences of rows farther apart show braking and turning, not noise; noise then counts as 0."""
+"""Third differences of rows farther apart show braking and turning, not noise."""
 NOISE_SAMPLES = 100_000
 """The most positions that the noise is estimated from: enough for a third of a percent."""
 STANDARD_DEVIATION_OF_MEDIAN = 0.6744897501960817
@@ -48,8 +53,8 @@ class DerivedMotion:
 
     direction: FloatArray  # (n,) course over ground, radians; the body's heading where positions do not determine it
     speed: FloatArray  # (n,) m/s; NaN where a row has no neighbour in time
-    half_window_s: float  # positions were differenced over this time to either side of a row
     noise: float  # metres, standard deviation of each coordinate's white noise
+    half_window_s: float | None  # positions were differenced over this time to either side; None: a smoother's
     median_speed: float  # m/s, of moving rows; NaN if none move
     keeps_heading: bool  # the positions are so noisy that headings estimate the course better
 
@@ -70,26 +75,32 @@ def motion_of(
     """
     ways = _Ways.of(vehicle, time_ns, position)
     yaw = (np.full(len(time_ns), np.nan) if heading is None else heading)[ways.order]
-    widest = ways.differences(HALF_WINDOWS_S[-1])
-    metres = np.hypot(*widest[0].T)
+    moved, span_s = ways.differences(HALF_WINDOWS_S[-1])
+    metres = np.hypot(*moved.T)
     noise = ways.noise(metres > STANDING_M)
-    least_m = max(STANDING_M, STANDING_NOISE * math.sqrt(2.0) * noise)
+    least_m = np.full(span_s.shape, max(STANDING_M, STANDING_NOISE * math.sqrt(2.0) * noise))
     moves = metres > least_m
-    speed = float(np.median(metres[moves] / widest[1][moves])) if moves.any() else math.nan
+    speed = float(np.median(metres[moves] / span_s[moves])) if moves.any() else math.nan
     needed_s = math.sqrt(2.0) * noise / (MAX_COURSE_ERROR * speed) if speed > 0 else 0.0
-    half_window_s = next((half for half in HALF_WINDOWS_S if 2 * half >= needed_s), HALF_WINDOWS_S[-1])
-    too_noisy = needed_s > 2 * HALF_WINDOWS_S[-1]
-    moved, span_s = ways.differences(half_window_s)
+    half_window_s = next((half for half in HALF_WINDOWS_S if 2 * half >= needed_s), None)
+    smoothed = ways.smoothed(metres > STANDING_M) if ways.are_seldom or half_window_s is None else None
+    keeps_heading = False
+    if smoothed is None:
+        moved, span_s = ways.differences(half_window_s or HALF_WINDOWS_S[-1])
+    else:
+        noise, moved = smoothed.noise, smoothed.velocity * span_s[:, None]
+        least_m = np.maximum(STANDING_M, SMOOTHED_NOISE * smoothed.spread * span_s)
+        keeps_heading = bool(np.isfinite(yaw).any() and smoothed.spread > HEADING_ERROR * speed)
     direction = ways.course(moved, least_m, yaw)
-    if too_noisy:
+    if keeps_heading:
         direction = np.where(np.isnan(yaw), direction, yaw)
     along = np.full(span_s.shape, np.nan)
     np.divide(np.hypot(*moved.T), span_s, out=along, where=span_s > 0)
     given = np.empty((2, len(time_ns)))  # in the order of the rows given
     given[:, ways.order] = direction, along
     return DerivedMotion(
-        direction=wrap(given[0]), speed=given[1], half_window_s=half_window_s, noise=noise, median_speed=speed,
-        keeps_heading=bool(too_noisy and np.isfinite(yaw).any()),
+        direction=wrap(given[0]), speed=given[1], noise=noise, median_speed=speed,
+        half_window_s=None if smoothed else half_window_s or HALF_WINDOWS_S[-1], keeps_heading=keeps_heading,
     )  # fmt: skip
 
 
@@ -130,8 +141,18 @@ class _Ways:
         span_s = (self.time_ns[after] - self.time_ns[before]) * 1e-9
         return self.position[after] - self.position[before], np.asarray(span_s, np.float64)
 
+    def smoothed(self, moves: BoolArray) -> SmoothedMotion | None:
+        """Velocities by a smoother, whose numbers are those of rows that move; None of too few rows."""
+        follows = self.first[1:] == self.first[:-1]
+        return SmoothedMotion.of(np.float64(1e-9) * (self.axis - self.axis[:1]), self.position, follows, moves)
+
+    @property
+    def are_seldom(self) -> bool:
+        """Whether four rows usually take longer than their noise would show itself by."""
+        return self.axis.size > 1 and bool(3 * np.median(np.diff(self.axis)) > _ns(NOISE_SPAN_S))
+
     def noise(self, moves: BoolArray) -> float:
-        """Standard deviation of the white noise of each coordinate of moving vehicles, metres.
+        """Standard deviation of the white noise of each coordinate of moving vehicles, metres; 0 where none is seen.
 
         Of four neighbours within `NOISE_SPAN_S`, at whatever times, sum_j x_j / prod_k (t_j - t_k) is 0 of every
         parabola. Divided by the root of the sum of its squared factors it has the noise's own spread, robustly the
@@ -149,7 +170,7 @@ class _Ways:
         off = np.einsum("nj,njd->nd", factor, self.position[rows] - self.position[rows[:, :1]])
         return float(np.median(np.abs(off)) / STANDARD_DEVIATION_OF_MEDIAN)
 
-    def course(self, moved: FloatArray, least: float, yaw: FloatArray) -> FloatArray:
+    def course(self, moved: FloatArray, least: FloatArray, yaw: FloatArray) -> FloatArray:
         """(n,) direction of each row's move (n, 2); of less than `least` metres, that of the nearest row that moves."""
         course = np.arctan2(moved[:, 1], moved[:, 0])
         moves = np.hypot(*moved.T) >= least
@@ -183,8 +204,9 @@ def _ns(seconds: float) -> int:
 def log_motion(motion: DerivedMotion, n: int) -> None:
     """One line on how the courses of n rows were derived."""
     level = logging.WARNING if motion.keeps_heading else logging.INFO
+    how = f"over +-{motion.half_window_s:g} s" if motion.half_window_s else "by a smoother"
     logger.log(
-        level, "directions of %d rows derived from positions over +-%g s: noise %.3f m, median speed %.1f m/s%s",
-        n, motion.half_window_s, motion.noise, motion.median_speed,
+        level, "directions of %d rows derived from positions %s: noise %.3f m, median speed %.1f m/s%s",
+        n, how, motion.noise, motion.median_speed,
         "; too noisy for a course, so the body's heading is kept" if motion.keeps_heading else "",
     )  # fmt: skip

@@ -55,9 +55,11 @@ def test_on_a_circle_the_course_is_the_tangent_and_not_the_yaw():
 @pytest.mark.parametrize(
     ("noise", "speed", "half_window_s", "keeps"),
     [(0.0, 4.0, 0.25, False), (0.05, 8.0, 0.25, False), (0.05, 4.0, 0.5, False), (0.1, 4.0, 1.0, False),
-     (0.5, 8.0, 1.0, True)],
+     (0.5, 8.0, None, False), (2.0, 8.0, None, True)],
 )  # fmt: skip
-def test_the_window_grows_with_the_noise_until_the_heading_is_better(noise, speed, half_window_s, keeps, caplog):
+def test_the_window_grows_with_the_noise_then_a_smoother_until_the_heading_is_better(
+    noise, speed, half_window_s, keeps, caplog
+):
     vehicle, time_ns, position, yaw, course = circling(speed=speed, noise=noise)
     found = motion_of(vehicle, time_ns, position, yaw)
     assert (found.half_window_s, found.keeps_heading) == (half_window_s, keeps)
@@ -66,12 +68,18 @@ def test_the_window_grows_with_the_noise_until_the_heading_is_better(noise, spee
     with caplog.at_level(logging.INFO):
         Tracks.from_positions(track_id=vehicle, time_ns=time_ns, position=position, heading=yaw)
     assert ("the body's heading is kept" in caplog.text) == keeps
-    assert f"over +-{half_window_s:g} s" in caplog.text
-    if keeps:
-        np.testing.assert_array_equal(found.direction, yaw)
-        derived = motion_of(vehicle, time_ns, position)  # of an unknown yaw the longest window is what there is
+    assert ("by a smoother" if half_window_s is None else f"over +-{half_window_s:g} s") in caplog.text
+    if half_window_s is None:
+        derived = motion_of(vehicle, time_ns, position)  # of an unknown yaw the smoother is what there is
         assert not derived.keeps_heading
-        assert np.std(difference(derived.direction, course)[is_inner(time_ns, 1.0)]) < 0.1
+        wide, span_s = central_differences(vehicle, time_ns, position, half_window_s=1.0, max_gap_s=2.0)
+        off, by_differences = (
+            np.std(difference(of, course)[is_inner(time_ns, 1.0)])
+            for of in (derived.direction, np.arctan2(*wide.T[::-1]))
+        )
+        assert off < by_differences
+        assert np.std(found.speed) < np.std(np.hypot(*wide.T) / span_s)
+        np.testing.assert_array_equal(found.direction, yaw if keeps else derived.direction)
     else:
         off = difference(found.direction, course)[is_inner(time_ns, half_window_s)]
         assert np.std(off) < MAX_COURSE_ERROR * 1.1
@@ -100,6 +108,8 @@ def test_motion_is_that_of_the_slow_oracle_on_irregular_tracks_with_gaps(seed):
     gap_s = min(max(3.0 * np.median(apart), MAX_GAP_S), 60.0) if apart.size else MAX_GAP_S
     widest, _ = central_differences(of, when, where, half_window_s=HALF_WINDOWS_S[-1], max_gap_s=gap_s)
     noise = noise_of_neighbours(of, when, where, np.hypot(*widest.T) > STANDING_M, max_span_s=NOISE_SPAN_S)
+    if found.half_window_s is None:  # of rows enough for a smoother
+        return
     np.testing.assert_allclose(found.noise, noise, rtol=1e-6, atol=1e-9)
     moved, span_s = central_differences(of, when, where, half_window_s=found.half_window_s, max_gap_s=gap_s)
     metres = np.hypot(*moved.T)
