@@ -1,6 +1,8 @@
 """Slow and obvious twins of what the package computes fast."""
 
 import numpy as np
+from filterpy.common import Q_continuous_white_noise
+from filterpy.kalman import KalmanFilter
 from scipy import linalg, sparse, stats
 from scipy.interpolate import CubicHermiteSpline
 from scipy.special import logsumexp
@@ -124,6 +126,26 @@ def kalman_known_velocity(measured, dt_s, *, velocity, noise_m, drift):
         means.append(x)
         variances.append(p)
     return np.array(means), np.array(variances), np.array(evidences)
+
+
+def filterpy_constant_velocity(place, time_s, *, density, noise_m, first_speed_std):
+    """filterpy's filter and smoother of constant velocity, each as means (n, 4) and covariances (n, 4, 4).
+
+    Begins at the first place; rows whose place is NaN are not measured.
+    """
+    kalman, steps_s = KalmanFilter(dim_x=4, dim_z=2), np.diff(time_s)
+    kalman.H, kalman.R = np.eye(2, 4), noise_m**2 * np.eye(2)
+    kalman.x, kalman.P = np.append(place[0], [0.0, 0.0]), np.diag(2 * [noise_m**2] + 2 * [first_speed_std**2])
+    moves = [np.eye(4) + h * np.eye(4, k=2) for h in steps_s]
+    added = [np.kron(Q_continuous_white_noise(2, h, density), np.eye(2)) for h in steps_s]
+    means, covariances = [kalman.x], [kalman.P]
+    for move, noise, z in zip(moves, added, place[1:], strict=True):
+        kalman.predict(F=move, Q=noise)
+        kalman.update(None if np.isnan(z).any() else z)
+        means.append(kalman.x.copy())
+        covariances.append(kalman.P.copy())
+    filtered = np.array(means), np.array(covariances)
+    return filtered, kalman.rts_smoother(*filtered, [np.eye(4), *moves], [np.eye(4), *added])[:2]
 
 
 def forward_backward(first, fits, ahead, back):

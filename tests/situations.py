@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from dirprim_filter.config import TrackingConfig
+from dirprim_filter.config import FilterConfig, TrackingConfig
+from dirprim_filter.detections import Detections
 from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.estimates import Estimates
-from dirprim_filter.filtering import _kernels
+from dirprim_filter.filtering import ConstantVelocityKalman, Tracker, _kernels
 from dirprim_filter.primitives._modes import Modes
 from dirprim_filter.primitives.motion import FLOATS, Motion
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
@@ -27,6 +28,21 @@ def tracks_of(position, **columns):
     given = usual | {"direction": 0.0, "speed": 1.0} | columns
     filled = {name: np.broadcast_to(column, shape).ravel() for name, column in given.items()}
     return Tracks(position=position.reshape(-1, 2), **filled)
+
+
+def seen_at(time_s, places, ids=None, **columns):
+    """Detections of one instant, in order of their places (n, 2); without ids unless these are given."""
+    n = len(places)
+    known = {"track_id": [""] * n if ids is None else ids, "time_ns": [round(time_s * 1e9)] * n}
+    return Detections(**known, position=np.reshape(places, (-1, 2)), **columns)
+
+
+def tracker_of(model, *, density=3.0, tracking=None, with_innovations=False, seed=0, **settings):
+    """A tracker by a map or, of None, by a Kalman filter of white acceleration of this density."""
+    config = FilterConfig(**settings)
+    model = model or ConstantVelocityKalman(acceleration_density=density, config=config)
+    rng = np.random.default_rng(seed)
+    return Tracker(model, config=config, tracking=tracking, with_innovations=with_innovations, rng=rng)
 
 
 def keys(rows):
@@ -91,14 +107,17 @@ def one_cell(direction, speed, *, weight=None, n_vehicles, position=None):
     return CellRows(columns, np.array([0, n]), np.array([float(n_vehicles)]), none, none)
 
 
-def one_cell_map(*, mean=0.0, concentration=1e6, speed=10.0, shape=1e8, side=1e4):
-    """One cell around the origin, in which vehicles drive one way at one speed; outside they do the same."""
-    column = np.ones((2, 1))
+def one_cell_map(*, mean=0.0, concentration=1e6, speed=10.0, shape=1e8, side=1e4, bend=(0.0, 0.0), gain=(0.0, 0.0)):
+    """One cell around the origin, in which vehicles drive one way at one speed; outside they do the same, unbent."""
+    column, slope = np.ones((2, 1)), {"bend": np.zeros((2, 1, 2)), "gain": np.zeros((2, 1, 2))}
+    slope["bend"][0], slope["gain"][0] = bend, gain
     return PrimitiveMap(
         tessellation=GridTessellation(
             origin=np.full(2, -side / 2), cell_size=side, n_x=1, n_y=1, square=np.zeros(1, np.int64)
         ),
-        modes=Modes.flat(column, mean * column, concentration * column, shape * column, shape / speed * column),
+        modes=Modes.flat(
+            column, mean * column, concentration * column, shape * column, shape / speed * column
+        )._replace(**slope),
         n_rows=np.array([1, 1]),
         n_background_modes=0,
     )
@@ -139,12 +158,9 @@ def junction_traffic(rng, *, n_vehicles=60, dt_s=0.1, n_rows=90):
             place = place + step * np.array([np.cos(middle), np.sin(middle)])
             s, theta = s + step, theta + bend * step
         x, y, direction, speed = np.array(rows).T
-        parts.append(
-            Tracks(
-                track_id=np.full(n_rows, i), time_ns=((late + dt_s * np.arange(n_rows)) * 1e9).round().astype(np.int64),
-                position=np.column_stack([x, y]), direction=direction, speed=speed,
-            )
-        )  # fmt: skip
+        time_ns = ((late + dt_s * np.arange(n_rows)) * 1e9).round().astype(np.int64)
+        place = np.column_stack([x, y])
+        parts.append(tracks_of([place], track_id=i, time_ns=time_ns, direction=direction, speed=speed))
     return Tracks.concatenate(parts)
 
 

@@ -17,6 +17,8 @@ from grounds.mot import Ground
 from grounds.windows import Answer, Window, fitted, marks, straight, textbook
 from neutral import GROUNDS, findings
 
+from oracles import filterpy_constant_velocity
+
 DATA = Path(__file__).parents[2] / "shared/data"
 
 
@@ -38,22 +40,12 @@ def test_who_goes_straight_on_is_where_the_textbook_and_the_line_expect_it():
 
 
 def test_a_smoother_of_the_textbook_is_filterpys():
-    filterpy = pytest.importorskip("filterpy.kalman")
     of, density, noise = window(turn=0.1), 0.5, 2.0
     time_s = np.arange(0.0, 21.0)
-    step = np.array([[1 / 3, 1 / 2], [1 / 2, 1.0]])
-    kalman = filterpy.KalmanFilter(dim_x=4, dim_z=2)
-    kalman.F, kalman.H, kalman.R = np.eye(4) + np.eye(4, k=2), np.eye(2, 4), noise**2 * np.eye(2)
-    kalman.Q = density * np.kron(step, np.eye(2))
-    kalman.x, kalman.P = np.append(of.place[0], [0.0, 0.0]), np.diag([1e8, 1e8, 100.0, 100.0])
-    kalman.update(of.place[0])
-    found = [(kalman.x, kalman.P)]
-    for t in time_s[1:]:
-        kalman.predict()
-        kalman.update(of.place[np.searchsorted(of.time_s, t)] if t in of.time_s else None)
-        found.append((kalman.x, kalman.P))
-    mean, covariance, *_ = kalman.rts_smoother(*map(np.array, zip(*found, strict=True)))
-    gone = np.isin(time_s, of.hidden_s)
+    gone, place = np.isin(time_s, of.hidden_s), np.full((21, 2), np.nan)
+    place[~gone] = of.place
+    given = {"density": density, "noise_m": noise, "first_speed_std": 10.0}
+    mean, covariance = filterpy_constant_velocity(place, time_s, **given)[1]
     answer = textbook([of], density, noise, smooth=True)
     np.testing.assert_allclose(answer.mean, mean[gone, :2], rtol=1e-6)
     np.testing.assert_allclose(answer.covariance, covariance[gone, :2, :2], rtol=1e-5)

@@ -3,13 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
-from filterpy.common import Q_continuous_white_noise
-from filterpy.kalman import KalmanFilter
 
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.refining import is_measured, refine
+from oracles import filterpy_constant_velocity
 from situations import beside, keys, ring_traffic
 
 NOISE_M, LOST = 0.5, slice(30, 45)
@@ -18,26 +17,16 @@ NOISE_M, LOST = 0.5, slice(30, 45)
 
 def other_tracker(tracks, *, seed):
     """What filterpy's constant velocity makes of noisy positions, and where it measured them."""
-    rng, seen, measured = np.random.default_rng(seed), [], []
+    rng, rows, measured = np.random.default_rng(seed), [], []
     for name in np.unique(tracks.track_id):
         own = tracks[tracks.track_id == name]
-        dt_s = float(np.diff(own.time_ns[:2])[0]) * 1e-9
-        kalman = KalmanFilter(dim_x=4, dim_z=2)
-        kalman.F[0, 2] = kalman.F[1, 3] = dt_s
-        kalman.H, kalman.R = np.eye(2, 4), NOISE_M**2 * np.eye(2)
-        kalman.Q = np.kron(Q_continuous_white_noise(2, dt_s, 5.0), np.eye(2))
-        kalman.x, kalman.P = np.append(own.position[0], [0.0, 0.0]), np.diag([0.25, 0.25, 100.0, 100.0])
-        lost = np.arange(len(own))[LOST]
-        for row, place in enumerate(own.position):
-            kalman.predict()
-            if row not in lost:
-                kalman.update(place + rng.normal(0.0, NOISE_M, 2))
-            seen.append((name, own.time_ns[row], *kalman.x[:2]))
-            measured.append(row not in lost)
-    names, times, east, north = zip(*seen, strict=True)
-    return Detections(
-        track_id=np.array(names), time_ns=np.array(times), position=np.column_stack([east, north])
-    ), np.array(measured)
+        place = own.position + rng.normal(0.0, NOISE_M, own.position.shape)
+        place[LOST] = np.nan
+        given = {"density": 5.0, "noise_m": NOISE_M, "first_speed_std": 10.0}
+        (mean, _), _ = filterpy_constant_velocity(place, 1e-9 * own.time_ns, **given)
+        rows.append(Detections(track_id=own.track_id, time_ns=own.time_ns, position=mean[:, :2]))
+        measured.append(~np.isnan(place).any(axis=1))
+    return Detections.concatenate(rows), np.concatenate(measured)
 
 
 def refined(rows, primitive_map, seed, **options):

@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 import pytest
-from filterpy.kalman import KalmanFilter
 
 from dirprim_filter.smoothed_motion import LEAST_ROWS, SmoothedMotion
+from oracles import filterpy_constant_velocity
 
 
 def wandering(*, density, noise, interval_s, n_vehicles=60, n=60, seed=0):
@@ -53,19 +53,8 @@ def test_it_is_the_smoother_of_another_package_under_its_own_noise_and_the_densi
     density, noise = 1.0, 3.0
     time_s, _, measured, follows = wandering(density=density, noise=noise, interval_s=1.0, n_vehicles=40)
     found = found_of(time_s, measured, follows)
-    kalman = KalmanFilter(dim_x=4, dim_z=2)
-    kalman.H, kalman.R = np.eye(2, 4), noise**2 * np.eye(2)
-    kalman.x, kalman.P = np.array([*measured[0], 0.0, 0.0]), np.diag([noise**2, noise**2, 1e6, 1e6])
-    steps = np.diff(time_s[:60])
-    moves = [np.kron([[1.0, h], [0.0, 1.0]], np.eye(2)) for h in steps]
-    added = [density * np.kron([[h**3 / 3, h**2 / 2], [h**2 / 2, h]], np.eye(2)) for h in steps]
-    means, covariances = [kalman.x.copy()], [kalman.P.copy()]
-    for move, noisy, place in zip(moves, added, measured[1:60], strict=True):
-        kalman.predict(F=move, Q=noisy)
-        kalman.update(place)
-        means.append(kalman.x.copy())
-        covariances.append(kalman.P.copy())
-    smoothed = kalman.rts_smoother(np.array(means), np.array(covariances), [np.eye(4), *moves], [np.eye(4), *added])[0]
+    given = {"density": density, "noise_m": noise, "first_speed_std": 1e3}
+    _, (smoothed, _) = filterpy_constant_velocity(measured[:60], time_s[:60], **given)
     off = np.abs(found.velocity[:60] - smoothed[:, 2:])
     assert off.max() < 0.5 * found.spread  # the chosen ratio is not quite that of the making
     assert np.median(off) < 0.1 * found.spread

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 import dirprim_filter
-from cli.commands import DONE, GRID, dirprim
+from cli.commands import DONE, FAILED, GRID, dirprim
 from dirprim_filter import load_map, read_estimates, read_tracks, save_map, write_tracks
+from dirprim_filter.cli import doctor
 from dirprim_filter.cli.main import COMMANDS
 from dirprim_filter.recording.scan import scan
 
@@ -153,3 +154,27 @@ def test_simulate_writes_what_the_demo_reads(here):
         assert dirprim(f"simulate intersection -o {name} --duration 20 --seed 1") == DONE
     assert read_tracks("s").n_tracks > 0
     assert Path("again").read_bytes() == Path("s").read_bytes()
+
+
+CHECKS = ("_packages", "_cache", "_viewer", "_self_test")
+
+
+def test_a_sound_installation_is_called_so(capsys):
+    assert dirprim("doctor") == DONE
+    said = capsys.readouterr().out
+    assert said.count("ok: ") == 4
+    assert "dirprim-filter" in said
+
+
+@pytest.mark.parametrize("check", CHECKS)
+def test_what_fails_is_named_and_the_others_are_checked(check, monkeypatch, capsys):
+    def broken(**_):
+        raise OSError("the disk is full")
+
+    for name in CHECKS:
+        monkeypatch.setattr(doctor, name, broken if name == check else lambda **_: "well")
+    assert dirprim("doctor") == FAILED
+    said = capsys.readouterr().out
+    assert said.count("ok: ") == 3
+    assert "FAILED" in said
+    assert "OSError: the disk is full" in said

@@ -1,13 +1,14 @@
-"""What vehicles move by: a map, what a log shows of its vehicles anywhere, or constant velocity."""
+"""What vehicles move by, their map and their signals; and what `dirprim track` says of a log that it hardly tracks."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from cli.commands import DONE, FAILED, USAGE, dirprim
-from dirprim_filter import read_estimates
+from cli.commands import DONE, FAILED, INPUT_LOST, USAGE, dirprim
+from dirprim_filter import learn_primitives, load_map, read_estimates, save_map, write_tracks
 from dirprim_filter.cli.results import metadata_of
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
@@ -16,8 +17,10 @@ from dirprim_filter.evaluation.without_map import acceleration_of, background_mo
 from dirprim_filter.filtering import ConstantVelocityKalman, GroupTracker
 from dirprim_filter.filtering.smoothing.smoother import Smoother
 from dirprim_filter.recording.reader import stream_detections
+from dirprim_filter.recording.scan import scan
 from dirprim_filter.replay import replay
-from situations import keys
+from situations import junction_traffic, keys, ring_traffic
+from test_refining import other_tracker
 
 RUN = "track log.mcap -o out.mcap --noise 0.5 --particles 50 --force"
 
@@ -119,3 +122,117 @@ def test_python_learns_the_same_motion_of_no_place(few):
     np.testing.assert_allclose(speed, few.speed.mean(), rtol=0.1)
     with pytest.raises(ValueError, match="tracks: expected"):
         background_motion(Detections.of(few).without_ids(), rng=np.random.default_rng(0))
+
+
+def test_a_table_of_tracks_is_refined_and_scored_before_and_after(here, capsys):
+    truth = ring_traffic(np.random.default_rng(3), n_vehicles=4, n_rows=60)
+    rows, measured = other_tracker(truth, seed=0)
+    write_tracks(truth, "truth.mcap")
+    lines = [f"{n},{t},{x},{y}" for n, t, (x, y) in zip(rows.track_id, rows.time_ns, rows.position, strict=True)]
+    Path("theirs.csv").write_text("\n".join(["track_id,time_ns,x_m,y_m", *lines]))
+    assert dirprim("smooth theirs.csv --map map.mcap -o out.mcap --particles 200 --truth truth.mcap") == DONE
+    said = capsys.readouterr().out
+    assert f"from {measured.sum()} measured rows of {len(rows)}" in said
+    before, after = (float(figure) for figure in next(row for row in said.splitlines() if "RMSE, m" in row).split()[2:])
+    assert after < before
+    assert len(read_estimates("out.mcap")) == len(rows)
+    assert dirprim("smooth theirs.csv --map map.mcap -o rated.mcap --particles 200 --rate 50") == DONE
+    assert len(read_estimates("rated.mcap")) > 4 * len(rows)
+
+
+SEEN_S, UNTIL_S = 2.2, 5.6
+"""The vehicle is seen until it is some metres before the junction; a second one, far behind, goes on being seen."""
+
+
+@pytest.fixture
+def junction(tmp_path, monkeypatch):
+    """The working folder, with the map of a junction whose vehicles turn either way or go straight on."""
+    monkeypatch.chdir(tmp_path)
+    traffic = junction_traffic(np.random.default_rng(0))
+    save_map(learn_primitives(traffic, tessellation="grid", cell_size=8.0, rng=np.random.default_rng(0)), "map.mcap")
+
+
+def write_table(name, signal):
+    lines = ["time_s,track_id,x_m,y_m,turn_signal"]
+    for t in np.arange(0.0, UNTIL_S, 0.1):
+        if t <= SEEN_S:
+            lines.append(f"{t:.1f},ahead,{10 * t:.3f},0,{signal if t > 1.0 else ''}")
+        lines.append(f"{t:.1f},behind,{-30 + 4 * t:.3f},0,none")
+    Path(name).write_text("\n".join(lines) + "\n")
+
+
+def test_the_signal_of_a_table_moves_the_vehicle_to_its_side(junction):
+    north = {}  # metres, the mean place of the unseen vehicle some seconds later
+    for signal in ("left", "none", "right", ""):
+        write_table("t.csv", signal)
+        command = "track t.csv --map map.mcap -o out --noise 0.3 --particles 2000 --set clutter_density=1e-9 --force"
+        assert dirprim(command) == DONE
+        found = read_estimates("out")
+        north[signal] = found.position[(found.track_id == "ahead") & (found.unseen_s > 3.2)][0, 1]
+    assert north["left"] > north["none"] + 0.8
+    assert north["right"] < north["none"] - 0.8
+    assert north["none"] == north[""]
+
+
+def test_signals_are_read_as_they_stand_and_nothing_else_is_one(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    write_table("a.csv", "LEFT ")
+    assert dirprim("convert a.csv -o a.mcap") == DONE
+    seen = list(stream_detections("a.mcap"))
+    signals = {name: {tuple(row) for frame in seen for row in frame.cue[frame.track_id == name] if row[1] > 0}
+               for name in ("ahead", "behind")}  # fmt: skip
+    assert signals == {"ahead": {(np.pi / 2, 2.5)}, "behind": set()}
+
+
+MAP = "--map map.mcap -o out"
+TRACK = f"{MAP} --noise 0.5 --particles 50 --force"
+
+
+def test_a_map_of_another_place_is_refused_before_the_work(here, few, capsys):
+    write_tracks(replace(few, position=few.position + 1e5), "far.mcap")
+    assert dirprim(f"track log.mcap {TRACK}") == DONE
+    assert ", 0.0% outside the map" in capsys.readouterr().out
+    Path("out").unlink()
+    for command in (
+        f"track far.mcap {TRACK}",
+        "evaluate tracking far.mcap --map map.mcap",
+        f"smooth far.mcap {MAP}",
+    ):
+        assert dirprim(command) == FAILED
+        said = " ".join(capsys.readouterr().err.split())
+        assert "map.mcap: expected a map of the log's place, got one with 100.0% of the rows outside: those of" in said
+        assert "far.mcap lie in x 99" in said
+        assert not Path("out").exists()
+    assert dirprim(f"track far.mcap {TRACK} --set without_map=true") == DONE
+    assert ", 100.0% outside the map" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("shift", [0.0, 15.0, 35.0])
+def test_a_log_mostly_outside_of_the_map_is_asked_about(here, few, capsys, shift):
+    """A ring of 20 m, moved: the warning comes with more than half of the rows outside, and only then."""
+    cells = load_map("map.mcap").tessellation
+    moved = replace(few, position=few.position + np.array([shift, 0.0]))
+    write_tracks(moved, "moved.mcap")
+    outside = float((cells.cell_of(moved.position) < 0).mean())
+    assert outside < 1.0
+    assert dirprim(f"track moved.mcap {TRACK}") in (DONE, INPUT_LOST)
+    said = [line for line in capsys.readouterr().err.splitlines() if "is it the map of this place" in line]
+    assert len(said) == (outside > 0.5)
+    begins = f"WARNING: map.mcap: {outside:.1%} of the rows outside: those of moved.mcap"
+    assert all(line.startswith(begins) for line in said)
+
+
+def test_a_log_most_of_whose_rows_have_no_estimate_is_input_lost(here, capsys):
+    assert dirprim(f"track log.mcap {TRACK} --no-ids --set clutter_density=10") == INPUT_LOST
+    said = capsys.readouterr()
+    assert "100.0% of 600 rows without an estimate" in said.out
+    assert "most rows have no estimate" in said.err
+
+
+@pytest.mark.parametrize("form", ["foxglove", "vision_msgs", "autoware"])
+def test_estimates_are_written_in_the_messages_that_are_asked_for(here, form):
+    assert dirprim(f"track log.mcap {TRACK} --as {form}") == DONE
+    with scan("out") as log:
+        schemas = {channel.schema.name.split("/")[0] for channel in log.channels()}
+    ours = {"foxglove": "foxglove.SceneUpdate", "vision_msgs": "vision_msgs", "autoware": "autoware_perception_msgs"}
+    assert schemas & {*ours.values()} == {ours["foxglove"], ours[form]}

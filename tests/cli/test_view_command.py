@@ -1,4 +1,4 @@
-"""`dirprim view` and the watching options of `dirprim track`: what is shown is what the files hold."""
+"""`dirprim view`, `plot` and the watching options of `track`: what is shown is what the files hold."""
 
 import subprocess
 import sys
@@ -186,3 +186,12 @@ def test_tables_patterns_and_logs_without_ids_are_shown(folder, tmp_path, capsys
     assert "tracks in" not in shown
     assert dirprim("info seen.csv --time-source log") == 2
     assert dirprim("info nothing*") == 2
+
+
+def test_a_part_of_the_map(here, capsys):
+    for name, extent in (("a", "0 0 20 20"), ("b", "0 0 20 10")):
+        assert dirprim(f"plot map.mcap --log log.mcap -o {name}.png --extent {extent}") == DONE
+    assert capsys.readouterr().out == "a.png\nb.png\n"
+    a, b = (imread(f"{name}.png").shape for name in "ab")
+    assert a[1] == b[1] == 7.9 * 200
+    assert b[0] < a[0]  # half as deep a part is drawn on a flatter page

@@ -14,7 +14,7 @@ from dirprim_filter.filtering.particle_filter import ParticleFilter
 from dirprim_filter.primitives.cues import TURN_LEFT, TURN_RIGHT, Cue
 from dirprim_filter.primitives.motion_table import under
 from moving import motion_by_hand, squares
-from situations import TRUSTING
+from situations import TRUSTING, tracks_of
 
 SIDE, RADIUS = 400.0, 20.0
 MIDDLE = (SIDE / 2, SIDE / 2)
@@ -130,11 +130,7 @@ def fork():
     parts, rng = [], np.random.default_rng(0)
     for k in range(40):
         place, course = forking(k % 2, aside=rng.normal(0.0, 0.3))
-        time_ns = 10**8 * np.arange(len(place))
-        parts.append(
-            Tracks(track_id=np.full(len(place), f"v{k}"), time_ns=time_ns, position=place, direction=course,
-                   speed=np.full(len(place), PACE))
-        )  # fmt: skip
+        parts.append(tracks_of([place], track_id=f"v{k}", direction=course, speed=PACE))
     return learn_primitives(Tracks.concatenate(parts), tessellation="grid", cell_size=8.0, rng=rng)
 
 

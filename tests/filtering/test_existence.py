@@ -12,7 +12,7 @@ from dirprim_filter.estimates import Estimates
 from dirprim_filter.filtering import ConstantVelocityKalman, Tracker, existence
 from dirprim_filter.filtering.existence import Undetected
 from dirprim_filter.filtering.roster import NO_GAPS, remembered, usual
-from situations import on_the_ring, one_cell_map
+from situations import on_the_ring, one_cell_map, seen_at, tracker_of
 
 
 def existence_by_enumeration(steps, config):
@@ -64,20 +64,14 @@ def test_existence_is_the_sum_over_all_ways_through_the_states(steps):
     assert np.abs(other / other.sum() - expected / expected.sum()).max() > 1e-6
 
 
-def followed(ring_map, frames, *, filter_of="particles", config=None, tracking=None):
+def followed(ring_map, frames, *, filter_of="particles", tracking=None):
     """What is reported in each frame: of (seconds, {name: place})."""
-    config = config or FilterConfig(n_particles=300)
-    model = ring_map if filter_of == "particles" else ConstantVelocityKalman(acceleration_density=3.0, config=config)
-    tracker = Tracker(model, config=config, tracking=tracking, rng=np.random.default_rng(0))
-    found = []
+    model = ring_map if filter_of == "particles" else None
+    tracker, found = tracker_of(model, tracking=tracking, n_particles=300), []
     for time_s, places in frames:
-        time_ns = round(time_s * 1e9)
-        names = [name if not name.startswith("?") else "" for name in places]
-        seen = Detections(
-            track_id=np.array(names, np.str_), time_ns=np.full(len(names), time_ns),
-            position=np.reshape(list(places.values()), (-1, 2)),
-        )  # fmt: skip
-        found.append(tracker.step(seen, time_ns=time_ns))
+        names = ["" if name.startswith("?") else name for name in places]
+        seen = seen_at(time_s, list(places.values()), ids=names)
+        found.append(tracker.step(seen, time_ns=round(time_s * 1e9)))
     return found
 
 
@@ -90,9 +84,7 @@ def log_odds(ring_map, *, turned=None, off=0.0, n=3):
     tracker = Tracker(ring_map, config=FilterConfig(n_particles=2000), rng=np.random.default_rng(0))
     for i in range(n):
         known = {} if turned is None else {"direction": [0.04 * i + np.pi / 2 + turned], "speed": [8.0 + off]}
-        tracker.step(
-            Detections(track_id=[""], time_ns=[i * 10**8], position=[on_the_ring(0.1 * i)], **(known if i else {}))
-        )
+        tracker.step(seen_at(0.1 * i, [on_the_ring(0.1 * i)], **(known if i else {})))
     visible, occluded, gone = tracker._roster.existence[tracker._roster.unlabelled[0]]
     return np.log((visible + occluded) / gone)
 

@@ -5,19 +5,16 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import EstimateList, Estimates
-from dirprim_filter.filtering import ConstantVelocityKalman, GroupTracker, Tracker
+from dirprim_filter.filtering import GroupTracker
 from dirprim_filter.replay import replay
-from situations import TRUSTING
-
-CONFIG = FilterConfig(n_particles=50)
+from situations import TRUSTING, tracker_of
 
 
 def tracker(ring_map, model="particles"):
-    made = ring_map if model == "particles" else ConstantVelocityKalman(acceleration_density=3.0, config=CONFIG)
-    return Tracker(made, config=CONFIG, tracking=TRUSTING, with_innovations=True, rng=np.random.default_rng(0))
+    made = ring_map if model == "particles" else None
+    return tracker_of(made, tracking=TRUSTING, with_innovations=True, n_particles=50)
 
 
 def reported(ring, group, *, ids):

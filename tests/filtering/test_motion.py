@@ -1,10 +1,15 @@
-"""The motion model: left alone it settles on the primitive, however finely time is cut."""
+"""The motion model: left alone it settles on the primitive, however time is cut, and turns with its bends."""
 
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from scipy import stats
 
+from dirprim_filter import forecast
+from dirprim_filter.config import FilterConfig
+from dirprim_filter.detections import Detections
+from dirprim_filter.filtering.particle_filter import ParticleFilter
 from moving import motion_by_hand, moved, only_places, squares
 from situations import one_cell_map
 
@@ -32,10 +37,7 @@ def laws(primitive_map, *, seconds=4.0, **cut):
 
 
 def test_motion_is_the_same_however_time_is_cut():
-    curved = one_cell_map(concentration=150.0, shape=30.0, side=200.0)
-    bend = np.zeros((2, 1, 2))
-    bend[0, 0] = 0.01, -0.005
-    curved = replace(curved, modes=curved.modes._replace(bend=bend), motion=None)
+    curved = one_cell_map(concentration=150.0, shape=30.0, side=200.0, bend=(0.01, -0.005))
     once = laws(curved, key=1)
     tenths = laws(curved, key=2, n_calls=40)
     finer = laws(curved, key=3, step_s=0.05)
@@ -109,3 +111,57 @@ def test_a_vehicle_that_brakes_to_a_stop_stands():
     assert (found.manoeuvre == 0).all()
     assert (found.speed < 0.3).all()
     np.testing.assert_allclose(found.position[:, 0], 100.0 + 9.0**2 / 6.0, atol=1.0)  # v^2 / 2a
+
+
+RADIUS = 20.0
+
+
+def circling(**settings):
+    """A cell whose mode turns to the left by 1 / RADIUS along its way east, at first."""
+    return only_places(one_cell_map(side=60.0, bend=(1 / RADIUS, 0.0), **settings))
+
+
+def test_a_vehicle_turns_with_the_bend_as_the_line_of_the_field_does():
+    """The line of course x / R through the origin: y = -R log cos(x / R)."""
+    path = forecast(
+        circling(), position=(0.0, 0.0), direction=0.0, speed=10.0, horizon_s=2.0, dt_s=0.1,
+        rng=np.random.default_rng(0),
+    ).mean(axis=0)  # fmt: skip
+    np.testing.assert_allclose(path[:, 1], -RADIUS * np.log(np.cos(path[:, 0] / RADIUS)), atol=0.1)
+    assert path[-1, 1] > 5.0
+
+
+def test_speed_settles_on_the_gain_of_the_place():
+    """At the pace v(north) that reversion holds in balance: what is gained there is what is lost of the surplus."""
+    climbing = only_places(one_cell_map(shape=400.0, concentration=1e4, gain=(0.0, 0.02)))  # north, across the course
+    for north in (-10.0, 10.0):
+        paths = forecast(
+            climbing, position=(0.0, north), direction=0.0, speed=10.0, horizon_s=20.0, dt_s=1.0, n_samples=400,
+            rng=np.random.default_rng(0),
+        )  # fmt: skip
+        speed, place = np.diff(paths[:, 14:, 0], axis=1).mean(), paths[:, 14:, 1].mean()
+        assert speed == pytest.approx(10.0 * (1 + 0.02 * place), rel=0.02)
+        assert abs(speed - 10.0) > 1.0
+
+
+@pytest.mark.parametrize("place", [(10.0, 0.0), (-25.0, 5.0), (28.0, -28.0)])
+def test_a_belief_is_born_of_the_density_of_its_place(place):
+    """Far from the centre of a cell that bends and gains: direction and speed are those of `log_density` there."""
+    bent = circling(concentration=40.0, shape=12.0, gain=(0.01, -0.004))
+    filter_ = ParticleFilter(bent, FilterConfig(n_particles=20_000, noise_m=1e-6))
+    slot, place = np.zeros(1, np.int64), np.array(place)
+    filter_.begin(slot, np.array([7], np.uint64), Detections(track_id=["a"], time_ns=[0], position=[place]))
+    cloud = filter_.cloud
+    theta, v = np.linspace(-np.pi, np.pi, 20_001), np.linspace(1e-3, 80.0, 20_001)
+
+    def below(grid, log_density, drawn):
+        total = np.concatenate([[0.0], np.cumsum(np.diff(grid) * np.exp(log_density[:-1] + np.diff(log_density) / 2))])
+        assert total[-1] == pytest.approx(1.0, abs=1e-4)
+        return np.interp(drawn, grid, total)
+
+    of_direction, of_speed = bent.direction_log_density(place, theta), bent.speed_log_density(place, v)
+    assert stats.kstest(below(theta, of_direction, cloud.direction[0]), "uniform").pvalue > FALSE_ALARM
+    assert stats.kstest(below(v, of_speed, cloud.speed[0]), "uniform").pvalue > FALSE_ALARM
+    of_center, at_center = bent.direction_log_density(np.zeros(2), theta), bent.speed_log_density(np.zeros(2), v)
+    assert stats.kstest(below(theta, of_center, cloud.direction[0]), "uniform").pvalue < FALSE_ALARM
+    assert stats.kstest(below(v, at_center, cloud.speed[0]), "uniform").pvalue < FALSE_ALARM

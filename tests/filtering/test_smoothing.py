@@ -4,8 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from filterpy.common import Q_continuous_white_noise
-from filterpy.kalman import KalmanFilter
 from scipy import stats
 
 from dirprim_filter.config import FilterConfig, TrackingConfig
@@ -20,7 +18,7 @@ from dirprim_filter.filtering.smoothing.smoother import Smoother
 from dirprim_filter.primitives.motion import PUSH_RATE
 from dirprim_filter.replay import step
 from moving import ring_road
-from oracles import ring_forward_backward
+from oracles import filterpy_constant_velocity, ring_forward_backward
 from situations import beside, one_cell_map, ring_traffic
 
 NOISE_M, DENSITY = 0.7, 2.0
@@ -55,22 +53,6 @@ def same(a, b):
     assert a.track_id.tolist() == b.track_id.tolist()
 
 
-def filterpy_smoother(seen, is_seen, dt_s):
-    """Means and covariances by filterpy's own `rts_smoother`, over all instants."""
-    f, q, first = np.eye(4), np.kron(Q_continuous_white_noise(2, dt_s, DENSITY), np.eye(2)), np.eye(4)
-    f[0, 2] = f[1, 3] = dt_s
-    kalman = KalmanFilter(dim_x=4, dim_z=2)
-    kalman.F, kalman.Q, kalman.H, kalman.R = f, q, np.eye(2, 4), NOISE_M**2 * np.eye(2)
-    kalman.x, kalman.P = np.append(seen[0], [0.0, 0.0]), np.diag([NOISE_M**2] * 2 + [FIRST_SPEED_STD**2] * 2) @ first
-    means, covariances = [kalman.x], [kalman.P]
-    for z, is_one in zip(seen[1:], is_seen[1:], strict=True):
-        kalman.predict()
-        kalman.update(z if is_one else None)
-        means.append(kalman.x.copy())
-        covariances.append(kalman.P.copy())
-    return kalman.rts_smoother(np.array(means), np.array(covariances))[:2]
-
-
 def test_of_constant_velocity_it_is_rauchs_tungs_and_striebels_across_a_gap_and_beyond_what_is_kept():
     tracks = ring_traffic(np.random.default_rng(2), n_vehicles=2, n_rows=500, dt_s=0.2)  # 100 s
     hidden = np.flatnonzero((tracks.track_id == 1) & (tracks.time_ns > 32e9) & (tracks.time_ns < 36e9))
@@ -81,7 +63,8 @@ def test_of_constant_velocity_it_is_rauchs_tungs_and_striebels_across_a_gap_and_
         is_seen = ~np.isin(np.flatnonzero(rows), hidden)
         z = np.full((500, 2), np.nan)
         z[is_seen] = seen.position[seen.track_id == str(name)]
-        mean, covariance = filterpy_smoother(z, is_seen, 0.2)
+        given = {"density": DENSITY, "noise_m": NOISE_M, "first_speed_std": FIRST_SPEED_STD}
+        mean, covariance = filterpy_constant_velocity(z, 0.2 * np.arange(500), **given)[1]
         own = later[later.track_id == name]
         assert len(own) == 500
         np.testing.assert_allclose(own.position, mean[:, :2], atol=5e-6)

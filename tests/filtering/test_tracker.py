@@ -7,13 +7,12 @@ import numpy as np
 import pytest
 
 from dirprim_filter.columns import column_fields
-from dirprim_filter.config import FilterConfig, TrackingConfig
+from dirprim_filter.config import TrackingConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates
-from dirprim_filter.filtering import ConstantVelocityKalman, Tracker
 from dirprim_filter.filtering.belief import FIRST_CAPACITY
 from oracles import kalman_known_velocity
-from situations import TRUSTING, beside, on_the_ring, one_cell_map, ring_traffic
+from situations import TRUSTING, beside, on_the_ring, one_cell_map, ring_traffic, seen_at, tracker_of
 
 on_either_filter = pytest.mark.parametrize("filter_of", ["particles", "kalman"])
 
@@ -28,7 +27,7 @@ def traffic():
 
 
 def one(name, time_s, x, y):
-    return Detections(track_id=[name], time_ns=[round(time_s * 1e9)], position=[[x, y]])
+    return seen_at(time_s, [(x, y)], ids=[name])
 
 
 def round_the_ring(name, times_s, start_s=0.0):
@@ -37,10 +36,8 @@ def round_the_ring(name, times_s, start_s=0.0):
 
 def track(model, frames, *, filter_of="particles", seed=1, n_particles=100, tracking=TRUSTING, **settings):
     """Estimates of every frame, and the tracker: on a map, or by a Kalman filter."""
-    config = FilterConfig(n_particles=n_particles, **settings)
-    if filter_of == "kalman":
-        model = ConstantVelocityKalman(acceleration_density=3.0, config=config)
-    tracker = Tracker(model, config=config, tracking=tracking, rng=np.random.default_rng(seed))
+    model = None if filter_of == "kalman" else model
+    tracker = tracker_of(model, tracking=tracking, seed=seed, n_particles=n_particles, **settings)
     return Estimates.concatenate([tracker.step(frame) for frame in frames]), tracker
 
 

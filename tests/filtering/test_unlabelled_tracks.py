@@ -1,33 +1,24 @@
-"""Vehicles without ids: found, kept apart, kept through gaps, and not made up."""
+"""Vehicles without ids: found, kept apart and through gaps, not made up, and each detection assigned to its own."""
 
 import numpy as np
 import pytest
 
-from dirprim_filter.config import FilterConfig, TrackingConfig
+from dirprim_filter.config import TrackingConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates
-from dirprim_filter.filtering import ConstantVelocityKalman, Tracker
-from situations import on_the_ring
+from dirprim_filter.filtering import GroupTracker, existence
+from situations import on_the_ring, seen_at, tracker_of
 
 SETTINGS = TrackingConfig(detection_probability=0.9, clutter_density=5e-4)
 
 
 def made(ring_map, filter_of, *, tracking=SETTINGS, seed=1):
-    config = FilterConfig(n_particles=200)
-    model = ring_map if filter_of == "particles" else ConstantVelocityKalman(acceleration_density=3.0, config=config)
-    return Tracker(model, config=config, tracking=tracking, rng=np.random.default_rng(seed))
+    return tracker_of(ring_map if filter_of == "particles" else None, tracking=tracking, seed=seed, n_particles=200)
 
 
 def followed(tracker, frames):
     """Estimates of every frame: (seconds, positions), with nothing seen in some."""
-    found = []
-    for time_s, places in frames:
-        time_ns = round(time_s * 1e9)
-        seen = Detections(
-            track_id=[""] * len(places), time_ns=[time_ns] * len(places), position=np.reshape(places, (-1, 2))
-        )
-        found.append(tracker.step(seen, time_ns=time_ns))
-    return found
+    return [tracker.step(seen_at(time_s, places), time_ns=round(time_s * 1e9)) for time_s, places in frames]
 
 
 def two_vehicles(n_frames=60, *, rng, hide=lambda i: False, clutter=0.0):
@@ -80,11 +71,7 @@ def test_unlabelled_tracks_are_the_same_each_time_and_keep_out_of_the_way_of_lab
     named = made(ring_map, "particles")
     alone = made(ring_map, "particles")
     for time_s, places in frames:
-        time_ns = round(time_s * 1e9)
-        mixed = Detections(
-            track_id=["track-1", *[""] * len(places)], time_ns=[time_ns] * (len(places) + 1),
-            position=np.vstack([on_the_ring(time_s, from_=1.0), places]),
-        )  # fmt: skip
+        mixed = seen_at(time_s, [on_the_ring(time_s, from_=1.0), *places], ids=["track-1", *[""] * len(places)])
         for tracker, frame in ((named, mixed), (alone, mixed[np.array([0])])):
             found = tracker.step(frame)
             if tracker is named:
@@ -168,3 +155,104 @@ def test_a_tentative_track_waits_for_a_vehicle_missed_once_and_no_longer(ring_ma
     assert len(found[20]) == 1
     assert len(tracker._roster) == 2
     assert is_kept == (tracker._roster._n_tentative == 2)
+
+
+def frame_of(i, *, clutter=0.0, group=0, ids=("", "")):
+    """Two vehicles at 8 m/s opposite each other on the ring, and what is false far away."""
+    rng = np.random.default_rng([group, i])
+    places = [on_the_ring(0.1 * i, from_=turn) + rng.normal(0.0, 0.3, 2) for turn in (0.0, np.pi)]
+    places += [rng.uniform(100.0, 1000.0, 2) for _ in range(int(clutter))]
+    return seen_at(0.1 * i, places, ids=[*ids, *[""] * (len(places) - 2)], group=[group] * len(places))
+
+
+def test_detections_are_of_the_track_that_is_estimated_near_them_and_false_ones_of_none():
+    tracked, names = tracker_of(None, noise_m=0.3), set()
+    for i in range(40):
+        frame = tracked.track(frame_of(i, clutter=2))
+        assert frame.assigned.shape == (4,)
+        assert (frame.assigned[2:] == "").all()
+        if i == 0:
+            assert (frame.assigned == "").all()  # no track has a name yet
+        if i < 20:
+            continue
+        for place, name in zip(frame.detections.position[:2], frame.assigned[:2], strict=True):
+            own = frame.estimates[frame.estimates.track_id.astype(str) == name]
+            assert np.linalg.norm(own.position[0] - place) < 1.5
+            names.add(name)
+    assert len(names) == 2
+
+
+def test_an_id_is_its_track_and_a_frame_without_detections_has_none():
+    tracked = tracker_of(None, noise_m=0.3)
+    for i in range(6):
+        assert tracked.track(frame_of(i, clutter=1, ids=("b", "a"))).assigned.tolist() == ["b", "a", ""]
+    frame = tracked.track(Detections.none(), time_ns=600_000_000)
+    assert (len(frame.estimates), frame.assigned.size) == (2, 0)
+
+
+@pytest.mark.parametrize("ids", [("", ""), ("b", "a")])
+def test_groups_keep_theirs_apart_and_a_detection_of_no_track_keeps_its_group(ids):
+    together = GroupTracker(lambda _: tracker_of(None, noise_m=0.3))
+    alone = {group: tracker_of(None, noise_m=0.3) for group in (0, 2)}
+    for i in range(20):
+        frames = {group: frame_of(i, clutter=1, group=group, ids=ids) for group in alone}
+        frame = together.track(Detections.concatenate(frames.values()))
+        assert frame.detections.group.tolist() == [0, 0, 0, 2, 2, 2]
+        for group, seen in frames.items():
+            names = [f"{group}/{name}" if group and name else name for name in alone[group].track(seen).assigned]
+            assert frame.assigned[frame.detections.group == group].tolist() == names
+        table = frame.assignments
+        assert table.assigned.tolist() == frame.assigned.tolist()
+        assert table.group.tolist() == frame.detections.group.tolist()
+
+
+LORRY, CAR = (12.0, 2.5, 3.5), (4.5, 1.8, 1.5)
+
+
+def names_of(frames, **stated):
+    """The names that are reported in each frame, of places (d, 2) in frames of .1 s, by a Kalman filter."""
+    tracker, names = tracker_of(None, density=1.0, noise_m=0.1), []
+    for i, places in enumerate(frames):
+        own = {name: np.asarray(of[i]) for name, of in stated.items()}
+        names.append(set(tracker.step(seen_at(0.1 * i, places, **own)).track_id.tolist()))
+    return names
+
+
+@pytest.mark.parametrize("is_stated", [True, False])
+@pytest.mark.parametrize("twice_from", [0, 20])
+def test_a_lorry_that_is_detected_twice_is_one_vehicle_and_the_car_beside_it_another(twice_from, is_stated):
+    rng, frames, sizes = np.random.default_rng(1), [], []
+    for i in range(60):
+        places = np.array([[0.8 * i, 0.0], [0.8 * i, 3.5], [0.8 * i + 4.0, 0.0]])[: 2 + (i >= twice_from)]
+        frames.append(places + rng.normal(0.0, 0.1, places.shape))
+        sizes.append([LORRY, CAR, LORRY][: len(places)])
+    names = names_of(frames, **({"size": sizes} if is_stated else {}))
+    assert len(set.union(*names)) == (2 if is_stated else 3)
+    assert len(names[-1]) == (2 if is_stated else 3)
+
+
+@pytest.mark.parametrize("is_stated", [True, False])
+def test_a_vehicle_that_its_detector_sees_elsewhere_on_its_body_keeps_its_name(is_stated):
+    """It stands, and its belief is sure of where; then its box grows, and its middle is off by ten deviations."""
+    rng, places = np.random.default_rng(2), np.zeros((80, 1, 2))
+    places[50:, 0, 0] = 1.0
+    names = names_of(places + rng.normal(0.0, 0.1, places.shape), **({"size": [[CAR]] * 80} if is_stated else {}))
+    assert (len(set.union(*names)) == 1) == is_stated
+
+
+@pytest.mark.parametrize("is_stated", [True, False])
+def test_detections_of_low_confidence_continue_a_track_and_begin_none(is_stated):
+    rng, frames, stated = np.random.default_rng(3), [], []
+    for i in range(60):
+        false = rng.uniform(-30.0, 30.0, (20, 2))
+        frames.append(np.vstack([rng.normal((0.8 * i - 24.0, 0.0), 0.1), false]))
+        stated.append([0.9 if i < 30 else 0.3, *np.full(20, 0.003)])
+    names = names_of(frames, **({"confidence": stated} if is_stated else {}))
+    assert (len(set.union(*names)) == 1) == is_stated
+    assert all(names[5:])
+
+
+def test_the_density_of_false_detections_of_a_confidence_is_its_odds_to_true_ones():
+    config = TrackingConfig(detection_probability=0.8, vehicle_density=1e-3, clutter_density=5e-4)
+    density = existence.false_density(np.array([np.nan, 0.5, 0.8, 1.0, 0.0]), config)
+    np.testing.assert_allclose(density, [5e-4, 8e-4, 2e-4, 0.0, 5e-4])

@@ -86,9 +86,7 @@ def test_where_nothing_bends_flat_modes_are_preferred(n):
 
 def bent_map(bend=(0.05, -0.08), gain=(0.03, 0.02)):
     """One cell of 10 m around the origin with one curved mode; outside of it a flat one."""
-    flat = one_cell_map(mean=3.1, concentration=60.0, speed=12.0, shape=40.0, side=SIDE)
-    slope = [np.stack([[given], [np.zeros(2)]]) for given in (bend, gain)]
-    return replace(flat, modes=flat.modes._replace(bend=slope[0], gain=slope[1]))
+    return one_cell_map(mean=3.1, concentration=60.0, speed=12.0, shape=40.0, side=SIDE, bend=bend, gain=gain)
 
 
 def places(n, rng):

@@ -35,6 +35,15 @@ def test_the_leader_and_what_a_driver_goes_by_are_those_of_the_slow_twin():
         np.testing.assert_allclose(feature[p], leader_features(speed[p], seen[p, 0], seen[p, 1]), rtol=1e-12)
 
 
+def eastward(rows, *, group=0):
+    """Vehicles that head east, of rows (vehicle, tenth of a second, east, north, speed)."""
+    track_id, tick, x, y, speed = np.array(rows).T
+    return Tracks(
+        track_id=track_id.astype(np.int64), time_ns=tick.astype(np.int64) * 100_000_000, speed=speed,
+        position=np.column_stack([x, y]), direction=np.zeros(len(rows)), group=np.full(len(rows), group),
+    )  # fmt: skip
+
+
 def pairs(rng, n, *, responds, group=0):
     """Drivers behind leaders of other speeds: they take on their leader's speed at 0.4/s, or keep to their own."""
     rows = []
@@ -48,12 +57,7 @@ def pairs(rng, n, *, responds, group=0):
             ]
             own += 0.1 * 0.4 * ((lead if responds else wanted) - own)
             place += 0.1 * own
-    track_id, tick, x, y, speed = np.array(rows).T
-    return Tracks(
-        track_id=track_id.astype(np.int64), time_ns=tick.astype(np.int64) * 100_000_000,
-        position=np.column_stack([x, y]), direction=np.zeros(len(rows)), speed=speed,
-        group=np.full(len(rows), group),
-    )  # fmt: skip
+    return eastward(rows, group=group)
 
 
 def test_a_law_that_drivers_follow_is_learned_and_none_where_they_follow_none():
@@ -75,18 +79,9 @@ def test_who_stands_starts_as_often_as_it_did_behind_such_a_leader():
         for tick in range(0, 21, 5):
             rows.append((2 * pair, tick, 0.0, 100.0 * pair, 1.0 if starts and tick > 5 else 0.0))
             rows.append((2 * pair + 1, tick, 8.0 + 0.5 * tick * goes, 100.0 * pair, 5.0 * goes))
-    track_id, tick, x, y, speed = np.array(rows).T
-    tracks = Tracks(
-        track_id=track_id.astype(np.int64), time_ns=tick.astype(np.int64) * 100_000_000,
-        position=np.column_stack([x, y]), direction=np.zeros(len(rows)), speed=speed,
-    )  # fmt: skip
-    sums = LeaderSums.of(tracks)
-    assert sums.stood.tolist() == [
-        30.0 * 3,
-        0.0,
-        15.0 * 2 + 15.0 * 3,
-        30.0 * 3,
-    ]  # three instants of each, last no vehicle's
+    sums = LeaderSums.of(eastward(rows))
+    three = 30.0 * 3  # instants of each, last no vehicle's
+    assert sums.stood.tolist() == [three, 0.0, 15.0 * 2 + 15.0 * 3, three]
     assert sums.started.tolist() == [0.0, 0.0, 30.0, 0.0]
 
 

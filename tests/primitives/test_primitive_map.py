@@ -1,14 +1,19 @@
-"""A map answers with a proper density at every place."""
+"""A map answers with a proper density at every place, which compiled code finds as slow code does."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from dirprim_filter import learn_primitives, read_tracks
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.distributions.angles import wrap
+from dirprim_filter.primitives._modes import Modes
+from dirprim_filter.primitives.primitive_map import PrimitiveMap
+from oracles import map_log_densities
+from situations import one_cell_map
 from tessellation import GridTessellation
 
 JUNCTION = Path(__file__).parents[1] / "data" / "junction.csv"
@@ -120,3 +125,114 @@ def test_a_map_whose_rows_do_not_fit_its_cells_is_refused(ring_map):
         type(ring_map)(**parts | {"modes": ring_map.modes.take(np.s_[:-1])})
     with pytest.raises(ValueError, match="n_background_modes: expected 0 to"):
         type(ring_map)(**parts | {"n_background_modes": 99})
+
+
+N_CELLS, N_MODES = 12, 7
+
+
+def random_map(*, curved, least=1e-9, concentration=1e6, seed=0):
+    """A map with cells of one to seven modes, from uniform to the sharpest, and speeds from rest to certainty."""
+    rng = np.random.default_rng(seed)
+    shape = (N_CELLS + 1, N_MODES)
+    weight = rng.gamma(0.5, 1.0, shape) * (np.arange(N_MODES) < rng.integers(1, N_MODES + 1, shape[0])[:, None])
+    alpha = 10 ** rng.uniform(0.0, 4.0, shape)
+    alpha[:, 0] = 1.0
+    kappa = 10 ** rng.uniform(np.log10(least), np.log10(concentration), shape)
+    kappa[0] = 0.0
+    slope = 0.02 * curved * rng.normal(size=(2, *shape, 2))
+    return PrimitiveMap(
+        tessellation=GridTessellation(origin=np.zeros(2), cell_size=10.0, n_x=4, n_y=4, square=np.arange(N_CELLS)),
+        modes=Modes(
+            weight / weight.sum(axis=1, keepdims=True), rng.choice([np.pi, 0.0, -1.5, 3.0], shape), kappa,
+            alpha, alpha / rng.uniform(0.5, 20.0, shape), *slope,
+        ),
+        n_rows=np.ones(shape[0], np.int64), n_background_modes=0,
+    )  # fmt: skip
+
+
+def rows(n, rng):
+    """Places in and around the cells, directions of every turn, speeds from 0 on, half of them where modes stand."""
+    return (
+        rng.uniform(-5.0, 45.0, (n, 2)),
+        np.where(rng.random(n) < 0.5, rng.choice([-np.pi, np.pi, 0.0, 3.0 + 4 * np.pi], n), rng.uniform(-9, 9, n)),
+        np.where(rng.random(n) < 0.1, rng.choice([0.0, -1.0, 1e-310], n), rng.gamma(1.0, 9.0, n)),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("curved", [False, True])
+@pytest.mark.parametrize("concentration", [50.0, 1e6])
+def test_log_densities_are_those_of_numpy_to_1e_10(curved, concentration):
+    """Absolute or relative, whichever is more."""
+    learned = random_map(curved=curved, concentration=concentration)
+    position, direction, speed = rows(40_000, np.random.default_rng(1))
+    with np.errstate(all="ignore"):
+        of_direction, of_speed, both = map_log_densities(learned, position, direction, speed)
+    np.testing.assert_allclose(learned.direction_log_density(position, direction), of_direction, atol=1e-10, rtol=1e-10)
+    np.testing.assert_allclose(learned.speed_log_density(position, speed), of_speed, atol=1e-10, rtol=1e-10)
+    np.testing.assert_allclose(learned.log_density(position, direction, speed), both, atol=1e-10, rtol=1e-10)
+
+
+def test_leading_axes_broadcast_as_those_of_numpy():
+    learned = random_map(curved=True)
+    rng = np.random.default_rng(2)
+    position, direction, speed = rng.uniform(0, 40, (4, 1, 2)), rng.uniform(-3, 3, 5), rng.gamma(2.0, 4.0, (3, 1, 1))
+    found = learned.log_density(position, direction, speed)
+    assert found.shape == (3, 4, 5)
+    at = (
+        np.broadcast_to(position, (3, 4, 5, 2)),
+        np.broadcast_to(direction, (3, 4, 5)),
+        np.broadcast_to(speed, (3, 4, 5)),
+    )
+    np.testing.assert_allclose(found, map_log_densities(learned, *at)[2], atol=1e-10, rtol=1e-10)
+    assert learned.log_density(np.empty((0, 2)), np.empty(0), np.empty(0)).shape == (0,)
+    assert learned.sample(np.empty((0, 2)), rng=rng)[0].shape == (0,)
+
+
+def test_what_is_not_finite_is_refused_by_name_and_place():
+    learned = random_map(curved=False)
+    place, one = np.full((3, 2), 5.0), np.ones(3)
+    for bad in (np.nan, np.inf, -np.inf):
+        spoilt = np.array([1.0, 1.0, bad])
+        with pytest.raises(ValueError, match=r"position: expected finite numbers, got .* at \(2, 1\)"):
+            learned.direction_log_density(np.where(np.arange(6).reshape(3, 2) == 5, bad, place), one)
+        with pytest.raises(ValueError, match=r"position: expected finite numbers, got .* at \(2, 1\)"):
+            learned.sample(np.where(np.arange(6).reshape(3, 2) == 5, bad, place), rng=np.random.default_rng(0))
+        with pytest.raises(ValueError, match=r"direction: expected finite numbers, got .* at \(2,\)"):
+            learned.log_density(place, spoilt, one)
+        with pytest.raises(ValueError, match=r"speed: expected finite numbers, got .* at \(2,\)"):
+            learned.speed_log_density(place, spoilt)
+    with pytest.raises(ValueError, match="position: expected shape"):
+        learned.sample(np.zeros(3), rng=np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("curved", [False, True])
+def test_samples_follow_their_density(curved):
+    """Kolmogorov and Smirnov on the speeds and on the directions of one place; each fails by chance once in 1e4."""
+    learned = random_map(curved=curved, least=5.0, concentration=50.0, seed=3)
+    place = np.array([13.0, 8.0])
+    direction, speed = learned.sample(np.tile(place, (30_000, 1)), rng=np.random.default_rng(5))
+    own = learned.primitive_at(place)
+    fine = np.linspace(-np.pi, np.pi, 100_001)
+    p = np.exp(learned.direction_log_density(place, fine))
+    below = np.concatenate([[0.0], np.cumsum(0.5 * (p[1:] + p[:-1])) * (fine[1] - fine[0])])
+    slow = own.direction.weight @ stats.gamma.cdf(speed, own.speed.shape[:, None], scale=1 / own.speed.rate[:, None])
+    faster = own.direction.weight @ stats.gamma.cdf(
+        1.2 * speed, own.speed.shape[:, None], scale=1 / own.speed.rate[:, None]
+    )
+    assert stats.kstest(np.interp(direction, fine, below), "uniform").pvalue > 1e-4
+    assert stats.kstest(np.interp(direction + 0.05, fine, below), "uniform").pvalue < 1e-4
+    assert stats.kstest(slow, "uniform").pvalue > 1e-4
+    assert stats.kstest(faster, "uniform").pvalue < 1e-4
+
+
+def test_direction_and_speed_of_a_sample_are_of_one_mode():
+    two = replace(
+        one_cell_map(), motion=None,
+        modes=Modes.flat(
+            np.full((2, 2), 0.5), np.array([[0.0, 2.0]] * 2), np.full((2, 2), 1e5), np.full((2, 2), 1e4),
+            1e4 / np.array([[3.0, 12.0]] * 2),
+        ),
+    )  # fmt: skip
+    direction, speed = two.sample(np.zeros((1000, 2)), rng=np.random.default_rng(0))
+    np.testing.assert_array_equal(direction > 1.0, speed > 7.0)
+    assert 400 < (direction > 1.0).sum() < 600

@@ -12,7 +12,7 @@ from dirprim_filter.primitives.visits import AHEAD_M, AHEAD_S, GAINED_MPS, GAINE
 from dirprim_filter.tracks import Tracks
 from oracles import between_rows
 from oracles import dp_means as slow_dp_means
-from situations import ring_traffic
+from situations import ring_traffic, tracks_of
 from tessellation import GridTessellation
 
 
@@ -29,12 +29,9 @@ def eastward(speed, *, dt_s=0.1, x=0.0, track_id=0, group=0, start_s=0.0):
     """A vehicle that drives east at the speeds given, one for each row."""
     speed = np.asarray(speed, float)
     way = np.concatenate([[0.0], np.cumsum(dt_s * (speed[1:] + speed[:-1]) / 2)])
-    n = speed.size
-    return Tracks(
-        track_id=np.full(n, track_id), time_ns=np.round((start_s + dt_s * np.arange(n)) * 1e9).astype(np.int64),
-        position=np.column_stack([x + way, np.full(n, 5.0)]), direction=np.zeros(n), speed=speed,
-        group=np.full(n, group),
-    )  # fmt: skip
+    time_ns = np.round((start_s + dt_s * np.arange(speed.size)) * 1e9).astype(np.int64)
+    place = np.column_stack([x + way, np.full(speed.size, 5.0)])
+    return tracks_of([place], track_id=track_id, time_ns=time_ns, speed=speed, group=group)
 
 
 STREET = GridTessellation(origin=np.zeros(2), cell_size=10.0, n_x=20, n_y=1, square=np.arange(20))
