@@ -45,6 +45,11 @@ def tracker_of(model, *, density=3.0, tracking=None, with_innovations=False, see
     return Tracker(model, config=config, tracking=tracking, with_innovations=with_innovations, rng=rng)
 
 
+def estimates_by(tracker, seen):
+    """What a tracker estimates of all detections, frame by frame."""
+    return Estimates.concatenate([tracker.track(frame).estimates for frame in seen.frames()])
+
+
 def keys(rows):
     """Of which vehicle and instant each row is; an id is the same as a number and as a text."""
     return list(zip(map(str, rows.track_id.tolist()), rows.time_ns.tolist(), strict=True))

@@ -8,11 +8,9 @@ import pytest
 
 from dirprim_filter.config import FilterConfig, LearningConfig, TrackingConfig
 from dirprim_filter.detections import Detections
-from dirprim_filter.estimates import EstimateList
 from dirprim_filter.filtering import Tracker
-from dirprim_filter.replay import replay
 from dirprim_filter.sensor import AxisError, Sensor
-from situations import ring_traffic
+from situations import estimates_by, ring_traffic
 
 LASTING = AxisError(spread_m=0.5, correlated_share=0.5)
 SERIES = ("cell_sizes", "rows_per_cell")
@@ -47,10 +45,8 @@ def test_every_mechanism_can_be_off_and_vehicles_are_tracked_nonetheless(ring_ma
     rng = np.random.default_rng(1)
     noisy = truth.position + 0.5 * rng.standard_normal(truth.position.shape)
     seen = replace(Detections.of(truth), position=noisy, direction=truth.direction, speed=truth.speed)
-    kept = EstimateList()
-    tracker = Tracker(ring_map, config=config, sensor=sensor, rng=rng)
-    replay(seen.frames(), tracker, [kept])
-    last = kept.all()[kept.all().time_ns == truth.time_ns.max()]
+    found = estimates_by(Tracker(ring_map, config=config, sensor=sensor, rng=rng), seen)
+    last = found[found.time_ns == truth.time_ns.max()]
     assert len(last) == 3
     true = truth.position[truth.time_ns == truth.time_ns.max()]
     assert np.hypot(*(last.position - true).T).max() < 3.0  # six standard deviations of a detection

@@ -9,6 +9,7 @@ import pytest
 from cli.commands import FAILED, USAGE, dirprim
 
 TRACK = "track log.mcap --map map.mcap -o x"
+STRAIGHT = "track log.mcap -o x --motion constant-velocity"
 HEAD = "time_s,track_id,x_m,y_m"
 SENSOR = "[along]\nspread_m = 0.4\n[across]\nspread_m = 0.2\n"
 FILES = {
@@ -45,6 +46,14 @@ CASES = [
     (f"info log.mcap --topics {'(' * 20_000}", FAILED, "topics: expected a name or a regular expression"),
     (f"{TRACK} --start 1e999999999", FAILED, "--start: expected seconds from the start"),
     (f"{TRACK} --config flat.toml", FAILED, "flat.toml: noise_m: expected the tables"),
+    ("track log.mcap -o x --set without_map=true", USAGE, "without_map is of a map"),
+    ("track log.mcap -o x --set motion=true", USAGE, "motion: expected one of"),
+    (f"{STRAIGHT} --set measured_motion=true", USAGE, "constant velocity takes positions alone"),
+    (f"{STRAIGHT} --forecast 3", USAGE, "leave out --motion"),
+    (f"{TRACK} --set acceleration_density=2", USAGE, "a map says how vehicles accelerate"),
+    ("track log.mcap -o x --set acceleration_density=-1", USAGE, "acceleration_density: expected 0 to"),
+    ("track log.mcap -o x --no-ids --forecast 3", FAILED,
+     "--forecast needs --map, or a log from which motion can be learned"),
     ("learn no_ids.csv -o x", FAILED, "detections without ids; `dirprim track --no-ids`"),
     ("smooth no_ids.csv --map map.mcap -o x", FAILED, "expected tracks with ids, got detections"),
     ("evaluate tracking log.mcap --set miss_rate", USAGE, "expected NAME=VALUE"),

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cli.commands import DONE, FAILED, INPUT_LOST, USAGE, dirprim
+from cli.commands import DONE, FAILED, INPUT_LOST, dirprim
 from dirprim_filter import learn_primitives, load_map, read_estimates, save_map, write_tracks
 from dirprim_filter.cli.results import metadata_of
 from dirprim_filter.config import FilterConfig
@@ -88,24 +88,6 @@ def test_the_tracks_of_another_tracker_are_refined_by_each(here, capsys):
         assert dirprim(f"smooth theirs.csv -o refined.mcap --force --particles 50 {options}") == DONE
         assert motion_line(capsys).startswith("straight on" if options else "as 6 vehicles")
         assert len(read_estimates("refined.mcap")) == len(read_estimates("out.mcap"))
-
-
-@pytest.mark.parametrize(
-    ("options", "code", "said"),
-    [
-        ("--set without_map=true", USAGE, "without_map is of a map"),
-        ("--set motion=true", USAGE, "motion: expected one of"),
-        ("--motion constant-velocity --set measured_motion=true", USAGE, "constant velocity takes positions alone"),
-        ("--motion constant-velocity --forecast 3", USAGE, "leave out --motion"),
-        ("--map map.mcap --set acceleration_density=2", USAGE, "a map says how vehicles accelerate"),
-        ("--set acceleration_density=-1", USAGE, "acceleration_density: expected 0 to"),
-        ("--no-ids --forecast 3", FAILED, "--forecast needs --map, or a log from which motion can be learned"),
-    ],
-)
-def test_what_does_not_go_together_is_refused(here, capsys, options, code, said):
-    assert dirprim(f"{RUN} {options}") == code
-    assert said in " ".join(capsys.readouterr().err.replace("│", " ").split())
-    assert not Path("out.mcap").exists()
 
 
 def test_a_log_whose_ids_never_come_again_says_so(here, capsys):

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from dirprim_filter.detections import Detections
-from dirprim_filter.estimates import EstimateList, Estimates
+from dirprim_filter.estimates import Estimates
 from dirprim_filter.filtering import GroupTracker
-from dirprim_filter.replay import replay
-from situations import TRUSTING, tracker_of
+from situations import TRUSTING, estimates_by, tracker_of
 
 
 def tracker(ring_map, model="particles"):
@@ -28,27 +27,22 @@ def reported(ring, group, *, ids):
 @pytest.mark.parametrize("model", ["particles", "kalman"])
 def test_each_group_is_tracked_as_if_it_were_alone(ring, ring_map, ids, model):
     parts = {group: reported(ring, group, ids=ids) for group in (0, 2, 5)}
-    together, kept = EstimateList(), {}
     tracker_of_all = GroupTracker(lambda _: tracker(ring_map, model))
-    n_frames = replay(Detections.concatenate(parts.values()).frames(), tracker_of_all, [together])
-    assert (n_frames, tracker_of_all.n_groups) == (15, 3)
-    for group, seen in parts.items():
-        kept[group] = EstimateList()
-        replay(seen.frames(), tracker(ring_map, model), [kept[group]])
-    found = together.all()
-    assert len(found) == sum(len(kept[group].all()) for group in kept) > 100
-    for group, alone in kept.items():
+    found = estimates_by(tracker_of_all, Detections.concatenate(parts.values()))
+    alone = {group: estimates_by(tracker(ring_map, model), seen) for group, seen in parts.items()}
+    assert (np.unique(found.time_ns).size, tracker_of_all.n_groups) == (15, 3)
+    assert len(found) == sum(map(len, alone.values())) > 100
+    for group, theirs in alone.items():
         of_group = np.char.startswith(found.track_id, f"{group}/") if group else np.char.find(found.track_id, "/") < 0
-        ours, theirs = found[of_group], alone.all()
+        ours = found[of_group]
         prefix = f"{group}/" if group else ""
         assert ours.track_id.astype(str).tolist() == [f"{prefix}{name}" for name in theirs.track_id]
         for column in fields(Estimates)[1:]:
             np.testing.assert_array_equal(getattr(ours, column.name), getattr(theirs, column.name))
-    mixed = EstimateList()  # what it is about: without groups the vehicles are taken for each other
+    # What it is about: without groups the vehicles are taken for each other.
     in_one = [replace(seen.without_ids(), group=np.zeros(len(seen), np.int64)) for seen in parts.values()]
-    laid = Detections.concatenate(in_one)
-    replay(laid.frames(), tracker(ring_map, model), [mixed])
-    as_alone = np.isin(found.position[:, 0], mixed.all().position[:, 0])
+    mixed = estimates_by(tracker(ring_map, model), Detections.concatenate(in_one))
+    as_alone = np.isin(found.position[:, 0], mixed.position[:, 0])
     assert as_alone.mean() < 0.5
 
 

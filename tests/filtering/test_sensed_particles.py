@@ -15,7 +15,7 @@ from dirprim_filter.replay import replay
 from dirprim_filter.sensor import AxisError, Sensor
 from evaluation.test_calibration import circling
 from sensing import sense
-from situations import beside
+from situations import beside, estimates_by
 
 SENSOR = Sensor(
     along=AxisError(spread_m=0.6, bias_m=0.4, correlated_share=0.7, correlation_s=0.5),
@@ -74,9 +74,8 @@ def test_what_is_new_of_an_error_is_its_variance_given_the_one_before(axis):
 
 def estimates_of(learned, seen, sensor, n_particles, *, seed=0, **given):
     """All estimates of a log, as one table."""
-    kept, config = EstimateList(), FilterConfig(n_particles=n_particles, noise_m=0.5, **given)
-    replay(seen.frames(), Tracker(learned, sensor=sensor, config=config, rng=np.random.default_rng(seed)), [kept])
-    return kept.all()
+    config = FilterConfig(n_particles=n_particles, noise_m=0.5, **given)
+    return estimates_by(Tracker(learned, sensor=sensor, config=config, rng=np.random.default_rng(seed)), seen)
 
 
 def test_with_white_round_errors_it_is_the_plain_filter(learned):

@@ -21,20 +21,6 @@ def test_the_papers_signal_is_a_von_mises_a_right_angle_from_the_heading():
     np.testing.assert_allclose(left, belief.log_density(theta), atol=1e-12)
 
 
-def test_a_signal_moves_the_prior_as_hand_computed_and_the_wrong_one_does_not():
-    posterior = multiply_mixtures(STRAIGHT_OR_RIGHT, TURN_RIGHT.belief(0.0)).mixture
-    # kappa e^{i mu} add: straight 20 - 2.5 i, turning -22.5 i; the weights are as I0 of the lengths.
-    ratio = stats.vonmises.pdf(0, np.hypot(20, 2.5)) / stats.vonmises.pdf(0, 22.5) * np.exp(22.5 - np.hypot(20, 2.5))
-    np.testing.assert_allclose(posterior.weight[1] / posterior.weight[0], ratio, rtol=1e-9)
-    np.testing.assert_allclose(posterior.mean_direction, [np.arctan2(-2.5, 20), -np.pi / 2])
-    np.testing.assert_allclose(posterior.concentration, [np.hypot(20, 2.5), 22.5])
-    right, left = (multiply_mixtures(STRAIGHT_OR_RIGHT, cue.belief(0.0)).mixture for cue in (TURN_RIGHT, TURN_LEFT))
-    assert right.weight[1] > 0.9
-    assert left.weight[1] < 0.1
-    nothing = multiply_mixtures(STRAIGHT_OR_RIGHT, Cue(turn=1.0, concentration=0.0).belief(0.0)).mixture
-    np.testing.assert_allclose(nothing.weight, [0.5, 0.5])
-
-
 def test_a_signal_draws_samples_to_the_turn_as_in_the_paper():
     """Its Fig. 8: the RMSE of sampled angles to the turn falls from about 60 to 40 degrees."""
     posterior = multiply_mixtures(STRAIGHT_OR_RIGHT, TURN_RIGHT.belief(0.0)).mixture
