@@ -126,7 +126,6 @@ def test_scenes_are_the_groups_and_their_names_each_of_one_vehicle(ring):
     assert [set(group.group.tolist()) for group in groups] == [{-2}, {5}]
     np.testing.assert_array_equal(groups[0].position, ring.position)
     assert [len(group) for group in ring.by_group()] == [len(ring)]
-    both = two_groups(ring)
     names = qualified_names(both.track_id, both.group)
     assert np.unique(names).size == both.n_tracks
     assert set(names.tolist()) == {f"{g}/{i}" for g in (5, -2) for i in np.unique(ring.track_id)}

@@ -19,21 +19,16 @@ CUTOFF_M = 4.0
 SIMILARITY_M = 5.0
 
 
-def comparison_of(truth, estimated, *, similarity_m=SIMILARITY_M, groups=(None, None)):
+def table(kind, rows, group, **columns):
     """Of rows (id, instant, x, y)."""
-    ids, times, x, y = zip(*truth, strict=True) if truth else ((),) * 4
-    n = len(ids)
-    tracks = Tracks(
-        track_id=np.array(ids, dtype=np.str_), time_ns=np.array(times, dtype=np.int64),
-        position=np.column_stack([x, y]) if n else np.empty((0, 2)), direction=np.zeros(n), speed=np.ones(n),
-        group=np.zeros(n, np.int64) if groups[0] is None else groups[0],
-    )  # fmt: skip
-    names, when, u, v = zip(*estimated, strict=True) if estimated else ((),) * 4
-    rows = TrackedRows(
-        track_id=np.array(names, dtype=np.str_), time_ns=np.array(when, dtype=np.int64),
-        position=np.column_stack([u, v]) if names else np.empty((0, 2)), group=() if groups[1] is None else groups[1],
-    )  # fmt: skip
-    return Comparison.of(tracks, rows, similarity_m=similarity_m)
+    ids, times, x, y = zip(*rows, strict=True) if rows else ((),) * 4
+    known = {"track_id": np.array(ids, np.str_), "time_ns": np.array(times, np.int64)} | columns
+    return kind(**known | ({} if group is None else {"group": group}), position=np.column_stack([x, y]))
+
+
+def comparison_of(truth, estimated, *, similarity_m=SIMILARITY_M, groups=(None, None)):
+    tracks = table(Tracks, truth, groups[0], direction=np.zeros(len(truth)), speed=np.ones(len(truth)))
+    return Comparison.of(tracks, table(TrackedRows, estimated, groups[1]), similarity_m=similarity_m)
 
 
 def traffic(seed, *, n_vehicles=7, n_instants=40, side=25.0):

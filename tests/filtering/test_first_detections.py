@@ -150,7 +150,6 @@ def test_the_level_follows_the_traffic_up_and_down_within_its_time_constant():
 
 
 def test_after_a_pause_all_are_undetected_again_and_without_a_map_frames_thin_alike():
-    place = np.zeros((1, 2))
     for traffic in (None, road()):
         undetected = Undetected(traffic, TrackingConfig(), SETTINGS)
         place = np.full((1, 2), 10.0)

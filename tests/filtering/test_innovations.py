@@ -7,7 +7,7 @@ from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.filtering import ConstantVelocityKalman, ParticleFilter, Tracker, _measuring
 from dirprim_filter.sensor import AxisError, Sensor
-from situations import TRUSTING, gaussian_belief, one_cell_map, tracker_of
+from situations import TRUSTING, gaussian_belief, one_cell_map, seen_at, tracker_of
 
 
 def tracked(*, noise_m, n_vehicles=40, n_frames=25, jump_at=None, with_innovations=True):
@@ -166,20 +166,23 @@ def test_who_drives_back_on_a_one_way_map_keeps_its_track():
         assert len(names) > 140
 
 
+def followed(seed, true, *, off=0.0, noise_m=0.5, every_s=0.1, bayes=None, road=None, **given):
+    """Estimates (t, 2) of a vehicle, NaN where there is none, the measurements (t, 2), and the tracker."""
+    rng = np.random.default_rng(seed)
+    measured = true + off + rng.normal(0.0, noise_m, true.shape)
+    config = FilterConfig(**{"n_particles": 300, "noise_m": noise_m} | given)
+    model = bayes(config) if bayes else road or one_cell_map(concentration=50.0, shape=60.0)
+    tracker = Tracker(model, config=config, tracking=TRUSTING, rng=rng)
+    found = [tracker.step(seen_at(every_s * i, [z], ids=["a"])).position for i, z in enumerate(measured)]
+    return np.array([of[0] if len(of) else [np.nan, np.nan] for of in found]), measured, tracker
+
+
 def worst_of_who_stops(seed, **given):
     """Drives at 8 m/s, stops within a second and stands for four; -> metres, the worst error once it has stood one."""
-    rng, times = np.random.default_rng(seed), 0.1 * np.arange(80)
-    speed = np.interp(times, [0.0, 3.0, 3.6, 8.0], [8.0, 8.0, 0.0, 0.0])
+    speed = np.interp(0.1 * np.arange(80), [0.0, 3.0, 3.6, 8.0], [8.0, 8.0, 0.0, 0.0])
     east = np.append(0.0, np.cumsum(0.05 * (speed[1:] + speed[:-1])))
-    tracker = Tracker(
-        one_cell_map(concentration=50.0, shape=60.0), config=FilterConfig(n_particles=300, **given), tracking=TRUSTING,
-        rng=rng,
-    )  # fmt: skip
-    error = []
-    for t, x in zip(times, east, strict=True):
-        seen = Detections(track_id=["a"], time_ns=[round(t * 1e9)], position=[rng.normal([x, 0.0], 0.5)])
-        error.append(np.hypot(*(tracker.step(seen).position[0] - [x, 0.0])))
-    return max(error[49:])
+    true = np.column_stack([east, np.zeros(80)])
+    return np.hypot(*(followed(seed, true, **given)[0] - true).T)[49:].max()
 
 
 def test_a_driver_who_stops_dead_is_not_lost():
@@ -189,16 +192,10 @@ def test_a_driver_who_stops_dead_is_not_lost():
     assert np.mean([worst_of_who_stops(seed, innovation_outlier_rate=0.0) for seed in range(2)]) > 2.0
 
 
-def errors_along(seed, off, *, bayes=None, noise_m=0.15, **given):
+def errors_along(seed, off, **given):
     """(t,) errors of a vehicle at 10 m/s that is put off, and (t,) its measurements', by `off` (t, 2); recoveries."""
-    rng, n = np.random.default_rng(seed), len(off)
-    true = np.column_stack([np.arange(n), np.zeros(n)])
-    measured = true + off + rng.normal(0.0, noise_m, (n, 2))
-    config = FilterConfig(n_particles=300, noise_m=noise_m, **given)
-    model = one_cell_map(concentration=50.0, shape=60.0) if bayes is None else bayes(config)
-    tracker = Tracker(model, config=config, tracking=TRUSTING, rng=rng)
-    rows = [Detections(track_id=["a"], time_ns=[i * 10**8], position=[z]) for i, z in enumerate(measured)]
-    found = np.concatenate([tracker.step(row).position for row in rows])
+    true = np.column_stack([np.arange(len(off)), np.zeros(len(off))])
+    found, _, tracker = followed(seed, true, off=off, noise_m=0.15, **given)
     return np.hypot(*(found - true).T), np.hypot(*(found - true - off).T), tracker.recoveries
 
 
@@ -257,18 +254,16 @@ SPEED, EVERY_S, FIX_M = 250.0, 10.0, 0.5
 def test_an_estimate_is_never_worse_than_its_fix_however_far_fixes_are_apart():
     """Aircraft on straight courses that change their speed, seen each 10 s: the estimates are as good as the fixes,
     or the outlying particle of a wrong fix would count by how far it is off."""
+    road = one_cell_map(concentration=500.0, shape=60.0, speed=SPEED, side=1e5)
     for bayes in (None, kalman):
         off, own = [], []
         for seed in range(6):
-            rng, times = np.random.default_rng(seed), EVERY_S * np.arange(12)
+            times = EVERY_S * np.arange(12)
             true = np.column_stack([SPEED * times + 3.0 * SPEED * np.sin(0.1 * times + seed), np.zeros(12)])
-            measured = true + rng.normal(0.0, FIX_M, true.shape)
-            config = FilterConfig(noise_m=FIX_M)
-            road = one_cell_map(concentration=500.0, shape=60.0, speed=SPEED, side=1e5)
-            tracker = Tracker(bayes(config) if bayes else road, config=config, tracking=TRUSTING, rng=rng)
-            for i, z in enumerate(measured):
-                found = tracker.step(Detections(track_id=["a"], time_ns=[round(times[i] * 1e9)], position=[z]))
-                off += np.hypot(*(found.position - true[i]).T).tolist()
-                own += [np.hypot(*(z - true[i]))] * len(found)
+            of = {"bayes": bayes, "road": road, "n_particles": FilterConfig().n_particles}
+            found, measured, _ = followed(seed, true, every_s=EVERY_S, noise_m=FIX_M, **of)
+            known = np.isfinite(found[:, 0])
+            off += np.hypot(*(found - true)[known].T).tolist()
+            own += np.hypot(*(measured - true)[known].T).tolist()
         assert len(off) > 30
         assert rms(off) < 1.1 * rms(own)

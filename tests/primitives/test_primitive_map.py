@@ -89,32 +89,20 @@ def test_the_density_is_finite_everywhere_even_of_standing_vehicles(learned):
     assert np.isfinite(learned.log_density([1e12, -1e12], np.pi, 0.0))
 
 
-def test_outside_of_every_cell_the_background_density_answers(learned):
+def test_outside_of_every_cell_and_in_one_without_data_the_background_density_answers(learned, ring):
     rng = np.random.default_rng(4)
-    free = learned.without_places()
     direction, speed = rng.uniform(-np.pi, np.pi, 50), rng.gamma(2.0, 4.0, 50)
-    outside = np.full((50, 2), 1e5)
-    np.testing.assert_allclose(
-        learned.log_density(outside, direction, speed), free.log_density(outside * 0, direction, speed), rtol=1e-12
-    )
-    inside = learned.tessellation.centers[rng.integers(learned.tessellation.n_cells, size=50)]
-    assert not np.allclose(learned.log_density(inside, direction, speed), free.log_density(inside, direction, speed))
-
-
-def test_a_cell_without_data_has_the_background_density(ring):
     everywhere = np.stack(np.meshgrid(np.arange(-30.0, 30, 6), np.arange(-30.0, 30, 6)), axis=-1).reshape(-1, 2)
     cells = GridTessellation.covering(everywhere, cell_size=6.0)
-    learned = learn_primitives(ring, tessellation=cells, rng=np.random.default_rng(0))
+    covering = learn_primitives(ring, tessellation=cells, rng=np.random.default_rng(0))
     centre = np.array([1.0, 1.0])  # of the ring, where no vehicle drives
-    cell = int(cells.cell_of(centre))
-    assert cell >= 0
-    assert learned.n_rows[cell] == 0
-    direction, speed = np.meshgrid(np.linspace(-3, 3, 13), np.linspace(0, 20, 11))
-    np.testing.assert_allclose(
-        learned.log_density(centre, direction, speed),
-        learned.without_places().log_density(centre, direction, speed),
-        rtol=1e-12,
-    )
+    assert covering.n_rows[int(cells.cell_of(centre))] == 0
+    assert cells.cell_of(centre) >= 0
+    for of, place in ((learned, np.full(2, 1e5)), (covering, centre)):
+        free = of.without_places().log_density(np.zeros(2), direction, speed)
+        np.testing.assert_allclose(of.log_density(place, direction, speed), free, rtol=1e-12)
+        inside = of.tessellation.centers[of.n_rows[:-1].argmax()]
+        assert not np.allclose(of.log_density(inside, direction, speed), free)
 
 
 def test_a_map_whose_rows_do_not_fit_its_cells_is_refused(ring_map):

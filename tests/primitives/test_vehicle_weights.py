@@ -46,7 +46,6 @@ def test_shares_transitions_and_visits_follow_the_weights():
     weight = np.where(np.arange(N) % 4 == 0, 3.0, 1.0)  # as many of either, by weight
     assert north(learned(weight)) == pytest.approx(0.5, abs=0.01)
     assert north(learned(None)) == pytest.approx(0.25, abs=0.01)  # the negative control
-    weight = np.where(np.arange(N) % 4 == 0, 3.0, 1.0)
     motion = learned(weight).motion
     placed = slice(motion.n_placed)
     of_course = np.abs(motion.course[placed] - np.pi / 2) < 0.7
