@@ -94,7 +94,7 @@ class _Rows(NamedTuple):
 
     def solved(self, log_ratio: float) -> _Solved:
         """Means under a ratio q / r, in units of the positions' variance."""
-        from scipy.linalg import cho_solve_banded, cholesky_banded  # noqa: PLC0415  it takes a while
+        from scipy.linalg import cho_solve_banded, cholesky_banded  # noqa: PLC0415 - logs that state motion, and precise ones, do without
 
         root = cholesky_banded(self._information(math.exp(log_ratio)), lower=True, check_finite=False)
         right = np.zeros((root.shape[1], 2))
@@ -131,7 +131,7 @@ class _Rows(NamedTuple):
 
 def _greatest(evidence: Callable[[float], float]) -> float:
     """The log ratio of the greatest evidence."""
-    from scipy.optimize import minimize_scalar  # noqa: PLC0415  it takes a while
+    from scipy.optimize import minimize_scalar  # noqa: PLC0415 - logs that state motion, and precise ones, do without
 
     grid = np.linspace(LEAST_RATIO, MOST_RATIO, 9)
     best = int(np.argmax([evidence(x) for x in grid]))

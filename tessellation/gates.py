@@ -9,7 +9,6 @@ between the two generators: metres, that shrink as cells do. It is the gate of a
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from tessellation._arrays import BoolArray, FloatArray, IntArray
 from tessellation.protocols import Members
@@ -26,6 +25,8 @@ WORTH_THREADS = 16_384
 
 def nearest_generators(position: FloatArray, generators: FloatArray, *, k: int) -> tuple[FloatArray, IntArray]:
     """Distances and numbers of the k nearest generators, nearest first; fewer if there are fewer. (n, 2) -> (n, k)."""
+    from scipy.spatial import cKDTree  # noqa: PLC0415 - tracking with a map does without
+
     k = min(k, len(generators))
     workers = -1 if len(position) * k >= WORTH_THREADS else 1
     distance, cell = cKDTree(generators).query(position, k=k, workers=workers)
