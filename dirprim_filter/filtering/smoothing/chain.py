@@ -17,12 +17,13 @@ from dirprim_filter.filtering.smoothing.bridge import Ends, Gaussian, without
 from dirprim_filter.filtering.smoothing.links import LINK, MOVES, Before, Belief, unlinked
 
 PAUSE_NS = 350_000_000
-"""A vehicle in sight is seldom missed for so long."""
+"""A vehicle in sight is seldom missed for so long,"""
+LONG, USUAL_OF = 3.0, 9
+"""nor for so many times the usual interval between measurements, the median of the last: of sensors that look more
+seldom. After it the map may know more of the way than both ends do; below, on GeoLife and Chicago's buses, ways by the
+map are 6 to 10 % farther off."""
 GAP_NS = 1_000_000_000
 """Measurements farther apart are the ends of a gap; in less no belief forks."""
-LONG, USUAL_OF = 3.0, 9
-"""Times the usual interval between measurements, the median of the last, after which the map may know more of the way
-than both ends do. Below, on GeoLife and Chicago's buses, ways by the map are 6 to 10 % farther off."""
 LABELLED_GAP_NS = 300_000_000_000
 """A vehicle that its sensor names is waited for at least so long: seen again, it existed in between."""
 SAME_VEHICLE = 36.0
@@ -78,7 +79,6 @@ class Span(NamedTuple):
     links: AnyArray  # (m,) of the steps to the second
     took_ns: int
     is_pause: bool
-    is_long: bool  # against the usual time between two
 
 
 class Chain:
@@ -129,10 +129,11 @@ class Chain:
     def extend(self, links: AnyArray, last: Belief, straight: Gaussian, samples: States) -> None:
         """Add the links (m,) of the path to a new last measurement."""
         took_ns = last.time_ns - self.last.time_ns
-        kept, usual_ns = None, 0.0
-        if is_pause := took_ns > PAUSE_NS:
-            kept, usual_ns = self.samples, np.median([float(span.took_ns) for span in self._spans[-USUAL_OF:]] or [0.0])
-        self._spans.append(Span(self.last, self.straight, kept, links, took_ns, is_pause, took_ns > LONG * usual_ns))
+        is_pause = took_ns > PAUSE_NS
+        if is_pause and self._spans:
+            is_pause = took_ns > LONG * np.median([float(span.took_ns) for span in self._spans[-USUAL_OF:]])
+        kept = self.samples if is_pause else None
+        self._spans.append(Span(self.last, self.straight, kept, links, took_ns, is_pause))
         self.last, self.straight, self.samples, self.path = last, straight, samples, []
         if self.label:
             self.name, self.existence = self.name or self.label, 1.0
@@ -165,7 +166,7 @@ class Chain:
         return [
             (
                 Ends(span.start.time_ns, end_ns, span.straight, before, without(at, before)),
-                span.samples if span.is_long else None,
+                span.samples,
             )
             for span, end_ns, at, before in zip(self._spans, ends_ns, known[1:], expected, strict=True)
             if span.took_ns > GAP_NS
@@ -218,20 +219,20 @@ class Chain:
         """Be the continuation of another chain, from its end to the beginning of this one."""
         earlier = [span._replace(is_pause=False) for span in former._spans]
         took_ns = self.first_ns - former.last.time_ns
-        across = Span(former.last, former.straight, former.samples, unlinked(former.last), took_ns, False, True)
+        across = Span(former.last, former.straight, former.samples, unlinked(former.last), took_ns, False)
         self._spans = [*earlier, across, *self._spans]
         self.name, self.existence = former.name, max(former.existence, self.existence)
         self.first_ns, self.is_joined = former.first_ns, True
 
     def tail(self) -> IntArray:
-        """Times of the measurements since the last long pause, the latest first; none without such a pause."""
-        if (pause := self._last_pause(long=True)) < 0:
+        """Times of the measurements since the last pause, the latest first; none without a pause."""
+        if (pause := self._last_pause()) < 0:
             return np.empty(0, np.int64)
         return np.array([self.last.time_ns, *(span.start.time_ns for span in self._spans[:pause:-1])])
 
     def cut(self) -> None:
-        """End at the measurement before the last long pause."""
-        pause = self._last_pause(long=True)
+        """End at the measurement before the last pause."""
+        pause = self._last_pause()
         start = self._spans[pause]
         self.last, self.straight, self._spans = start.start, start.straight, self._spans[:pause]
         self.samples = start.samples or self.samples  # a pause has them
@@ -240,7 +241,6 @@ class Chain:
         """Drop what is only needed for beliefs at earlier times than this."""
         del self._spans[: max(bisect_right([span.start.time_ns for span in self._spans], before_ns) - 1, 0)]
 
-    def _last_pause(self, *, long: bool = False) -> int:
-        """Which of the spans; -1 without one. A sensor may look so seldom that pauses are usual: those that are not."""
-        pauses = (i for i, span in enumerate(self._spans) if span.is_pause and span.is_long >= long)
-        return max(pauses, default=-1)
+    def _last_pause(self) -> int:
+        """Which of the spans; -1 without one."""
+        return max((i for i, span in enumerate(self._spans) if span.is_pause), default=-1)

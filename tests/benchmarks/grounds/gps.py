@@ -199,18 +199,23 @@ def _lasting(config: FilterConfig, gap_s: float) -> FilterConfig:
 def noises_fitted(
     windows: Sequence[Window], model: PrimitiveMap, config: FilterConfig
 ) -> tuple[tuple[FilterConfig, FilterConfig], tuple[Choice, ...]]:
-    """Our noise online and smoothed, as the rivals': by energy scores on training windows, of ours without the map."""
+    """Our noise online and smoothed, as the rivals': by energy scores on training windows, of ours without the map.
+
+    Online they have chance in them, which makes hills: that search begins where the smoothed one, of a smooth curve,
+    ends.
+    """
 
     @cache
     def energies(noise_m: float) -> tuple[float, ...]:
         found = ours(windows, model, replace(config, noise_m=noise_m), seed=0)
         return tuple(float(np.log(marks(windows, answer).energy.mean())) for answer in found)
 
-    def chosen(how: str, which: int) -> Choice:
-        axis = Axis(f"our {how} noise_m", config.noise_m)
+    def chosen(how: str, which: int, start: float) -> Choice:
+        axis = Axis(f"our {how} noise_m", start)
         return choose([axis], lambda values: -energies(values[0])[which], least_gain=OUR_GAIN)[0]
 
-    online, smoothed = chosen("online", 0), chosen("smoothed", 1)
+    smoothed = chosen("smoothed", 1, config.noise_m)
+    online = chosen("online", 0, smoothed.chosen)
     return (replace(config, noise_m=online.chosen), replace(config, noise_m=smoothed.chosen)), (online, smoothed)
 
 
