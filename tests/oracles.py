@@ -50,26 +50,25 @@ def map_log_densities(learned, position, direction, speed):
 def central_differences(track_id, time_ns, position, *, half_window_s, max_gap_s):
     """Central differences row by row, as the definition says it: (n, 2) metres and (n,) seconds."""
     moved, span_s = np.zeros((len(time_ns), 2)), np.zeros(len(time_ns))
-    for i in range(len(time_ns)):
-        rows = [j for j in range(len(time_ns)) if track_id[j] == track_id[i]]
-        rows.sort(key=lambda j: time_ns[j])
-        at = rows.index(i)
-        low = high = at
-        while low > 0 and time_ns[rows[low]] - time_ns[rows[low - 1]] <= max_gap_s * 1e9:
-            if time_ns[i] - time_ns[rows[low - 1]] > half_window_s * 1e9 and low != at:
-                break
-            low -= 1
-            if time_ns[i] - time_ns[rows[low]] > half_window_s * 1e9:
-                break
-        while high < len(rows) - 1 and time_ns[rows[high + 1]] - time_ns[rows[high]] <= max_gap_s * 1e9:
-            if time_ns[rows[high + 1]] - time_ns[i] > half_window_s * 1e9 and high != at:
-                break
-            high += 1
-            if time_ns[rows[high]] - time_ns[i] > half_window_s * 1e9:
-                break
-        if low != high:
-            span_s[i] = (time_ns[rows[high]] - time_ns[rows[low]]) * 1e-9
-            moved[i] = position[rows[high]] - position[rows[low]]
+    for vehicle in set(track_id.tolist()):
+        rows = sorted(np.flatnonzero(track_id == vehicle), key=lambda j: time_ns[j])
+        for at, i in enumerate(rows):
+            low = high = at
+            while low > 0 and time_ns[rows[low]] - time_ns[rows[low - 1]] <= max_gap_s * 1e9:
+                if time_ns[i] - time_ns[rows[low - 1]] > half_window_s * 1e9 and low != at:
+                    break
+                low -= 1
+                if time_ns[i] - time_ns[rows[low]] > half_window_s * 1e9:
+                    break
+            while high < len(rows) - 1 and time_ns[rows[high + 1]] - time_ns[rows[high]] <= max_gap_s * 1e9:
+                if time_ns[rows[high + 1]] - time_ns[i] > half_window_s * 1e9 and high != at:
+                    break
+                high += 1
+                if time_ns[rows[high]] - time_ns[i] > half_window_s * 1e9:
+                    break
+            if low != high:
+                span_s[i] = (time_ns[rows[high]] - time_ns[rows[low]]) * 1e-9
+                moved[i] = position[rows[high]] - position[rows[low]]
     return moved, span_s
 
 
