@@ -1,4 +1,4 @@
-"""What vehicles move by, their map and their signals; and what `dirprim track` says of a log that it hardly tracks."""
+"""`dirprim track`: what vehicles move by, their map and their signals, and what it says of a log it hardly tracks."""
 
 import json
 from dataclasses import replace
