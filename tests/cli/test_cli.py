@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 import dirprim_filter
-from cli.commands import DONE, FAILED, GRID, dirprim
+from cli.commands import DONE, GRID, dirprim
 from dirprim_filter import load_map, read_estimates, read_tracks, save_map, write_tracks
-from dirprim_filter.cli import doctor
 from dirprim_filter.cli.main import COMMANDS
 from dirprim_filter.recording.scan import scan
 
@@ -156,25 +155,9 @@ def test_simulate_writes_what_the_demo_reads(here):
     assert Path("again").read_bytes() == Path("s").read_bytes()
 
 
-CHECKS = ("_packages", "_cache", "_viewer", "_self_test")
-
-
-def test_a_sound_installation_is_called_so(capsys):
+def test_an_installation_is_described(capsys):
     assert dirprim("doctor") == DONE
-    said = capsys.readouterr().out
-    assert said.count("ok: ") == 4
-    assert "dirprim-filter" in said
-
-
-@pytest.mark.parametrize("check", CHECKS)
-def test_what_fails_is_named_and_the_others_are_checked(check, monkeypatch, capsys):
-    def broken(**_):
-        raise OSError("the disk is full")
-
-    for name in CHECKS:
-        monkeypatch.setattr(doctor, name, broken if name == check else lambda **_: "well")
-    assert dirprim("doctor") == FAILED
-    said = capsys.readouterr().out
-    assert said.count("ok: ") == 3
-    assert "FAILED" in said
-    assert "OSError: the disk is full" in said
+    python, packages, cache = capsys.readouterr().out.splitlines()
+    assert python.startswith("python 3")
+    assert re.match(r"dirprim-filter \S+, numpy \S+, ", packages)
+    assert re.search(r": \d+ kernels are compiled$", cache)
