@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from google.protobuf.message import DecodeError as ProtobufDecodeError
 
+from dirprim_filter.course import LONGEST_GAP_S
+from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.estimates import Assignments, Estimates
 from dirprim_filter.origin import Origin
 from dirprim_filter.recording import topic_names
@@ -33,6 +35,7 @@ from dirprim_filter.recording.schemas.dirprim import decode_assignments, decode_
 from dirprim_filter.recording.schemas.family import FieldMapping
 from dirprim_filter.recording.summary import LogSummary, TopicSummary
 from dirprim_filter.recording.transforms.transform_tree import SharedTransforms
+from dirprim_filter.track_ids import vehicle_numbers
 from dirprim_filter.tracks import Tracks
 
 if TYPE_CHECKING:
@@ -106,7 +109,7 @@ def read_track_logs(
             table = read_table(Path(one), options)
             table.log(Path(one))
             if not len(table.tracks):
-                _require_ids(Path(one), sum(map(len, table.detections.values())))
+                _require_ids(Path(one), Detections.concatenate([Detections.none(), *table.detections.values()]))
             parts.append(Rows.of_tracks(table.tracks))
             names.append(Path(one).name.partition(".")[0])
             losses += table.losses
@@ -120,7 +123,7 @@ def read_track_logs(
             read = rows_of_log(_rows_of(log, observations, labels, progress, scan.end_ns))
             parts.append(plausible(read, observations.losses, log.path))
             if np.count_nonzero(np.bincount(read.track_id)) >= len(read) and not read.has_motion().any():
-                _require_ids(log.path, len(read))
+                _require_ids(log.path, read)
             names.append(log.path.stem)
             observations.losses.log(log.path)
         losses += observations.losses
@@ -134,11 +137,17 @@ def read_track_logs(
     return TrackResult(tracks=tracks, losses=losses, frame=frame, labels=labels)
 
 
-def _require_ids(path: Path, n_detections: int) -> None:
-    """Raises where there are detections alone, none with an id that comes again."""
-    if n_detections:
+def _require_ids(path: Path, seen: Detections | Rows) -> None:
+    """Raises where there are detections alone, none with an id that comes again, or none soon enough."""
+    named = seen[seen.track_id != NO_ID] if isinstance(seen, Detections) else seen[:0]
+    if np.unique(vehicle_numbers(named.track_id, named.group)).size < len(named):
+        raise DetectionsAloneError(
+            f"{path}: expected rows of a vehicle at most {LONGEST_GAP_S:g} s apart, for its course, got none; "
+            "`dirprim track` tracks them as detections"
+        )
+    if len(seen):
         way = "`dirprim track --no-ids` tracks them"
-        raise DetectionsAloneError(f"{path}: expected tracks, got {n_detections} detections without ids; {way}")
+        raise DetectionsAloneError(f"{path}: expected tracks, got {len(seen)} detections without ids; {way}")
 
 
 def _of_first(one: LogSource, options: ReadOptions, origin: Origin | None, frame: str = "") -> ReadOptions:

@@ -149,9 +149,26 @@ def test_pieces_hold_all_but_the_strays_and_are_unrolled_along_a_bend():
 
 def test_what_says_nothing_of_a_sensor_is_refused():
     seen = sense(DRIVEN, SENSOR, rng=np.random.default_rng(1))
-    few = seen[np.isin(seen.track_id, ["v1", "v2", "v3", "v4"])]
+    few = seen[np.isin(seen.track_id, ["v1", "v2", "v3", "v4"]) & (seen.time_ns < 2e9)]
     with pytest.raises(ValueError, match="at least 8 pieces of track of moving vehicles: state the noise"):
         self_calibrate(few, rng=np.random.default_rng(0))
+
+
+@pytest.mark.parametrize(
+    ("n_vehicles", "interval_s", "speed", "noise"), [(3, 5.0, 10.0, 3.0), (6, 10.0, 8.0, 5.0), (12, 1.0, 200.0, 20.0)]
+)
+def test_white_noise_of_few_vehicles_seldom_rows_and_aircraft_comes_back(n_vehicles, interval_s, speed, noise):
+    rng = np.random.default_rng(5)
+    vehicle, step = (part.ravel() for part in np.indices((n_vehicles, 60)))
+    turn = rng.normal(0.0, 0.3, n_vehicles)[vehicle] * step / 60 + 2.0 * vehicle
+    place = speed * interval_s * np.column_stack([step * np.cos(turn), step * np.sin(turn)])
+    seen = Detections(
+        track_id=np.char.add("v", vehicle.astype(str)), time_ns=np.round(1e9 * interval_s * step).astype(np.int64),
+        position=place + rng.normal(0.0, noise, place.shape),
+    )  # fmt: skip
+    found = self_calibrate(seen, rng=np.random.default_rng(0)).sensor
+    for axis in (found.along, found.across):
+        assert axis.spread_m == pytest.approx(noise, rel=0.2)  # 180 rows and more, 5 % each
 
 
 @pytest.mark.slow

@@ -25,7 +25,7 @@ from scipy.optimize import minimize
 from scipy.special import logsumexp
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
-from dirprim_filter.course import MOVING_FROM
+from dirprim_filter.course import MOVING_FROM, motion_of
 from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.evaluation.calibration._kernels import misfits
 from dirprim_filter.sensor import WIDE, AxisError, Sensor
@@ -51,7 +51,7 @@ of short pieces a course that bends would follow the errors that last."""
 STRAYS = 6.0
 """Robust standard deviations from the middle of its neighbours, from which on a detection is left out."""
 MAD = 1.4826
-MOST_PIECES, FEWEST_PIECES = 400, 8
+MOST_PIECES, FEWEST_PIECES, FEWEST_ROWS = 400, 8, 100
 LONGEST_LASTING_S = 2.0
 """Errors that last longer cannot be separated from a vehicle's own path within a piece."""
 LEAST_SHARE = 0.1
@@ -68,7 +68,8 @@ SMOOTH = Sensor(
 Mcity's drives NEES is then 2.0, and was 12.8 with 0.5 m of white noise."""
 START = np.array([math.log(0.5), 0.0, math.log(0.5), 0.0, math.log(1.5), 0.7])
 RANGE: tuple[tuple[float, float], ...] = (
-    (-4.0, 2.0), (-5.0, 5.0), (math.log(0.05), math.log(LONGEST_LASTING_S)), (-4.0, 2.0), (0.0, 1.5), (0.05, 1.5),
+    (-4.0, math.log(1e3)), (-5.0, 5.0), (math.log(0.05), math.log(LONGEST_LASTING_S)),
+    (-4.0, 2.0), (0.0, 1.5), (0.05, 1.5),
 )  # fmt: skip
 """Of each parameter; drivers hold an acceleration for a second or longer."""
 MOST_STEPS = 80
@@ -105,16 +106,11 @@ def self_calibrate(detections: Detections, *, rng: np.random.Generator) -> SelfC
         rng: which pieces of track are looked at, where there are many.
 
     Raises:
-        ValueError: too few detections with ids are of vehicles in motion, or nothing can be tracked.
+        ValueError: the few detections with ids show no noise, or nothing can be tracked.
     """
     named = detections[detections.track_id != NO_ID]
     if len(named):
-        found = _of_pieces(pieces_of(named, n_most=MOST_PIECES, rng=rng))
-        if found is None:
-            raise ValueError(
-                f"expected at least {FEWEST_PIECES} pieces of track of moving vehicles: state the noise, or calibrate "
-                "the sensor against a truth"
-            )
+        found = _of_pieces(pieces_of(named, n_most=MOST_PIECES, rng=rng)) or _of_rows(named)
         uncounted = "detection_probability, clutter_density, outlier_share: a truth is needed to count them"
         return replace(found, unknown=(*found.unknown, uncounted))
     from dirprim_filter.evaluation.calibration.own_tracks import own_tracks  # noqa: PLC0415 - ids do without a tracker
@@ -133,6 +129,26 @@ def self_calibrate(detections: Detections, *, rng: np.random.Generator) -> SelfC
         uncertainty={**found.sensor.uncertainty, **uncertainty},
     )  # fmt: skip
     return replace(found, sensor=sensor, tracks=tracks)
+
+
+def _of_rows(named: Detections) -> SelfCalibration:
+    """White noise alone, of few vehicles or rows that come seldom: what a smoother of constant velocity leaves.
+
+    Raises:
+        ValueError: there are too few rows, or too little of it to be told from turning and braking.
+    """
+    vehicle = vehicle_numbers(named.track_id, named.group)
+    motion = motion_of(vehicle, named.time_ns, named.position)
+    if len(named) < FEWEST_ROWS or not motion.noise > SMOOTH.along.spread_m:
+        raise ValueError(
+            f"expected at least {FEWEST_PIECES} pieces of track of moving vehicles: state the noise, or calibrate "
+            "the sensor against a truth"
+        )
+    few = f"correlated_share: fewer than {FEWEST_PIECES} pieces of track do not show what lasts of errors"
+    return SelfCalibration(
+        sensor=Sensor.white(motion.noise), n_pieces=np.unique(vehicle).size, n_detections=len(named),
+        unknown=(UNSEEN, few),
+    )  # fmt: skip
 
 
 def _of_pieces(pieces: Pieces) -> SelfCalibration | None:
