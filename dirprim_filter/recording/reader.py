@@ -139,8 +139,8 @@ def read_track_logs(
 
 def _require_ids(path: Path, seen: Detections | Rows) -> None:
     """Raises where there are detections alone, none with an id that comes again, or none soon enough."""
-    named = seen[seen.track_id != NO_ID] if isinstance(seen, Detections) else seen[:0]
-    if np.unique(vehicle_numbers(named.track_id, named.group)).size < len(named):
+    is_named = seen.track_id != NO_ID if isinstance(seen, Detections) else np.zeros(len(seen), np.bool_)
+    if np.unique(vehicle_numbers(seen.track_id, seen.group)[is_named]).size < is_named.sum():
         raise DetectionsAloneError(
             f"{path}: expected rows of a vehicle at most {LONGEST_GAP_S:g} s apart, for its course, got none; "
             "`dirprim track` tracks them as detections"
