@@ -71,8 +71,8 @@ class EstimatesScene:
         self.sizes: dict[str, list[float]] = {}
         self._trails = Trails()
 
-    def update(self, estimates: Estimates, detections: Detections, time_ns: int, origin: FloatArray) -> bytes:
-        """The encoded update of one instant; sizes are those that were last reported of vehicles by name.
+    def update(self, estimates: Estimates, detections: Detections, time_ns: int, origin: FloatArray) -> fg.SceneUpdate:
+        """The update of one instant; sizes are those that were last reported of vehicles by name.
 
         A vehicle of unknown direction, as one that has stood from its first detection on, is drawn as long as wide.
 
@@ -102,7 +102,7 @@ class EstimatesScene:
         rows = zip(*(column.tolist() for column in (*numbers, color, opacity)), strict=True)
         trails = self._trails.lead_on(names, points(place), time_ns)
         drawn = [_vehicle(name, time_ns, trail, row) for name, trail, row in zip(names, trails, rows, strict=True)]
-        return fresh_update(drawn, time_ns).encode()
+        return fresh_update(drawn, time_ns)
 
     def _see_sizes(self, detections: Detections) -> None:
         if not is_held(detections.size):
