@@ -358,12 +358,15 @@ TABLES: dict[str, Table] = {
 """Every table, by the name of its file in `results/`."""
 
 NEARER = ("the map is nearer in sight, %", "in gaps, %", "the map is nearer at 1 s, %", "the map is nearer at 5 s, %")
+BLIND = (
+    ("GeoLife", "geolife, gaps of 60 s"), ("Chicago", "chicago_bus, gaps of 60 s"),
+    ("Mcity", "mcity_blind, gaps of 6 s"),
+)  # fmt: skip
 SUMMARY = (
     *(("error in gaps, online", " %", "neutral", run, f"{where}, online: {row}", "the map is nearer, %")
-      for run, where in (("GeoLife", "geolife, gaps of 60 s"), ("Mcity", "mcity_blind, gaps of 6 s"))
-      for row in ("without the map", "constant velocity")),
+      for run, where in BLIND for row in ("without the map", "constant velocity")),
     *(("error in gaps, smoothed", " %", "neutral", run, f"{where}, smoothed: constant velocity", "the map is nearer, %")
-      for run, where in (("GeoLife", "geolife, gaps of 60 s"), ("Mcity", "mcity_blind, gaps of 6 s"))),
+      for run, where in BLIND),
     *(("error in gaps of 3 s", " %", "tracking", run, "constant velocity", NEARER[1])
       for run in ("roundabout", "intersection", "Lankershim")),
     *(("error in sight", " %", "tracking", run, "constant velocity", NEARER[0])
