@@ -126,4 +126,4 @@ def test_info_says_of_a_table_what_it_says_of_its_log(here, capsys):
     said = capsys.readouterr().out
     assert said.startswith("t.csv: 90 rows, 29.0 s from 0 ns\n  columns: time_s, track_id, x_m, y_m, ")
     assert "label; not used: lane\n" in said
-    assert "left out 1 rows a number that is missing" in said
+    assert "left out 1 rows with a number that is missing" in said

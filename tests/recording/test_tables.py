@@ -34,7 +34,7 @@ from situations import estimates_of
 DATA = Path(__file__).parents[2] / "../shared/data"
 HEADER = "time_s,track_id,x_m,y_m,heading_rad,speed_mps"
 PLACES = "time_s,track_id,x_m,y_m"
-MISSING = "a number that is missing, not finite or too large"
+MISSING = "with a number that is missing, not finite or too large"
 
 
 def table(tmp_path, text, name="table.csv"):

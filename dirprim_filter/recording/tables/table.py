@@ -91,7 +91,7 @@ def table_of(path: Path, rows: Rows, *, sensor: AnyArray | None = None, losses: 
     finite &= ~np.isinf(rows.direction) & ~np.isinf(rows.speed) & ~np.isinf(rows.heading)
     good = finite & ~(rows.speed < 0)
     losses.drop("negative speed", finite & ~good)
-    losses.drop("a number that is missing, not finite or too large", ~finite)
+    losses.drop("with a number that is missing, not finite or too large", ~finite)
     rows = replace(rows, size=known_sizes(rows.size), message=np.arange(len(rows)))
     is_none = stand_for_none(rows.names, rows.track_id, rows.time_ns)
     losses.note(MINUS_ONE, int(((rows.names == "-1") & ~is_none)[rows.track_id].sum()))
