@@ -184,7 +184,7 @@ def test_sumo_vehicles_turn_from_compass_to_direction(tmp_path):
     path = tmp_path / "fcd.xml"
     path.write_text(FCD)
     read = read_sumo_fcd(path)
-    assert read.losses.dropped == {"persons and containers": 1}
+    assert read.losses.dropped == {"of persons and containers": 1}
     assert read.tracks.track_id.tolist() == ["a.0", "a.0", "b"]
     assert read.tracks.time_ns.tolist() == [100_000_000, 200_000_000, 200_000_000]
     assert read.tracks.position.tolist() == [[1.5, -2.5], [1.8, -2.5], [7.0, 8.0]]

@@ -89,7 +89,7 @@ def test_bad_rows_are_dropped_and_counted_and_good_ones_kept(tmp_path):
     ]  # fmt: skip
     found = read(tmp_path, HEADER, rows)
     repeated = "that repeat a vehicle and a time"
-    assert found.losses.dropped == {MISSING: 6, "negative speed": 1, repeated: 1}
+    assert found.losses.dropped == {MISSING: 6, "with a negative speed": 1, repeated: 1}
     assert list(found.losses.notes.values()) == [1]
     assert found.tracks.position[:4, 0].tolist() == [0.0, 1.0, 7.0, 2.0]
 

@@ -126,7 +126,7 @@ def _vehicles(path: Path, losses: Losses) -> Any:
                 raise wrong(f"{missing[0]} of a vehicle", ", ".join(attributes), "have SUMO write this attribute")
             found.append(attributes | {"time": time, "line": parser.CurrentLineNumber})
         elif name in ("person", "container"):
-            losses.drop("persons and containers", 1)
+            losses.drop("of persons and containers", 1)
         elif name != "fcd-export" and not time:
             raise wrong("an fcd-export", f"<{name}>", "run SUMO with --fcd-output")
 

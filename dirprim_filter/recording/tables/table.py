@@ -90,7 +90,7 @@ def table_of(path: Path, rows: Rows, *, sensor: AnyArray | None = None, losses: 
     finite = (rows.time_ns != NO_TIME) & (np.abs(rows.position) <= FARTHEST_M).all(axis=1)
     finite &= ~np.isinf(rows.direction) & ~np.isinf(rows.speed) & ~np.isinf(rows.heading)
     good = finite & ~(rows.speed < 0)
-    losses.drop("negative speed", finite & ~good)
+    losses.drop("with a negative speed", finite & ~good)
     losses.drop("with a number that is missing, not finite or too large", ~finite)
     rows = replace(rows, size=known_sizes(rows.size), message=np.arange(len(rows)))
     is_none = stand_for_none(rows.names, rows.track_id, rows.time_ns)
