@@ -199,7 +199,7 @@ def track(
         )  # fmt: skip
         n_frames = replay(seen, trackers, sinks, rate_hz=rate)
         reading.require_frames(n_frames, log, stream.losses)
-    _say(trackers, f"{output}: {counted(n_frames, 'frame')} of {', '.join(sorted(stream.topics))}", coverage)
+    _say(trackers, f"{output}: {counted(n_frames, 'frame')} of {', '.join(sorted(stream.topics))}", coverage, noise)
     return exit_code(viewer, exit_codes.INPUT_LOST if coverage.is_poor else exit_codes.of_losses(stream.losses, lost))
 
 
@@ -227,12 +227,13 @@ def _configured(
     return sensor, *sensor.informs(filtering, association)
 
 
-def _say(trackers: GroupTracker, what: str, coverage: Coverage) -> None:
+def _say(trackers: GroupTracker, what: str, coverage: Coverage, noise: float | None) -> None:
     coverage.check()
     if trackers.recoveries:
         say(f"{trackers.recoveries} beliefs reinitialised, as they did not explain their measurements", err=True)
     groups = f", {counted(trackers.n_groups, 'group')}, each by itself" if trackers.n_groups > 1 else ""
     say(what + groups + coverage.text())
     if coverage.is_poor:
-        say("most rows have no estimate: is the noise larger (--noise), or less clutter (--set clutter_density=1e-9)?",
-            err=True)  # fmt: skip
+        way = "" if noise is None else " Without --noise a log without ids shows both"
+        say("most rows have no estimate: is the noise larger (--noise), or less clutter "
+            f"(--set clutter_density=1e-9)?{way}", err=True)  # fmt: skip
