@@ -10,6 +10,7 @@ from types import TracebackType
 from typing import Self
 
 import numpy as np
+from foxglove.messages import SceneUpdate
 
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.detections import Detections
@@ -28,7 +29,7 @@ from dirprim_filter.recording.foxglove.scenes import (
     forecast_scene,
     particle_cloud,
 )
-from dirprim_filter.recording.log_writer import LogWriter
+from dirprim_filter.recording.log_writer import LogWriter, schema_of
 from dirprim_filter.recording.map_file import write_map
 from dirprim_filter.recording.ros_estimates import RosEstimates
 from dirprim_filter.recording.schemas.dirprim import encode_assignments, encode_estimates, encode_observations
@@ -214,7 +215,8 @@ class EstimateWriter:
     def _append_estimates(self, topic: str, scene: EstimatesScene, frame: TrackedFrame, origin: FloatArray) -> None:
         estimates, time_ns = frame.estimates, frame.time_ns
         self._log.write(topic, encode_estimates(estimates, time_ns), time_ns)
-        self._log.write(f"{topic}/scene", scene.update(estimates, frame.detections, time_ns, origin), time_ns)
+        drawn = scene.update(estimates, frame.detections, time_ns, origin)
+        self._log.write_encoded(f"{topic}/scene", schema_of(SceneUpdate), drawn, time_ns)
         if self._ros is not None:
             data = self._ros.encode(estimates, scene.sizes, time_ns)
             self._log.write_encoded(f"{topic}/{self._also_as}", self._ros.schema, data, time_ns)

@@ -43,7 +43,7 @@ HERE = np.zeros(2)
 
 def drawn(frame, *, scene=None, origin=HERE):
     scene = scene or EstimatesScene()
-    return as_read(scene.update(frame.estimates, frame.detections, frame.time_ns, origin))
+    return SceneUpdate.FromString(scene.update(frame.estimates, frame.detections, frame.time_ns, origin))
 
 
 def as_read(update):

@@ -7,8 +7,8 @@ metre: from the middle of the scene it is a fraction of a millimetre.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -85,11 +85,6 @@ def pose(x: float, y: float, z: float, turn: fg.Quaternion = LEVEL) -> fg.Pose:
     return fg.Pose(position=fg.Vector3(x=x, y=y, z=z), orientation=turn)
 
 
-def turned(yaw: float) -> fg.Quaternion:
-    """A rotation about the vertical."""
-    return fg.Quaternion(x=0.0, y=0.0, z=math.sin(0.5 * yaw), w=math.cos(0.5 * yaw))
-
-
 def painted(rgb: Sequence[float], opacity: float) -> fg.Color:
     """A colour of red, green and blue, 0 to 1."""
     return fg.Color(r=rgb[0], g=rgb[1], b=rgb[2], a=opacity)
@@ -121,3 +116,39 @@ def area(vertex: FloatArray, triangle: IntArray, *, height: float, **color: Any)
     return fg.TriangleListPrimitive(
         pose=pose(0.0, 0.0, height), points=points(vertex), indices=triangle.ravel().tolist(), **color
     )
+
+
+class Template:
+    """The bytes of a message in which numbers stand at known places: an object for each takes twice as long.
+
+    Args:
+        make: the message of some numbers, each of which may stand in it more than once.
+        n: how many.
+    """
+
+    def __init__(self, make: Callable[..., Any], n: int) -> None:
+        marks = np.pi * np.arange(1.0, n + 1.0)
+        data = make(*marks.tolist()).encode()
+        self._row = np.frombuffer(data, np.uint8)
+        self._at = [[found.start() for found in re.finditer(re.escape(mark.tobytes()), data)] for mark in marks]
+
+    def encoded(self, columns: Sequence[FloatArray]) -> list[bytes]:
+        """The message of each row of numbers, (n,) each."""
+        numbers, n = np.column_stack(columns).astype("<f8").view(np.uint8), self._row.size
+        rows = np.tile(self._row, (len(numbers), 1))
+        for i, places in enumerate(self._at):
+            for at in places:
+                rows[:, at : at + 8] = numbers[:, 8 * i : 8 * i + 8]
+        data = rows.tobytes()
+        return [data[i : i + n] for i in range(0, len(data), n)]
+
+
+def nested(number: int, *parts: bytes) -> bytes:
+    """A field of protobuf that is a message or a text: its key, how long it is, and its bytes."""
+    data = b"".join(parts)
+    head, left = bytearray([number << 3 | 2]), len(data)
+    while left > 127:
+        head.append(left & 127 | 128)
+        left >>= 7
+    head.append(left)
+    return bytes(head) + data

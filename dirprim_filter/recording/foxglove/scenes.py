@@ -27,16 +27,17 @@ from dirprim_filter.recording.foxglove.elements import (
     SCENE_FRAME,
     SEGMENTS,
     STRIP,
+    Template,
     area,
     entity,
     fresh_update,
     line,
+    nested,
     painted,
     points,
     pose,
     rounded,
     stamp,
-    turned,
 )
 from dirprim_filter.recording.schemas.families import DRAWN_NOTE
 from dirprim_filter.track_ids import as_texts
@@ -71,8 +72,8 @@ class EstimatesScene:
         self.sizes: dict[str, list[float]] = {}
         self._trails = Trails()
 
-    def update(self, estimates: Estimates, detections: Detections, time_ns: int, origin: FloatArray) -> fg.SceneUpdate:
-        """The update of one instant; sizes are those that were last reported of vehicles by name.
+    def update(self, estimates: Estimates, detections: Detections, time_ns: int, origin: FloatArray) -> bytes:
+        """The encoded update of one instant; sizes are those that were last reported of vehicles by name.
 
         A vehicle of unknown direction, as one that has stood from its first detection on, is drawn as long as wide.
 
@@ -85,24 +86,28 @@ class EstimatesScene:
         names = as_texts(estimates.track_id).tolist()
         self._see_sizes(detections)
         half_axes, ellipse_yaw = shapes.covariance_axes(estimates.covariance, probability=REGION_SHARE)
-        place = estimates.position - origin
-        size = np.array([self.sizes.get(name, VEHICLE_SIZE) for name in names]).reshape(-1, 3)
-        size[:, 0] = np.where(estimates.direction_resultant >= SURE_FROM, size[:, 0], size[:, 1])
+        x, y = (estimates.position - origin).T
+        length, width, height = np.array([self.sizes.get(name, VEHICLE_SIZE) for name in names]).reshape(-1, 3).T
+        length = np.where(estimates.direction_resultant >= SURE_FROM, length, width)
+        turns = (f(0.5 * yaw) for yaw in (estimates.direction, ellipse_yaw) for f in (np.sin, np.cos))
+        head = np.minimum(HEAD_LENGTH, HEAD_SHARE * estimates.speed)
         color = track_color(names)[:, :3] / 255.0 if self._color is None else np.tile(self._color, (len(names), 1))
-        opacity = np.outer(np.where(estimates.is_coasting, COASTING_OPACITY, 1.0), [*OPACITY.values()])
-        opacity[may_be_anywhere(estimates), [*OPACITY].index("region")] = 0.0
-        numbers = (
-            place,
-            size,
-            estimates.direction,
-            estimates.speed,
-            ellipse_yaw,
-            np.maximum(2.0 * half_axes, MIN_AXIS),
-        )
-        rows = zip(*(column.tolist() for column in (*numbers, color, opacity)), strict=True)
-        trails = self._trails.lead_on(names, points(place), time_ns)
-        drawn = [_vehicle(name, time_ns, trail, row) for name, trail, row in zip(names, trails, rows, strict=True)]
-        return fresh_update(drawn, time_ns)
+        strength = np.where(estimates.is_coasting, COASTING_OPACITY, 1.0)
+        body, arrow, region, trail, label = (own * strength for own in OPACITY.values())
+        drawn = _VEHICLE.encoded([
+            x, y, 0.5 * height, length, width, height, *turns, estimates.speed - head, head,
+            *np.maximum(2.0 * half_axes, MIN_AXIS).T, *color.T, body, arrow,
+            np.where(may_be_anywhere(estimates), 0.0, region),
+        ])  # fmt: skip
+        lines, texts = _TRAIL.encoded([*color.T, trail]), _LABEL.encoded([x, y + LABEL_NORTH, *color.T, label])
+        trails = self._trails.lead_on(names, [nested(5, point) for point in _POINT.encoded([x, y])], time_ns)
+        common = entity("", time_ns, metadata=[fg.KeyValuePair(key=DRAWN_NOTE, value="body")]).encode()
+        entities = (
+            nested(2, common, nested(3, name.encode()), own, nested(11, line, *points),
+                   nested(13, text, nested(6, short_name(name).encode())))
+            for name, own, line, points, text in zip(names, drawn, lines, trails, texts, strict=True)
+        )  # fmt: skip
+        return b"".join([fresh_update([], time_ns).encode(), *entities])
 
     def _see_sizes(self, detections: Detections) -> None:
         if not is_held(detections.size):
@@ -112,32 +117,34 @@ class EstimatesScene:
                 self.sizes[name] = np.where(np.isnan(size), VEHICLE_SIZE, size).tolist()
 
 
-def _vehicle(name: str, time_ns: int, trail: list[fg.Point3], numbers: tuple[Any, ...]) -> fg.SceneEntity:
-    """Body, arrow, region, trail and name of one vehicle, by its row of numbers."""
-    (x, y), (length, width, height), direction, speed, yaw, (minor, major), rgb, opacity = numbers
-    body, arrow, region, way, label = (painted(rgb, of) for of in opacity)
-    turn, head = turned(direction), min(HEAD_LENGTH, HEAD_SHARE * speed)
-    return entity(
-        name, time_ns, metadata=[fg.KeyValuePair(key=DRAWN_NOTE, value="body")],
+def _vehicle(*number: float) -> fg.SceneEntity:
+    """The parts of a vehicle that are numbers alone."""
+    (x, y, middle, length, width, height, sine, cosine, ellipse_sine, ellipse_cosine, shaft, head, minor, major,
+     *rgb, body, arrow, region) = number  # fmt: skip
+    turn, of_ellipse = (
+        fg.Quaternion(x=0.0, y=0.0, z=z, w=w) for z, w in ((sine, cosine), (ellipse_sine, ellipse_cosine))
+    )
+    return fg.SceneEntity(
         cubes=[fg.CubePrimitive(
-            pose=pose(x, y, 0.5 * height, turn), size=fg.Vector3(x=length, y=width, z=height), color=body,
+            pose=pose(x, y, middle, turn), size=fg.Vector3(x=length, y=width, z=height), color=painted(rgb, body),
         )],
         arrows=[fg.ArrowPrimitive(
-            pose=pose(x, y, HEIGHT["arrow"], turn), color=arrow, shaft_diameter=0.35, head_diameter=1.0,
-            shaft_length=speed - head, head_length=head,
+            pose=pose(x, y, HEIGHT["arrow"], turn), color=painted(rgb, arrow), shaft_diameter=0.35,
+            head_diameter=1.0, shaft_length=shaft, head_length=head,
         )],
         cylinders=[fg.CylinderPrimitive(
-            pose=pose(x, y, HEIGHT["region"], turned(yaw)), size=fg.Vector3(x=minor, y=major, z=0.02),
-            bottom_scale=1.0, top_scale=1.0, color=region,
-        )],
-        lines=[line(STRIP, trail, pixels=2.0, color=way, height=HEIGHT["trails"])],
-        texts=[fg.TextPrimitive(
-            pose=pose(x, y + LABEL_NORTH, HEIGHT["label"]), billboard=True, font_size=13.0, scale_invariant=True,
-            color=label, text=short_name(name),
+            pose=pose(x, y, HEIGHT["region"], of_ellipse), size=fg.Vector3(x=minor, y=major, z=0.02),
+            bottom_scale=1.0, top_scale=1.0, color=painted(rgb, region),
         )],
     )  # fmt: skip
 
 
+_VEHICLE = Template(_vehicle, 20)
+_POINT = Template(lambda x, y: fg.Point3(x=x, y=y, z=0.0), 2)
+_TRAIL = Template(lambda *rgb: line(STRIP, [], pixels=2.0, color=painted(rgb, rgb[3]), height=HEIGHT["trails"]), 4)
+_LABEL = Template(lambda x, y, *rgb: fg.TextPrimitive(
+    pose=pose(x, y, HEIGHT["label"]), billboard=True, font_size=13.0, scale_invariant=True, color=painted(rgb, rgb[3]),
+), 6)  # fmt: skip
 PARTICLE_OPACITY = 0.7
 _CHANNELS = ("red", "green", "blue", "alpha")
 _PLACE = [("x", "<f4"), ("y", "<f4")]
