@@ -97,6 +97,18 @@ def test_a_log_whose_ids_never_come_again_says_so(here, capsys):
     assert motion_line(capsys).startswith("straight on, but for white acceleration of 1 m2/s3, not learned: ")
 
 
+def test_the_noise_of_a_sensor_that_looks_each_ten_seconds_is_learned_from_as_many_rows_as_it_takes(here, capsys):
+    """Three boats have 93 rows in the first minutes: a thousand show their 20 m, which had been taken for 0.5 m."""
+    rng, seconds = np.random.default_rng(0), 10 * np.arange(120)
+    lines = [f"{t},{n},{6 * t + rng.normal(0, 20)},{900 * n + rng.normal(0, 20)}" for t in seconds for n in (1, 2, 3)]
+    Path("boats.csv").write_text("\n".join(["time_s,track_id,x_m,y_m", *lines]))
+    assert dirprim("track boats.csv -o boats.mcap --particles 50") == DONE
+    said = capsys.readouterr()
+    spread = [float(line.split()[1]) for line in said.out.splitlines() if ".spread_m" in line]
+    assert spread == pytest.approx([20.0, 20.0], rel=0.2)
+    assert "reinitialised" not in said.err
+
+
 def test_python_learns_the_same_motion_of_no_place(few):
     made = [background_motion(of, rng=np.random.default_rng(0)) for of in (few, Detections.of(few))]
     assert [one.tessellation.n_cells for one in made] == [0, 0]
