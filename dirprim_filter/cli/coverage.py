@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from dirprim_filter.cli.reading import Reading
     from dirprim_filter.detections import Detections
     from dirprim_filter.estimates import TrackedFrame
+    from dirprim_filter.evaluation.calibration.own_tracks import OwnTracks
     from dirprim_filter.primitives.primitive_map import PrimitiveMap
 
 logger = logging.getLogger(__name__)
@@ -37,9 +38,14 @@ class Coverage:
     ) -> None:
         self._map, self._map_file, self._log = primitive_map, map_file, log
         self._cells = primitive_map.tessellation if primitive_map else GridTessellation.empty()
+        self._share_true = 1.0
         self._is_needed = is_needed and self._cells.n_cells > 0
         self._n_rows = self._n_outside = self._n_estimated = 0
         self._box = np.full((2, 2), np.inf)  # least x and y of the rows, and of the same negated
+
+    def expect(self, tracks: OwnTracks | None) -> None:
+        """What is known of a log without ids: which share of its rows is clutter."""
+        self._share_true = tracks.n_true / len(tracks.seen) if tracks else 1.0
 
     def write(self, frame: TrackedFrame) -> None:
         """Count the rows of a frame."""
@@ -98,8 +104,8 @@ class Coverage:
 
     @property
     def is_poor(self) -> bool:
-        """Whether most rows have no estimate: the log has hardly been tracked."""
-        return self._n_estimated < MOST_LOST * self._n_rows
+        """Whether most rows of vehicles have no estimate: the log has hardly been tracked."""
+        return self._n_estimated < MOST_LOST * self._share_true * self._n_rows
 
 
 def _box(position: FloatArray) -> FloatArray:

@@ -38,20 +38,21 @@ LOG_COUNTS = "its covariances are used, and the stated noise where it has none; 
 
 
 def sensor_of(
-    sensor: str | None, frames: Iterable[Detections], *, log: Path, is_stated: bool, is_live: bool, with_ids: bool,
-    seed: int,
+    sensor: str | None, frames: Iterable[Detections], *, log: Path, noise_m: float | None, is_configured: bool,
+    is_live: bool, with_ids: bool, seed: int,
 ) -> tuple[Sensor | None, OwnTracks | None, Iterable[Detections]]:  # fmt: skip
     """The sensor's model, if its file was given; or what the log shows of it, which is printed; and all its frames.
 
     Where neither the user nor the log's covariances state the noise, the log is asked; if it does not show how the
     sensor errs, a line says so, and the default noise is left. None: the noise is that of the filter. Of a log without
-    ids there are its own tracks too.
+    ids there are its own tracks too, which tell misses, clutter and births, whoever states the noise.
 
     Args:
         sensor: a file, or `AUTO`.
         frames: of the log, which is read once: those that are learned from are kept.
         log: its name.
-        is_stated: the user has stated the noise.
+        noise_m: as the user states it.
+        is_configured: a file of the user's states the noise, and all the rest.
         is_live: the frames come as they are measured.
         with_ids: the detections' ids count.
         seed: of learning.
@@ -60,6 +61,10 @@ def sensor_of(
         BadParameter: `auto` was asked for, and the log is live.
         ValueError: the file is none; or `auto` was asked for, and the log does not show how the sensor errs.
     """
+    import numpy as np
+
+    from dirprim_filter.config import FilterConfig
+    from dirprim_filter.detections import Detections
     from dirprim_filter.recording.sensor_file import load_sensor
 
     if sensor not in (None, AUTO):
@@ -68,15 +73,27 @@ def sensor_of(
         why = "a live pipe does not wait for it"
         if sensor == AUTO:
             raise typer.BadParameter(f"auto learns from a log that is whole: {why}", param_hint="--sensor")
-        if not is_stated:
+        if noise_m is None and not is_configured:
             _say_default(why)
         return None, None, frames
-    if is_stated and sensor is None:
+    if is_configured and sensor is None:
         return None, None, _beside_covariances(frames, log, LOG_COUNTS)
-    found, frames = _learned(frames, log, seed=seed, is_asked=sensor == AUTO, with_ids=with_ids)
+    coming = iter(frames)
+    first = first_minutes(coming, n_most=MOST_ROWS_UNASKED if sensor is None else MOST_ROWS)
+    seen = Detections.concatenate(first)
+    everything: Iterable[Detections] = chain(first, coming)
+    seen = seen if with_ids else seen.without_ids()
+    is_bare = np.isnan(seen.covariance[:, 0, 0])
+    if sensor is None and (noise_m is not None or not is_bare.all()):
+        if noise_m is not None:
+            everything = _beside_covariances(everything, log, LOG_COUNTS)
+        elif is_bare.any():
+            _say_default("some of its rows do")
+        return None, _scene(seen, log, FilterConfig().noise_m if noise_m is None else noise_m), everything
+    found = _learned(seen, log, seed=seed, is_asked=sensor == AUTO)
     if found is None:
-        return None, None, frames
-    return found.sensor, found.tracks, _beside_covariances(frames, log, SENSOR_COUNTS)
+        return None, None, everything
+    return found.sensor, found.tracks, _beside_covariances(everything, log, SENSOR_COUNTS)
 
 
 def _beside_covariances(frames: Iterable[Detections], log: Path, which: str) -> Iterator[Detections]:
@@ -91,32 +108,41 @@ def _beside_covariances(frames: Iterable[Detections], log: Path, which: str) -> 
         yield frame
 
 
-def _learned(
-    frames: Iterable[Detections], log: Path, *, seed: int, is_asked: bool, with_ids: bool
-) -> tuple[SelfCalibration | None, Iterable[Detections]]:
+def _learned(seen: Detections, log: Path, *, seed: int, is_asked: bool) -> SelfCalibration | None:
     import numpy as np
 
     from dirprim_filter.cli.progress import working
-    from dirprim_filter.detections import Detections
     from dirprim_filter.evaluation.calibration.self_calibration import self_calibrate
 
-    coming = iter(frames)
     with working(f"learning how the sensor of {log.name} errs"):
-        first = first_minutes(coming, n_most=MOST_ROWS if is_asked else MOST_ROWS_UNASKED)
-        everything = chain(first, coming)
-        detections = Detections.concatenate(first)
-        if not is_asked and not np.isnan(detections.covariance[:, 0, 0]).all():
-            return None, everything
-        detections = detections if with_ids else detections.without_ids()
         try:
-            found = self_calibrate(detections, rng=np.random.default_rng(seed))
+            found = self_calibrate(seen, rng=np.random.default_rng(seed))
         except ValueError as error:
             if is_asked:
                 raise ValueError(f"{log}: --sensor auto: {error}") from error
             _say_default(str(error))
-            return None, everything
+            return None
     typer.echo("\n".join(_lines(found)))
-    return found, everything
+    return found
+
+
+def _scene(seen: Detections, log: Path, noise_m: float) -> OwnTracks | None:
+    """Of a log without ids whose noise is stated; None with ids."""
+    from dirprim_filter.cli.progress import working
+    from dirprim_filter.detections import NO_ID
+    from dirprim_filter.evaluation.calibration.own_tracks import own_tracks
+
+    if (seen.track_id != NO_ID).any():
+        return None
+    with working(f"learning what the sensor of {log.name} misses"):
+        try:
+            found = own_tracks(seen, noise_m=noise_m)
+        except ValueError as error:
+            typer.echo(f"misses, clutter and births: the defaults, unless --set states them: {error}")
+            return None
+    source = f"scene, learned from {len(found.seen)} detections without ids, {found.n_true} of them of vehicles"
+    typer.echo("\n".join([source, *number_lines(_rates(found))]))
+    return found
 
 
 def _lines(found: SelfCalibration) -> list[str]:
@@ -129,8 +155,7 @@ def _lines(found: SelfCalibration) -> list[str]:
     source = f"{found.n_detections} detections in {counted(found.n_pieces, 'piece')} of track"
     if tracks is not None:
         source = f"{len(tracks.seen)} detections without ids, {found.n_detections} of them of vehicles"
-        shown |= {name: numbers[name] for name in ("detection_probability", "clutter_density")}
-        shown["birth_density"] = tracks.tracking.birth_density
+        shown |= _rates(tracks)
     unknown = [f"not known: {line}" for line in found.unknown]
     return [f"sensor, learned from {source}", *number_lines(shown), *unknown]
 
@@ -152,6 +177,11 @@ def first_minutes(frames: Iterator[Detections], *, n_most: int) -> list[Detectio
         if n_rows > n_most or (passed_s > LEARNED_FROM_S and n_rows > FEWEST_ROWS):
             break
     return first
+
+
+def _rates(tracks: OwnTracks) -> dict[str, float]:
+    rates = ("detection_probability", "clutter_density", "birth_density")
+    return {name: getattr(tracks.tracking, name) for name in rates}
 
 
 def number_lines(numbers: Mapping[str, float | None], width: Mapping[str, float] | None = None) -> list[str]:

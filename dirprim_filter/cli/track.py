@@ -97,10 +97,10 @@ def track(
     """Track vehicles of a log, with a learned map or without one.
 
     Estimates are written as MCAP, and shown by rerun (--save, --spawn, --connect). Unless --noise, --sensor, --config
-    or the log states it, the sensor's noise is learned from the log's first minutes, and printed; without ids also how
-    often it misses vehicles, clutter and births. With --lag a pipe is tracked as it is written. Without --map vehicles
-    move as those of the log's first minutes do anywhere, or if it has no ids straight on, which a line says. Each group
-    of a log is tracked by itself; its vehicles are called group/id.
+    or the log states it, the sensor's noise is learned from the log's first minutes, and printed; without ids, unless
+    --sensor or --config states them, also misses, clutter and births. With --lag a pipe is tracked as it is written.
+    Without --map vehicles move as those of the log's first minutes do anywhere, or if it has no ids straight on, which
+    a line says. Each group of a log is tracked by itself; its vehicles are called group/id.
 
     Example: dirprim track recordings/roundabout_track.mcap --map map.mcap -o tracks.mcap --save tracks.rrd
     """
@@ -139,11 +139,12 @@ def track(
     stream = reading.detections(log, motion=own.measured_motion, live=is_live)
     coverage, lost = Coverage(primitive_map, map_file, log, is_needed=is_learned and not own.without_map), Losses()
     sensing, own_tracks, frames = sensor_of(
-        sensor, coverage.begun(stream, reading), log=log, is_stated=noise is not None or config is not None,
+        sensor, coverage.begun(stream, reading), log=log, noise_m=noise, is_configured=config is not None,
         is_live=is_live, with_ids=not no_ids, seed=seed,
     )  # fmt: skip
+    coverage.expect(own_tracks)
     sensing, filtering, association = _configured(
-        sensing, None if map_file else own_tracks, settings, filtering, association
+        sensing, own_tracks, settings, filtering, association, by_map=map_file is not None
     )
     moves, frames = motion_of(
         motion, primitive_map.without_places() if primitive_map and own.without_map else primitive_map, frames,
@@ -199,7 +200,7 @@ def track(
         )  # fmt: skip
         n_frames = replay(seen, trackers, sinks, rate_hz=rate)
         reading.require_frames(n_frames, log, stream.losses)
-    _say(trackers, f"{output}: {counted(n_frames, 'frame')} of {', '.join(sorted(stream.topics))}", coverage, noise)
+    _say(trackers, f"{output}: {counted(n_frames, 'frame')} of {', '.join(sorted(stream.topics))}", coverage)
     return exit_code(viewer, exit_codes.INPUT_LOST if coverage.is_poor else exit_codes.of_losses(stream.losses, lost))
 
 
@@ -210,30 +211,32 @@ def is_pipe(log: Path) -> bool:
 
 def _configured(
     sensor: Sensor | None, tracks: OwnTracks | None, settings: Settings, filtering: FilterConfig,
-    association: TrackingConfig,
+    association: TrackingConfig, *, by_map: bool,
 ) -> tuple[Sensor | None, FilterConfig, TrackingConfig]:  # fmt: skip
-    """A sensor and configurations with what is known of it and of the scene, but for what settings state themselves."""
+    """A sensor and configurations with what is known of it and of the scene, but for what settings state themselves.
+
+    A map knows itself where vehicles are and begin.
+    """
+    of_sensor = ("detection_probability", "clutter_density")
+    if tracks is not None:
+        rates = of_sensor if by_map else (*of_sensor, "birth_density", "vehicle_density")
+        learned = {name: getattr(tracks.tracking, name) for name in rates if name not in settings}
+        association = replace(association, **learned)
     if sensor is None:
         return None, filtering, association
-    if tracks is not None:
-        learned = {name: getattr(tracks.tracking, name) for name in ("birth_density", "vehicle_density")}
-        association = replace(association, **{name: of for name, of in learned.items() if name not in settings})
-    own: dict[str, Any] = {
-        name: getattr(association, name) for name in ("detection_probability", "clutter_density") if name in settings
-    }
+    own: dict[str, Any] = {name: getattr(association, name) for name in of_sensor if name in settings}
     if "outlier_probability" in settings:
         own["outlier_share"] = filtering.outlier_probability
     sensor = replace(sensor, **own)
     return sensor, *sensor.informs(filtering, association)
 
 
-def _say(trackers: GroupTracker, what: str, coverage: Coverage, noise: float | None) -> None:
+def _say(trackers: GroupTracker, what: str, coverage: Coverage) -> None:
     coverage.check()
     if trackers.recoveries:
         say(f"{trackers.recoveries} beliefs reinitialised, as they did not explain their measurements", err=True)
     groups = f", {counted(trackers.n_groups, 'group')}, each by itself" if trackers.n_groups > 1 else ""
     say(what + groups + coverage.text())
     if coverage.is_poor:
-        way = "" if noise is None else " Without --noise a log without ids shows both"
         say("most rows have no estimate: is the noise larger (--noise), or less clutter "
-            f"(--set clutter_density=1e-9)?{way}", err=True)  # fmt: skip
+            "(--set clutter_density=1e-9)?", err=True)  # fmt: skip

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cli.commands import DONE, dirprim
-from dirprim_filter import learn_primitives, read_estimates, save_map, write_tracks
+from dirprim_filter import Detections, learn_primitives, read_estimates, save_map, write_tracks
 from dirprim_filter.evaluation.calibration import self_calibration
 from dirprim_filter.recording.sensor_file import load_sensor, save_sensor
 from evaluation.test_calibration import BIASED, TRUTH
@@ -114,3 +114,26 @@ def test_a_log_is_tracked_by_a_sensor_file(here, capsys):
         away = found.position[here] - TRUTH.position[there]
         rmse.append(np.sqrt((away**2).sum(axis=1).mean()))
     assert rmse[1] < 0.8 * rmse[0]
+
+
+@pytest.mark.parametrize("states", ["user", "log"])
+def test_without_ids_misses_and_clutter_are_learned_whoever_states_the_noise(states, here, capsys):
+    """Fifty false detections a frame; before anything was learned of them, all of them were taken for vehicles."""
+    rng = np.random.default_rng(0)
+    seen = sense(TRUTH, replace(BIASED, detection_probability=0.7), rng=rng)
+    frames, low, high = np.unique(seen.time_ns), seen.position.min(axis=0), seen.position.max(axis=0)
+    false = replace(
+        seen[rng.integers(0, len(seen), 50 * frames.size)], time_ns=np.repeat(frames, 50),
+        position=rng.uniform(low, high, (50 * frames.size, 2)),
+    )  # fmt: skip
+    both = Detections.concatenate([seen, false]).without_ids()
+    if states == "log":
+        both = replace(both, covariance=np.tile(np.eye(2), (len(both), 1, 1)))
+    write_tracks(TRUTH[:0], "log.mcap", detections=both, force=True)
+    options = "--noise 1" if states == "user" else ""
+    assert dirprim(f"track log.mcap --no-ids --end 6 -o out {options}") == DONE
+    said = capsys.readouterr()
+    assert said.out.startswith("scene, learned from ")
+    assert "no estimate" not in said.err  # though most are of no vehicle
+    found = read_estimates("out")
+    assert len(np.unique(found.track_id)) < 2 * TRUTH.n_tracks

@@ -42,13 +42,17 @@ def test_without_a_map_vehicles_move_as_those_of_the_log_do_anywhere(here, capsy
     assert motion_line(capsys) == ""
 
 
+OF_OWN_TRACKS = (
+    "straight on, but for white acceleration of 8 m2/s3, fitted to tracks of the log's first minutes, without ids"
+)
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ("--no-ids", "straight on, but for white acceleration of 1 m2/s3, not learned: --no-ids"),
+        ("--no-ids", OF_OWN_TRACKS),
         ("--set acceleration_density=0.3", "straight on, but for white acceleration of 0.3 m2/s3, as stated"),
-        ("--motion constant-velocity --no-ids",
-         "straight on, but for white acceleration of 1 m2/s3, not learned: --no-ids"),
+        ("--motion constant-velocity --no-ids", OF_OWN_TRACKS),
         ("--map map.mcap --motion constant-velocity --set acceleration_density=2",
          "straight on, but for white acceleration of 2 m2/s3, as stated"),
     ],
@@ -57,7 +61,7 @@ def test_else_they_go_straight_on_with_a_noise_that_a_line_states(here, capsys, 
     assert dirprim(f"{RUN} {options}") == DONE
     assert motion_line(capsys) == said
     assert (read_estimates("out.mcap").effective_sample_size == 1).all()
-    assert str(float(metadata_of(Path("out.mcap"))["acceleration_density"])) in f"{said} 1.0 2.0"
+    assert str(float(metadata_of(Path("out.mcap"))["acceleration_density"])) in f"{said} 8.0 2.0"
 
 
 def test_constant_velocity_is_the_kalman_filter_that_python_and_experiments_use(here, capsys):

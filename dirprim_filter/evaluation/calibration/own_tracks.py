@@ -60,12 +60,18 @@ class OwnTracks:
     clutter_density: Measured
     log_density: float
 
+    @property
+    def n_true(self) -> int:
+        """Detections of vehicles."""
+        return int(np.count_nonzero(self.seen.track_id != NO_ID))
 
-def own_tracks(detections: Detections) -> OwnTracks:
+
+def own_tracks(detections: Detections, *, noise_m: float | None = None) -> OwnTracks:
     """Track the first frames of a log under the parameters of greatest evidence.
 
     Args:
-        detections: of a few minutes; their ids are not looked at.
+        detections: of a few minutes; their ids are not looked at. Where they state covariances, these count.
+        noise_m: of the detections that state none, if it is known.
 
     Raises:
         ValueError: nothing moves from frame to frame as vehicles do.
@@ -82,7 +88,8 @@ def own_tracks(detections: Detections) -> OwnTracks:
             tried[values] = few.tracked(noise_m, acceleration, unknown)
             return tried[values].log_density
 
-        noise, acceleration = (of.chosen for of in choose([NOISE, ACCELERATION], log_density))
+        known = NOISE if noise_m is None else Axis("noise_m", noise_m, least=noise_m, most=noise_m)
+        noise, acceleration = (of.chosen for of in choose([known, ACCELERATION], log_density))
         by_noise = {n: of.log_density for (n, a), of in tried.items() if a == acceleration}
         measured, found = _likeliest(by_noise, noise, few.n_detections), tried[noise, acceleration]
         for _ in range(N_MAXIMISED):
