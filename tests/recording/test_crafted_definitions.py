@@ -1,13 +1,18 @@
-"""Definitions made to be deep, endless or broken: each is read or refused in one line, soon."""
+"""Definitions and messages made to be deep, endless or broken: each is read or refused in one line, soon."""
 
 import mmap
+import os
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from map_mutations import MAPS, check_map
 from mcap_files import log_bytes, run
 from mcap_protobuf.schema import build_file_descriptor_set
-from payload_mutations import broken
+from payload_mutations import TABLES, broken, check_definition, check_payload, check_table, check_transforms, subjects
 
 from dirprim_filter import read_tracks
 from dirprim_filter.recording.decoding.cdr_plan import MAX_DEPTH, CdrPlan
@@ -123,3 +128,47 @@ def test_texts_behind_byte_2_31_of_a_chunk_are_read(at):
     plan = CdrPlan("p/M", "ros2msg", b"string x", {"x": Field(path=".x", kind="name")})
     columns = plan.read(data, np.array([at]), np.array([at + len(message)]))
     assert columns.read("x", "").tolist() == ["car"]
+
+
+ROUNDS = 20
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    return subjects(tmp_path_factory.mktemp("whole"))
+
+
+@pytest.mark.parametrize("check", [check_payload, check_definition])
+def test_what_is_broken_costs_itself_and_no_more(whole, check):
+    read_by_definition = [subject for subject in whole if subject.name != "json"]
+    refused = [
+        check(subject, np.random.default_rng([i, 3]))
+        for subject in (whole if check is check_payload else read_by_definition)
+        for i in range(ROUNDS)
+    ]
+    assert 0 < sum(refused) < len(refused)
+
+
+def test_broken_transforms_cost_themselves_and_no_more(tmp_path):
+    assert check_transforms(np.random.default_rng(0), tmp_path / "tf.mcap", 100) > 0
+
+
+@pytest.mark.parametrize("form", TABLES)
+def test_of_a_broken_table_each_row_is_read_or_counted(tmp_path, form):
+    refused = [check_table(form, tmp_path / "table", np.random.default_rng([i, 3])) for i in range(3 * ROUNDS)]
+    assert 0 < sum(refused) < len(refused)
+
+
+@pytest.mark.parametrize("kind", MAPS)
+def test_harmed_maps_are_refused_or_read_and_used(tmp_path, kind):
+    refused = [check_map(kind, tmp_path / "map.mcap", np.random.default_rng([i, 3])) for i in range(3 * ROUNDS)]
+    assert 0 < sum(refused) < len(refused)
+
+
+@pytest.mark.slow
+def test_no_index_of_a_kernel_leaves_its_array(tmp_path):
+    """The kernels compiled with checks of bounds, which normal ones do without: an index beyond raises."""
+    command = [sys.executable, Path(__file__).parents[1] / "benchmarks/fuzz.py", "10"]
+    checked = os.environ | {"NUMBA_BOUNDSCHECK": "1", "NUMBA_CACHE_DIR": str(tmp_path)}
+    done = subprocess.run(command, env=checked, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr

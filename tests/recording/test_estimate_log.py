@@ -1,22 +1,29 @@
-"""What `EstimateWriter` writes: the estimates exactly, and scenes that say the same to the eye."""
+"""What `EstimateWriter` writes: the estimates exactly, as ROS 2 messages too, and a log that plays back."""
 
+import uuid
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from google.protobuf.message import DecodeError
 from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from dirprim_filter import load_map
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
-from dirprim_filter.recording import read_assigned, read_estimates
-from dirprim_filter.recording.errors import NoTracksError
+from dirprim_filter.forecasting import Forecasts
+from dirprim_filter.recording import read_assigned, read_estimates, read_tracks
+from dirprim_filter.recording.errors import DamagedRecordingError, NoTracksError
+from dirprim_filter.recording.playback import Playback
 from dirprim_filter.recording.schemas.dirprim import (
     decode_assignments,
     decode_estimates,
     encode_assignments,
     encode_estimates,
 )
+from dirprim_filter.recording.topic_names import ROS_MESSAGES
 from dirprim_filter.recording.writer import EstimateWriter
 
 COLUMNS = (
@@ -163,3 +170,148 @@ def test_smoothed_estimates_stand_beside_the_filters_and_come_back_bit_for_bit(t
                 getattr(found, name), np.concatenate([getattr(frame.estimates, name) for frame in wanted]), name
             )
     assert [m.log_time for m in messages(path, "/dirprim/smoothed/scene")] == [i * STEP for i in range(40)]
+
+
+KNOWN = "0ab7cde0-1111-4222-8333-123456789abc"
+SIZE = (4.25, 1.875, 1.5)
+
+
+def frames():
+    for k in range(1, 4):
+        frame = a_frame(k * STEP)
+        ids = np.array(["a", KNOWN, "7", "3/b"])
+        size = np.array([SIZE, *[[np.nan] * 3] * 3])
+        estimates = replace(
+            frame.estimates, track_id=ids, existence=np.array([1.0, 0.5, 0.25, 0.0]),
+            direction_resultant=np.array([1.0, 0.9, 0.2, 0.0]),
+        )  # fmt: skip
+        yield replace(frame, estimates=estimates, detections=replace(frame.detections, track_id=ids, size=size))
+
+
+@pytest.fixture(params=ROS_MESSAGES)
+def written(request, tmp_path):
+    path = tmp_path / "out.mcap"
+    with EstimateWriter(path, metadata={}, also_as=request.param) as log:
+        for frame in frames():
+            log.write(frame)
+            log.write_smoothed(frame)
+    return request.param, path
+
+
+def read_by_mcap(path, topic):
+    with path.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        return [message for *_, message in reader.iter_decoded_messages(topics=[topic])]
+
+
+def read_by_rosbags(path, topic):
+    with path.open("rb") as file:
+        for schema, channel, message in make_reader(file).iter_messages(topics=[topic]):
+            assert (schema.encoding, channel.message_encoding) == ("ros2msg", "cdr")
+            store = get_typestore(Stores.EMPTY)
+            store.register(get_types_from_msg(schema.data.decode(), schema.name))
+            yield store.deserialize_cdr(message.data, schema.name)
+
+
+@pytest.mark.parametrize("read", [read_by_mcap, read_by_rosbags])
+@pytest.mark.parametrize("topic", ["/dirprim/tracks", "/dirprim/smoothed"])
+def test_others_read_what_was_estimated(written, read, topic):
+    form, path = written
+    for message, frame in zip(read(path, f"{topic}/{form}"), frames(), strict=True):
+        sent, stamp = frame.estimates, message.header.stamp
+        assert stamp.sec * 10**9 + stamp.nanosec == frame.time_ns
+        assert message.header.frame_id == "map"
+        items = message.detections if form == "vision_msgs" else message.objects
+        for i, (item, name) in enumerate(zip(items, sent.track_id.tolist(), strict=True)):
+            if form == "vision_msgs":
+                (result,) = item.results
+                assert item.id == name
+                pose, existence, size = result.pose, result.hypothesis.score, item.bbox.size
+                assert item.bbox.center.position.x == pose.pose.position.x
+            else:
+                own = uuid.UUID(name) if name == KNOWN else uuid.uuid5(uuid.NAMESPACE_OID, name)
+                assert bytes(item.object_id.uuid) == own.bytes
+                moves = item.kinematics
+                pose, existence, size = moves.pose_with_covariance, item.existence_probability, item.shape.dimensions
+                assert moves.twist_with_covariance.twist.linear.x == sent.speed[i]
+                assert moves.twist_with_covariance.covariance[0] == pytest.approx(sent.speed_std[i] ** 2)
+                assert moves.orientation_availability == (2, 2, 0, 0)[i]
+            assert (pose.pose.position.x, pose.pose.position.y) == tuple(sent.position[i])
+            yaw = 2 * np.arctan2(pose.pose.orientation.z, pose.pose.orientation.w)
+            assert np.cos(yaw - sent.direction[i]) == pytest.approx(1.0)
+            np.testing.assert_array_equal(np.reshape(pose.covariance, (6, 6))[:2, :2], sent.covariance[i])
+            assert existence == (1.0, 0.5, 0.25, 0.0)[i]
+            if topic == "/dirprim/tracks":
+                assert (size.x, size.y, size.z) == (SIZE if i == 0 else (0.0, 0.0, 0.0))  # unset, no placeholder
+
+
+def test_our_own_reader_takes_them_for_tracks(written):
+    form, path = written
+    tracks = read_tracks(path, topics=f"/dirprim/tracks/{form}")
+    sent = [frame.estimates for frame in frames()]
+    assert len(np.unique(tracks.track_id)) == 4
+    np.testing.assert_array_equal(tracks.position, np.concatenate([one.position for one in sent]))
+    if form == "autoware":
+        np.testing.assert_allclose(tracks.speed, np.concatenate([one.speed for one in sent]))
+
+
+def test_a_time_that_ros_cannot_hold_is_refused(tmp_path):
+    late = 2**31 * 10**9
+    frame = a_frame(late)
+    with pytest.raises(ValueError, match="as ROS 2 holds no others"), EstimateWriter(
+        tmp_path / "out.mcap", metadata={}, also_as="autoware"
+    ) as log:  # fmt: skip
+        log.write(frame)
+
+
+N, STEP_NS = 30, 100_000_000
+
+
+@pytest.fixture
+def tracked(tmp_path):
+    """A run as a tracker writes it."""
+    with EstimateWriter(tmp_path / "tracked.mcap", metadata={}) as log:
+        for i in range(N):
+            log.write(a_frame(i * STEP_NS))
+    return tmp_path / "tracked.mcap"
+
+
+def test_estimates_are_those_of_the_log_whole_in_part_and_damaged(tracked):
+    played = Estimates.concatenate([frame.estimates for frame in Playback(tracked)])
+    expected = read_estimates(tracked)
+    np.testing.assert_array_equal(played.time_ns, expected.time_ns)
+    np.testing.assert_array_equal(played.position, expected.position)
+    np.testing.assert_array_equal(played.direction, expected.direction)
+    frames = list(Playback(tracked, start_ns=5 * STEP_NS, end_ns=9 * STEP_NS))
+    assert [frame.time_ns for frame in frames] == [i * STEP_NS for i in range(5, 9)]
+    tracked.write_bytes(tracked.read_bytes()[:-30])
+    playback = Playback(tracked)
+    assert len(list(playback)) == N
+    assert playback.losses.damage
+    with pytest.raises(DamagedRecordingError):
+        list(Playback(tracked, strict=True))
+
+
+def test_a_run_plays_with_its_detections_what_they_were_assigned_to_its_forecasts_and_its_map(tmp_path, ring_map):
+    """Far from the origin: what is drawn is relative to the scene's frame."""
+    far, path, sent = np.array([680_123.0, 4_100_567.0]), tmp_path / "run.mcap", a_frame(0)
+    estimates = replace(sent.estimates, position=sent.estimates.position + far)
+    assigned = np.where(np.arange(len(sent.detections)) == 0, "7", "")
+    frame = replace(sent, estimates=estimates, assigned=assigned)
+    names, start, paths = [frame.names[0], "unknown"], estimates.position[:2], far + rollouts()[:2]
+    with EstimateWriter(path, metadata={}) as log:
+        log.write_map_scene(ring_map)
+        log.write(frame)
+        log.write(replace(frame, time_ns=STEP_NS, estimates=replace(estimates, time_ns=estimates.time_ns + STEP_NS)))
+        log.write_forecast(Forecasts(STEP_NS, names, start, paths))
+    playback = Playback(path)
+    first, second = playback
+    np.testing.assert_array_equal(first.detections.position, sent.detections.position)
+    assert first.assigned.tolist() == assigned.tolist()
+    assert playback.forecast(first) is None
+    found = playback.forecast(second)
+    assert found is not None
+    assert found.track_id == names[:1]
+    np.testing.assert_allclose(found.paths, paths[:1], atol=1e-6)
+    np.testing.assert_array_equal(found.start, start[:1])
+    np.testing.assert_array_equal(load_map(path).direction.weight, ring_map.direction.weight)

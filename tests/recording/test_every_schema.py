@@ -14,7 +14,6 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf.json_format import ParseDict
 from mcap_files import scene, write_log, write_protobuf_log
 from ros_messages import header, write_ros2_log
-from test_osi_sensor_data import sensor_data_class
 from test_ros2_schemas import point, quaternion
 
 from dirprim_filter.cli.main import run
@@ -54,23 +53,6 @@ def pb_transforms(path):
 
 def pb_scene(path):
     return write_protobuf_log(path, [("/car", TIMES[k], scene([("car", *PLACE[k])])) for k in range(N)])
-
-
-def osi_sensor_data(path):
-    """By the descriptor of OSI 3.7's fields that matter; the host stands at the origin."""
-    kind, definition = sensor_data_class()
-    sent = []
-    for k, (x, y) in enumerate(PLACE):
-        message = kind()
-        message.timestamp.seconds, message.timestamp.nanos = TIMES[k] // 10**9, TIMES[k] % 10**9
-        truth = message.sensor_view.add().global_ground_truth
-        truth.host_vehicle_id.value = 3
-        host = truth.moving_object.add()
-        host.id.value, host.base.position.x = 3, 0.0
-        seen = message.moving_object.add()
-        seen.header.tracking_id.value, seen.base.position.x, seen.base.position.y = 7, x, y
-        sent.append(("/car", TIMES[k], message.SerializeToString()))
-    write_log(path, sent, ("osi3.SensorData", "protobuf", definition), "protobuf")
 
 
 def in_json(schema, make):
@@ -144,7 +126,6 @@ for kind, (make, options) in FOXGLOVE.items():
 LOGS |= {
     "FrameTransforms, protobuf": (pb_transforms, NAMED),
     "NavSatFix": (ros("sensor_msgs/msg/NavSatFix", ros_fix), ORIGIN),
-    "OSI SensorData": (osi_sensor_data, []),
     "tf2_msgs/TFMessage": (ros("tf2_msgs/msg/TFMessage", ros_transform), NAMED),
     "PoseStamped": (ros("geometry_msgs/msg/PoseStamped", lambda k: {"header": header(TIMES[k]), "pose": pose(k)}), []),
     "private JSON": (
@@ -177,7 +158,7 @@ def test_every_command_reads_it(tmp_path, capsys, name):
     assert topic["tracks"] == (None if options == NAMED else 1)
     asked = {option.removeprefix("--"): value for option, value in zip(options[::2], options[1::2], strict=True)}
     tracks = Reading(asked).tracks([log]).tracks
-    assert set(tracks.track_id.tolist()) <= {"car", "/car", "/car/0", 7}
+    assert set(tracks.track_id.tolist()) <= {"car", "/car", "/car/0"}
     np.testing.assert_allclose(tracks.position, PLACE, atol=0.05)  # fixes are written by a sphere
     np.testing.assert_array_equal(tracks.time_ns, TIMES)
     np.testing.assert_allclose(tracks.speed[5:-5], SPEED, rtol=0.01)

@@ -6,12 +6,12 @@ from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
 from foxglove_schemas_protobuf.Odometry_pb2 import Odometry
 from mcap_files import scene, transform, write_protobuf_log
 from ros_messages import header, write_ros2_log
-from test_ros2_schemas import ARRAYS, N_TIMES, array_log, point, quaternion
+from test_ros2_schemas import ARRAYS, point, quaternion
 
 from dirprim_filter import write_tracks
 from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.recording.losses import REPEATED
-from dirprim_filter.recording.reader import read_tracks, stream_detections
+from dirprim_filter.recording.reader import stream_detections
 from dirprim_filter.recording.schemas import decoders as decoding
 from dirprim_filter.recording.schemas import dirprim_pb2
 from situations import tracks_of
@@ -120,14 +120,6 @@ def test_errors_that_cannot_be_are_unknown(tmp_path, transform, covariance):
     )
     (frame,) = stream_detections(path)
     assert np.isnan(frame.covariance).all()
-
-
-def test_rows_without_ids_are_unlabelled_in_the_stream_and_a_track_each_in_tracks(tmp_path):
-    path = array_log(tmp_path, "autoware_perception_msgs/msg/DetectedObjects")
-    frames = list(stream_detections(path))
-    assert [frame.track_id.tolist() for frame in frames] == [[NO_ID] * 3] * N_TIMES
-    tracks = read_tracks(path)
-    assert tracks.n_tracks == len(tracks) == 3 * N_TIMES
 
 
 def covariance(k, *, n_rows=6):

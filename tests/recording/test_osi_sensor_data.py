@@ -27,7 +27,7 @@ OSI = {
         "dimension": (1, "Dimension3d"), "position": (2, "Vector3d"), "orientation": (3, "Orientation3d"),
         "velocity": (4, "Vector3d"),
     },
-    "DetectedItemHeader": {"tracking_id": (2, "Identifier")},
+    "DetectedItemHeader": {"tracking_id": (2, "Identifier"), "existence_probability": (3, "double")},
     "DetectedMovingObject": {
         "header": (1, "DetectedItemHeader"), "base": (2, "BaseMoving"), "base_rmse": (3, "BaseMoving"),
     },
@@ -111,6 +111,7 @@ def test_what_a_moving_sensor_perceives_arrives_in_the_world(tmp_path):
         first = message.moving_object[0].base
         turn(first.orientation, *body.as_euler("ZYX"))  # the other's is not set, nor is its size
         put(message.moving_object[0].base_rmse.position, [0.5, 0.2, 0.1])
+        message.moving_object[0].header.existence_probability = 0.25
         first.dimension.length, first.dimension.width, first.dimension.height = 4.25, 1.875, 1.5
         message.moving_object.add().header.tracking_id.value = 9  # not placed, so no object
         if k == 4:
@@ -127,6 +128,7 @@ def test_what_a_moving_sensor_perceives_arrives_in_the_world(tmp_path):
     when = np.delete(np.arange(N), 4)
     seen = Detections.concatenate(list(stream_detections(tmp_path / "log.mcap", time_source="header")))
     assert np.isnan(seen.covariance[seen.track_id != "0"]).all()
+    np.testing.assert_array_equal(seen.confidence, np.where(seen.track_id == "0", 0.25, np.nan))
     for k, covariance in zip(when, seen.covariance[seen.track_id == "0"], strict=True):
         turned = Rotation.from_euler("ZYX", [0.2 * k, 0.03, -0.02]) * Rotation.from_euler("ZYX", mounted)
         world = turned.as_matrix() @ np.diag([0.5, 0.2, 0.1]) ** 2 @ turned.as_matrix().T
