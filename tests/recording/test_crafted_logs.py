@@ -19,6 +19,7 @@ from dirprim_filter.recording.container.recovery import recover
 from dirprim_filter.recording.decoding.protobuf_plan import message_descriptor
 from dirprim_filter.recording.inspection import inspect
 from dirprim_filter.recording.scan import scan
+from dirprim_filter.recording.tables import read_named
 
 HEAD, TAIL = log_bytes([])[:8], log_bytes([("/a", 1, b"x")])[8:]
 FIXED = struct.Struct("<BQQQQIIQ")
@@ -155,6 +156,7 @@ def test_a_log_that_is_cut_while_it_is_read_loses_its_end_and_says_so(tmp_path):
     code = """
 import os, sys
 from dirprim_filter.recording.scan import scan
+from dirprim_filter.recording.tables import read_named
 log = scan(sys.argv[1])
 for n, message in enumerate(log, start=1):
     if n == 100:
@@ -186,29 +188,33 @@ def test_descriptors_in_the_worst_order_are_read_soon():
     assert time.process_time() - begun < 1.0
 
 
-def test_the_work_of_inspection_grows_as_topics_do(tmp_path):
-    """One message on each of so many topics: 65,000 took half a minute when each topic looked through all rows."""
-    seconds = []
-    for n in (2000, 8000):
-        sent = ((f"/{k}", k, b'{"pose": {"position": {"x": 1}}}') for k in range(n))
-        write_log(tmp_path / "log.mcap", sent, ("foxglove.PoseInFrame", "", b""), "json")
-        begun = time.process_time()
-        assert len(inspect(tmp_path / "log.mcap").topics) == n
-        seconds.append(time.process_time() - begun)
-    assert seconds[1] < 8 * seconds[0]
+def topics(path, n):
+    """One message on each: 65,000 took half a minute when each topic looked through all rows."""
+    sent = ((f"/{k}", k, b'{"pose": {"position": {"x": 1}}}') for k in range(n))
+    write_log(path, sent, ("foxglove.PoseInFrame", "", b""), "json")
+    return lambda: len(inspect(path).topics)
 
 
-def test_the_work_of_reading_grows_as_ids_do(tmp_path):
-    """Each vehicle is seen twice: so many ids that a look through all for each would be seen."""
+def ids(path, n):
+    """Each vehicle is seen twice: so many that a look through all for each would be seen."""
+    place = np.tile(np.random.default_rng(0).uniform(-100, 100, (n, 2)), (2, 1)) + np.repeat([0.0, 1.0], n)[:, None]
+    seen = Tracks(track_id=np.tile(np.arange(n).astype(str), 2), time_ns=np.repeat([0, 10**8], n), position=place,
+                  direction=np.zeros(2 * n), speed=np.ones(2 * n))  # fmt: skip
+    write_tracks(seen, path, force=True)
+    return lambda: read_tracks(path).n_tracks * (inspect(path).topics[0].tracks == n)
+
+
+def sensors(path, n):
+    path.write_text("time_s,track_id,x_m,y_m,sensor\n" + "".join(f"{k},v{k},{k},0,s{k}\n" for k in range(n)))
+    return lambda: len(read_named(path).detections)
+
+
+@pytest.mark.parametrize(("make", "sizes"), [(topics, (1000, 4000)), (ids, (4000, 16_000)), (sensors, (500, 2000))])
+def test_the_work_of_reading_grows_as_what_is_read(tmp_path, make, sizes):
     seconds = []
-    for n in (4000, 16_000):
-        position = (
-            np.tile(np.random.default_rng(0).uniform(-100, 100, (n, 2)), (2, 1)) + np.repeat([0.0, 1.0], n)[:, None]
-        )
-        seen = Tracks(track_id=np.tile(np.arange(n).astype(str), 2), time_ns=np.repeat([0, 10**8], n),
-                      position=position, direction=np.zeros(2 * n), speed=np.ones(2 * n))  # fmt: skip
-        write_tracks(seen, tmp_path / "log.mcap", force=True)
+    for n in sizes:
+        read = make(tmp_path / "log", n)
         begun = time.process_time()
-        assert read_tracks(tmp_path / "log.mcap").n_tracks == inspect(tmp_path / "log.mcap").topics[0].tracks == n
+        assert read() == n
         seconds.append(time.process_time() - begun)
     assert seconds[1] < 8 * seconds[0]

@@ -2,7 +2,6 @@
 
 import csv
 import gzip
-import time
 from dataclasses import replace
 from datetime import datetime
 from decimal import Decimal
@@ -483,14 +482,3 @@ def test_a_small_file_that_becomes_much_is_refused_before_it_does(tmp_path, make
     with pytest.raises(TableError, match=r"expected at most 64 MiB in memory of so small a file"):
         cells_of(path)
     assert pa.total_allocated_bytes() - before < budget.SMALL_BYTES
-
-
-def test_the_work_of_sensors_grows_as_they_do(tmp_path):
-    seconds = []
-    for n in (500, 4000):
-        lines = "".join(f"{k},v{k},{k},0,s{k}\n" for k in range(n))
-        (tmp_path / "t.csv").write_text(f"{PLACES},sensor\n{lines}")
-        begun = time.process_time()
-        assert len(read_named(tmp_path / "t.csv").detections) == n
-        seconds.append(time.process_time() - begun)
-    assert seconds[1] < 20 * seconds[0]

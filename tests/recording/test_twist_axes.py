@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from foxglove_schemas_protobuf.Odometry_pb2 import Odometry
+from google.protobuf.json_format import ParseDict
 from mcap_files import write_protobuf_log
 from ros_messages import header, write_ros2_log
 from test_ros2_schemas import START_NS, STEP_NS, ZEROS, carla, point, quaternion, tracked
@@ -23,54 +24,58 @@ def moving(rate, yaw=0.0):
 
 
 def twist(heading, velocity, axes):
-    x, y = velocity if axes == "frame" else (SPEED, 0.0)
+    x, y = {"frame": velocity, "body": (SPEED, 0.0), "sideways": (0.0, -SPEED)}[axes]
     return {"linear": point(x, y, 0), "angular": point(0, 0, 0)}
 
 
-def ros_odometry(stamp, place, yaw, v, child):
-    pose = {"position": point(*place, 0), "orientation": quaternion(0, 0, yaw)}
+def ros_odometry(stamp, pose, v, child):
     return "nav_msgs/msg/Odometry", {
         "header": header(stamp), "child_frame_id": child, "pose": {"pose": pose, "covariance": ZEROS},
         "twist": {"twist": v, "covariance": ZEROS},
     }  # fmt: skip
 
 
-def autoware(stamp, place, yaw, v, _):
+def odometry(stamp, pose, v, child):
+    """Foxglove's."""
+    one = ParseDict(
+        {"frame_id": "map", "body_frame_id": child, "pose": pose, "linear_velocity": v["linear"]}, Odometry()
+    )
+    one.timestamp.FromNanoseconds(stamp)
+    return (one,)
+
+
+def autoware(stamp, pose, v, _):
     one = tracked(0, 0)
-    one["kinematics"]["pose_with_covariance"]["pose"] = {
-        "position": point(*place, 0), "orientation": quaternion(0, 0, yaw)
-    }  # fmt: skip
+    one["kinematics"]["pose_with_covariance"]["pose"] = pose
     one["kinematics"]["twist_with_covariance"]["twist"] = v
     return "autoware_perception_msgs/msg/TrackedObjects", {"header": header(stamp), "objects": [one]}
 
 
-def derived(stamp, place, yaw, v, _):
-    one = carla(0, 0) | {"twist": v, "header": header(stamp)}
-    one["pose"] = {"position": point(*place, 0), "orientation": quaternion(0, 0, yaw)}
+def derived(stamp, pose, v, _):
+    one = carla(0, 0) | {"twist": v, "header": header(stamp), "pose": pose}
     return "derived_object_msgs/msg/ObjectArray", {"header": header(stamp), "objects": [one]}
 
 
 def log_of(path, make, axes, drive, child="base_link"):
     messages = []
     for k, (place, yaw, velocity) in enumerate(zip(*drive, strict=True)):
-        stamp = START_NS + k * STEP_NS
-        messages.append(("/car", stamp, *make(stamp, place, yaw, twist(yaw, velocity, axes), child)))
-    return write_ros2_log(path, messages)
+        stamp, pose = START_NS + k * STEP_NS, {"position": point(*place, 0), "orientation": quaternion(0, 0, yaw)}
+        messages.append(("/car", stamp, *make(stamp, pose, twist(yaw, velocity, axes), child)))
+    return (write_protobuf_log if make is odometry else write_ros2_log)(path, messages)
 
 
 def apart(tracks, heading):
     return np.abs(np.angle(np.exp(1j * (tracks.direction - heading))))
 
 
-MAKERS = {"odometry": (ros_odometry, "body"), "autoware": (autoware, "body"), "derived": (derived, "frame")}
+MAKERS = {ros_odometry: "body", odometry: "body", autoware: "body", derived: "frame"}
 
 
-@pytest.mark.parametrize("made", MAKERS)
+@pytest.mark.parametrize("make", MAKERS)
 @pytest.mark.parametrize("axes", ["body", "frame"])
 @pytest.mark.parametrize("drive", [(0.3, 0.4), (0.0, 2.0), (0.0, 0.0)])
-def test_courses_go_where_positions_do(tmp_path, caplog, made, axes, drive):
+def test_courses_go_where_positions_do(tmp_path, caplog, make, axes, drive):
     """Whether the twist is in the axes of the schema or in the others; who drives east, has the same in both."""
-    make, by_schema = MAKERS[made]
     drive = moving(*drive)
     path = log_of(tmp_path / "log.mcap", make, axes, drive)
     tracks = read_tracks(path)
@@ -78,7 +83,7 @@ def test_courses_go_where_positions_do(tmp_path, caplog, made, axes, drive):
     np.testing.assert_allclose(tracks.speed, SPEED)
     streamed = [frame.direction[0] for frame in stream_detections(path, motion=True)]
     np.testing.assert_array_equal(streamed, tracks.direction)
-    is_reported = axes != by_schema and drive[1].any()
+    is_reported = axes != MAKERS[make] and drive[1].any()
     assert caplog.text.count("the twist of /car is not in the axes") == (2 if is_reported else 0)
 
 
@@ -93,26 +98,7 @@ def test_a_twist_in_the_frame_that_positions_are_in_needs_no_turn(tmp_path, capl
 
 def test_a_body_that_goes_sideways_is_left_as_it_says(tmp_path, caplog):
     """A ferry that looks north and goes east: neither the heading nor a wrong guess of axes moves its course."""
-    way = moving(0.0)[0]
-    heading = np.full(N, np.pi / 2)
-    messages = [
-        ("/ferry", START_NS + k * STEP_NS,
-         *ros_odometry(START_NS + k * STEP_NS, way[k], heading[k],
-                       {"linear": point(0, -SPEED, 0), "angular": point(0, 0, 0)}, "base_link"))
-        for k in range(N)
-    ]  # fmt: skip
-    assert apart(read_tracks(write_ros2_log(tmp_path / "log.mcap", messages)), 0.0).max() < 1e-6
+    way, _, velocity = moving(0.0)
+    path = log_of(tmp_path / "log.mcap", ros_odometry, "sideways", (way, np.full(N, np.pi / 2), velocity))
+    assert apart(read_tracks(path), 0.0).max() < 1e-6
     assert "axes" not in caplog.text
-
-
-def test_foxgloves_odometry_is_judged_alike(tmp_path, caplog):
-    drive, messages = moving(0.3, 0.4), []
-    for k, (place, yaw, velocity) in enumerate(zip(*drive, strict=True)):
-        one = Odometry(frame_id="map", body_frame_id="base_link")
-        one.timestamp.FromNanoseconds(START_NS + k * STEP_NS)
-        one.pose.position.x, one.pose.position.y = place
-        one.pose.orientation.z, one.pose.orientation.w = np.sin(yaw / 2), np.cos(yaw / 2)
-        one.linear_velocity.x, one.linear_velocity.y = velocity
-        messages.append(("/car", START_NS + k * STEP_NS, one))
-    assert apart(read_tracks(write_protobuf_log(tmp_path / "log.mcap", messages)), drive[1]).max() < 1e-6
-    assert "the twist of /car is not in the axes" in caplog.text
