@@ -16,7 +16,7 @@ import pytest
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf.json_format import MessageToDict
-from mcap_files import columns_of, protobuf_schema, transform, write_log
+from mcap_files import columns_of, protobuf_schema, scene, transform, write_log
 from ros_messages import header, write_ros2_log
 from test_ros2_schemas import tracked
 
@@ -54,15 +54,15 @@ class Subject(NamedTuple):
 
 def subjects(folder):
     """A message of each encoding, and what it is read by."""
-    scene, frames = a_scene(), some_transforms()
+    update, frames = a_scene(), some_transforms()
     channels = {
         kind.DESCRIPTOR.name: Channel(topic="/t", message_encoding="protobuf", schema=schema_of(kind), metadata=())
         for kind in (SceneUpdate, FrameTransforms)
     }
     in_json = replace(channels["SceneUpdate"], message_encoding="json")
-    text = json.dumps(MessageToDict(scene, preserving_proto_field_name=True)).encode()
+    text = json.dumps(MessageToDict(update, preserving_proto_field_name=True)).encode()
     made = [
-        Subject("protobuf", channels["SceneUpdate"], scene.SerializeToString()),
+        Subject("protobuf", channels["SceneUpdate"], update.SerializeToString()),
         Subject("protobuf transforms", channels["FrameTransforms"], frames.SerializeToString()),
         Subject("json", in_json, text),
     ]
@@ -91,15 +91,11 @@ def schema_of(kind):
 
 
 def a_scene():
-    scene = SceneUpdate()
-    for k in range(3):
-        entity = scene.entities.add(id=f"car {k}", frame_id="map")
-        entity.timestamp.FromNanoseconds(10**9)
+    update = scene([(f"car {k}", float(k), -1.5) for k in range(3)], stamp_s=1)
+    for entity in update.entities:
         entity.metadata.add(key="speed_mps", value="3.5")
-        cube = entity.cubes.add()
-        cube.pose.position.x, cube.pose.position.y, cube.pose.orientation.w = float(k), -1.5, 1.0
-        cube.size.x = 4.5
-    return scene
+        entity.cubes[0].size.x = 4.5
+    return update
 
 
 def some_transforms():

@@ -32,6 +32,11 @@ from peak_memory import FORGET, with_growth
 SENT = [(f"/topic{i // 100}", 1000 * i, str(i).encode() * 9) for i in range(300)]
 
 
+def put_in(monkeypatch, data):
+    """Standard input holds the bytes."""
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(data)))
+
+
 def rows(log):
     return [(m.topic, m.log_time_ns, m.data) for m in log]
 
@@ -79,12 +84,6 @@ def test_an_error_of_a_remotes_own_library_is_one_line_that_names_the_url(capsys
     reported = capsys.readouterr().err
     assert reported.startswith("error: vault://bucket/log.mcap: expected a URL that fsspec can read: unable to locate")
     assert reported.count("\n") == 1
-
-
-def test_what_is_no_log_is_said_by_its_name(tmp_path, monkeypatch):
-    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(b"hello")))
-    with pytest.raises(NotMcapError, match=r"^-: expected an MCAP log"):
-        scan("-")
 
 
 @pytest.mark.parametrize("compression", list(CompressionType))
@@ -157,11 +156,14 @@ def test_memory_stays_bounded_when_everything_overlaps(tmp_path):
 def test_a_copy_that_finds_no_room_blames_the_disk_and_not_the_pipe(tmp_path, monkeypatch):
     """And of a copy nothing is left when the process is killed: it has no name."""
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(log_bytes(SENT))))
+    put_in(monkeypatch, b"hello")
+    with pytest.raises(NotMcapError, match=r"^-: expected an MCAP log"):
+        scan("-")
+    put_in(monkeypatch, log_bytes(SENT))
     with scan("-") as log:
         assert rows(log) == rows(log) == SENT
         assert not any(tmp_path.iterdir())
-    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(log_bytes(SENT))))
+    put_in(monkeypatch, log_bytes(SENT))
     monkeypatch.setattr(temporary_copy.tempfile, "TemporaryFile", lambda **_: io.FileIO("/dev/full", "w"))
     with pytest.raises(NoRoomError, match=r"-: expected to copy it to .*: No space left .* TMPDIR"):
         scan("-")

@@ -36,6 +36,10 @@ MAP_TO_ODOM = (np.array([100.0, -20.0, 1.0]), 0.7)
 BASE_TO_SENSOR = (np.array([1.5, 0.2, 1.8]), -0.1)
 
 
+OBJECTS = [("base_link", [carla(k, 1)]) for k in range(N)]
+"""One in the axes of the vehicle."""
+
+
 def ros_transform(time_ns, parent, child, place, yaw):
     return {
         "header": header(time_ns, parent), "child_frame_id": child,
@@ -148,8 +152,7 @@ def test_rotation_is_at_a_constant_rate_the_short_way(tmp_path):
 
 
 def test_a_missing_transform_names_both_frames_and_the_time(tmp_path):
-    frames = [("base_link", [carla(k, 1)]) for k in range(N)]
-    path = write_ros(tmp_path / "log.mcap", frames, static_only=True)
+    path = write_ros(tmp_path / "log.mcap", OBJECTS, static_only=True)
     with pytest.raises(MissingTransformError, match=f"'base_link' to frame 'map' at {START_NS} ns") as error:
         read_tracks(path, frame="map")
     assert "\n" not in str(error.value)
@@ -163,7 +166,7 @@ def test_a_missing_transform_names_both_frames_and_the_time(tmp_path):
     )
     with pytest.raises(MissingTransformError, match="'camera' to frame 'base_link'"):
         read_tracks(two, frame="base_link")
-    early = write_ros(tmp_path / "early.mcap", frames, transforms=range(100, 110))
+    early = write_ros(tmp_path / "early.mcap", OBJECTS, transforms=range(100, 110))
     with pytest.raises(MissingTransformError, match=f"'base_link' to frame 'map' at {START_NS} ns"):
         read_tracks(early)
 
@@ -189,12 +192,11 @@ def test_positions_in_a_frame_that_may_be_a_sensors_are_reported(tmp_path, caplo
 
 
 def test_objects_of_a_time_without_transforms_are_counted(tmp_path, caplog):
-    frames = [("base_link", [carla(k, 1)]) for k in range(N)]
-    log = read_track_logs(write_ros(tmp_path / "log.mcap", frames, transforms=range(4, N)))
+    log = read_track_logs(write_ros(tmp_path / "log.mcap", OBJECTS, transforms=range(4, N)))
     assert log.losses.dropped[UNPLACED] == 4  # the fourth is within 0.1 s before the first transform
     assert len(log.tracks) == N - 4
     assert "no transform from 'base_link' to 'map' at" in caplog.text
-    gap = read_track_logs(write_ros(tmp_path / "gap.mcap", frames, transforms=[-1, 0, 30]))
+    gap = read_track_logs(write_ros(tmp_path / "gap.mcap", OBJECTS, transforms=[-1, 0, 30]))
     assert 0 < gap.losses.dropped[UNPLACED] < N
 
 
@@ -228,12 +230,11 @@ def test_an_object_is_where_the_vehicle_was_at_its_stamp_then(tmp_path, late_ns)
 
 def test_a_static_transform_holds_at_all_times_and_of_several_the_latest(tmp_path):
     """A millimetre and 20 s apart: two that are interpolated would leave out what is between them."""
-    frames = [("base_link", [carla(k, 1)]) for k in range(N)]
     still = [
         (START_NS + k * 20 * 10**9, ros_transform(START_NS, "map", "base_link", (5.0 + 0.001 * k, 0, 0), 0))
         for k in (0, 1)
     ]
-    path = write_ros(tmp_path / "log.mcap", frames, static_only=True, static=still)
+    path = write_ros(tmp_path / "log.mcap", OBJECTS, static_only=True, static=still)
     log = read_track_logs(path, frame="map")
     assert log.losses.dropped == {}
     own = read_tracks(path, frame="base_link").position
@@ -292,7 +293,7 @@ def broken_transform(k):
 
 def spoiled(path, spoil, **options):
     """A log of objects of a moving sensor, the data of its k-th moving transform as `spoil` makes it."""
-    whole = write_ros(path, [("base_link", [carla(k, 1)]) for k in range(N)]).read_bytes()
+    whole = write_ros(path, OBJECTS).read_bytes()
     count = itertools.count()
     with path.open("wb") as file:
         writer = Writer(file, **options)
@@ -309,9 +310,8 @@ def spoiled(path, spoil, **options):
 
 
 def test_transforms_that_are_none_or_cannot_be_decoded_are_counted_and_strict_refuses_them(tmp_path):
-    objects = [("base_link", [carla(k, 1)]) for k in range(N)]
-    whole = read_tracks(write_ros(tmp_path / "log.mcap", objects))
-    path = write_ros(tmp_path / "log.mcap", objects, more=[(START_NS + k, broken_transform(k)) for k in range(5)])
+    whole = read_tracks(write_ros(tmp_path / "log.mcap", OBJECTS))
+    path = write_ros(tmp_path / "log.mcap", OBJECTS, more=[(START_NS + k, broken_transform(k)) for k in range(5)])
     log = read_track_logs(path)
     assert (log.losses.dropped[TRANSFORMS], log.losses.dropped.total()) == (5, 5)
     assert "5 transforms" in str(log.losses)
