@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import build_file_descriptor_set
 
@@ -42,6 +43,17 @@ def records(data):
         found.append((opcode, at, at + RECORD.size + length))
         at = found[-1][2]
     return found
+
+
+def rows(log):
+    """(topic, log time, data) of each message."""
+    return [(m.topic, m.log_time_ns, m.data) for m in log]
+
+
+def stock(path, topics=None):
+    """(schema, channel, message) by the stock reader, checksums held."""
+    with path.open("rb") as file:
+        return list(make_reader(file, validate_crcs=True).iter_messages(topics=topics))
 
 
 def scene(objects, stamp_s=0):

@@ -8,7 +8,7 @@ import pytest
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
-from mcap_files import CHUNK, DATA, log_bytes, records
+from mcap_files import CHUNK, DATA, log_bytes, records, rows, stock
 from mutations import check, check_recovery, mutated, subjects
 
 from dirprim_filter.cli.main import run
@@ -42,8 +42,7 @@ def read(tmp_path, data):
     path = tmp_path / "damaged.mcap"
     path.write_bytes(data)
     log = scan(path)
-    got = [(m.topic, m.log_time_ns, m.data) for m in log]
-    return got, [damage.kind for damage in log.damage]
+    return rows(log), [damage.kind for damage in log.damage]
 
 
 @pytest.mark.parametrize("name", DAMAGED)
@@ -102,21 +101,20 @@ def test_what_is_intact_is_delivered_and_what_is_lost_is_reported(whole, tmp_pat
     assert noticed > 0.8 * ROUNDS  # a byte of an index, or of padding, may change unnoticed: nothing hangs on it
 
 
-def stock(path):
-    with path.open("rb") as file:
-        return sorted(
-            (c.topic, m.log_time, m.publish_time, m.sequence, m.data, s.name if s else "", s.data if s else b"")
-            for s, c, m in make_reader(file, validate_crcs=True).iter_messages()
-        )
+def by_stock(path):
+    return sorted(
+        (c.topic, m.log_time, m.publish_time, m.sequence, m.data, s.name if s else "", s.data if s else b"")
+        for s, c, m in stock(path)
+    )
 
 
 def scanned(path):
     with scan(path) as log:
-        rows = sorted(
+        found = sorted(
             (m.topic, m.log_time_ns, m.publish_time_ns, m.sequence, m.data, m.schema_name, m.channel.schema.data)
             for m in log
         )
-        return rows, log.damage
+        return found, log.damage
 
 
 def test_the_summary_tells_what_is_there(tmp_path):
@@ -152,8 +150,8 @@ def test_ids_that_mean_one_thing_here_and_another_there(tmp_path):
     (chunk,) = (two[start:end] for opcode, start, end in records(two) if opcode == CHUNK)
     (tmp_path / "a.mcap").write_bytes(one[:data_end] + chunk + one[data_end:tail])
     recover(tmp_path / "a.mcap", tmp_path / "b.mcap")
-    assert stock(tmp_path / "b.mcap") == scanned(tmp_path / "a.mcap")[0]
-    assert len({row[0] for row in stock(tmp_path / "b.mcap")}) == 6
+    assert by_stock(tmp_path / "b.mcap") == scanned(tmp_path / "a.mcap")[0]
+    assert len({row[0] for row in by_stock(tmp_path / "b.mcap")}) == 6
 
 
 def test_real_logs_broken_on_purpose(tmp_path):
@@ -166,8 +164,8 @@ def test_real_logs_broken_on_purpose(tmp_path):
                 recover(path, tmp_path / path.name)
             continue
         recovery = recover(path, tmp_path / path.name)
-        rows, damage = scanned(path)
-        assert stock(tmp_path / path.name) == rows
+        found, damage = scanned(path)
+        assert by_stock(tmp_path / path.name) == found
         assert recovery.damage == tuple(damage) != ()
 
 
@@ -193,7 +191,7 @@ def test_the_command_tells_what_was_lost_and_exits_with_3(tmp_path, capsys):
     broken, fixed = tmp_path / "a.mcap", tmp_path / "b.mcap"
     broken.write_bytes(data)
     assert run(["recover", str(broken), "-o", str(fixed)]) == 3
-    n = len(stock(fixed))
+    n = len(by_stock(fixed))
     reported = capsys.readouterr().out
     assert f"{fixed}: {n} messages saved" in reported
     assert f"lost: {len(SENT) - n} messages" in reported
@@ -208,5 +206,5 @@ def test_a_flipped_topic_outside_of_chunks_is_put_right_by_the_summary(tmp_path)
     data[data.index(b"/topic1") + 1] ^= 1
     (tmp_path / "a.mcap").write_bytes(data)
     log = scan(tmp_path / "a.mcap")
-    assert [(m.topic, m.log_time_ns, m.data) for m in log] == SENT
+    assert rows(log) == SENT
     assert [(damage.kind, damage.messages) for damage in log.damage] == [("definition", 0)]

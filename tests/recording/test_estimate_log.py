@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from google.protobuf.message import DecodeError
 from mcap.reader import make_reader
+from mcap_files import stock
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -70,8 +71,7 @@ def rollouts():
 
 
 def messages(path, topic):
-    with path.open("rb") as file:
-        return [m for _, _, m in make_reader(file, validate_crcs=True).iter_messages(topics=topic)]
+    return [m for _, _, m in stock(path, topic)]
 
 
 def test_broken_estimates_are_refused():
@@ -205,12 +205,11 @@ def read_by_mcap(path, topic):
 
 
 def read_by_rosbags(path, topic):
-    with path.open("rb") as file:
-        for schema, channel, message in make_reader(file).iter_messages(topics=[topic]):
-            assert (schema.encoding, channel.message_encoding) == ("ros2msg", "cdr")
-            store = get_typestore(Stores.EMPTY)
-            store.register(get_types_from_msg(schema.data.decode(), schema.name))
-            yield store.deserialize_cdr(message.data, schema.name)
+    for schema, channel, message in stock(path, topic):
+        assert (schema.encoding, channel.message_encoding) == ("ros2msg", "cdr")
+        store = get_typestore(Stores.EMPTY)
+        store.register(get_types_from_msg(schema.data.decode(), schema.name))
+        yield store.deserialize_cdr(message.data, schema.name)
 
 
 @pytest.mark.parametrize("read", [read_by_mcap, read_by_rosbags])

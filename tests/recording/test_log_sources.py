@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import zstandard
 from mcap.writer import CompressionType, Writer
-from mcap_files import log_bytes
+from mcap_files import log_bytes, rows
 
 from dirprim_filter import read_estimates, read_tracks, save_map, write_tracks
 from dirprim_filter.cli.main import run
@@ -35,10 +35,6 @@ SENT = [(f"/topic{i // 100}", 1000 * i, str(i).encode() * 9) for i in range(300)
 def put_in(monkeypatch, data):
     """Standard input holds the bytes."""
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(data)))
-
-
-def rows(log):
-    return [(m.topic, m.log_time_ns, m.data) for m in log]
 
 
 def test_pipes_are_read_as_files(tmp_path):

@@ -11,7 +11,7 @@ from mcap_files import json_log, scene, write_log, write_protobuf_log
 from dirprim_filter.cli.main import run
 from dirprim_filter.detections import Detections
 from dirprim_filter.recording.container import mcap_file as scans
-from dirprim_filter.recording.errors import DecodeError, NotMcapError, NoTracksError, RecordingError, TableError
+from dirprim_filter.recording.errors import DecodeError, NotMcapError, NoTracksError, RecordingError
 from dirprim_filter.recording.losses import INVALID, REPEATED, UNDECODABLE, UNTIMED
 from dirprim_filter.recording.reader import (
     FieldMapping,
@@ -20,7 +20,6 @@ from dirprim_filter.recording.reader import (
     read_tracks,
     stream_detections,
 )
-from dirprim_filter.recording.tables import read_named
 from dirprim_filter.recording.writer import write_tracks
 from situations import tracks_of
 
@@ -177,13 +176,6 @@ def test_a_file_of_another_format_says_the_way(tmp_path, name):
         read_tracks(tmp_path / name)
     assert reported in str(caught.value)
     assert len(str(caught.value).replace(str(tmp_path), "")) < LONGEST
-
-
-@pytest.mark.parametrize("opening", [b"SQLite format 3\0", b"\x89MCAP0\r\n"])
-def test_a_table_of_another_format_says_the_way(tmp_path, opening):
-    (tmp_path / "t.csv").write_bytes(opening + bytes(100))
-    with pytest.raises(TableError, match=r"expected a table of text, got an? [^;]*; .*`"):
-        read_named(tmp_path / "t.csv")
 
 
 @pytest.mark.parametrize("encoding", ["flatbuffer", "", "cdr2"])

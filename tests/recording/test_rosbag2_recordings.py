@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mcap_files import log_bytes
+from mcap_files import log_bytes, rows
 from rosbags.rosbag1 import Writer as OldWriter
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
@@ -29,10 +29,6 @@ PARTS = [  # channel 1 is another topic in each; the second begins before the fi
     [("/b", 55, b"1"), *(("/a", t, b"1") for t in range(55, 90))],
     [("/c", 90, b"2"), ("/a", 91, b"2")],
 ]
-
-
-def rows(log):
-    return [(m.topic, m.log_time_ns, m.data) for m in log]
 
 
 def described(folder, names, storage="mcap"):

@@ -6,9 +6,8 @@ import sys
 
 import numpy as np
 import pytest
-from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType
-from mcap_files import CHUNK, DATA, log_bytes, records
+from mcap_files import CHUNK, DATA, log_bytes, records, rows, stock
 
 from dirprim_filter.recording.container import file_bytes
 from dirprim_filter.recording.scan import scan
@@ -70,7 +69,7 @@ def test_a_chunk_whose_checksum_does_not_hold_is_lost_by_that_name_and_no_other_
 def test_iterations_at_once_know_nothing_of_each_other(log_file, layout):
     """Begun, left and taken up in turn, and one within another; a channel's index differs from one to the other."""
     data = log_bytes(jittered(), **layout)
-    expected = [(m.topic, m.log_time_ns, m.data) for m in scan(log_file(data))]
+    expected = rows(scan(log_file(data)))
     log = scan(log_file(data))
     first, second = iter(log), iter(log)
     parts = log.parts()
@@ -81,7 +80,7 @@ def test_iterations_at_once_know_nothing_of_each_other(log_file, layout):
         if k % 40 == 7:
             next(parts, None)
             next(iter(log))
-    assert [[(m.topic, m.log_time_ns, m.data) for m in one] for one in got] == [expected, expected]
+    assert [*map(rows, got)] == [expected, expected]
 
 
 def test_a_chunk_may_use_channels_that_a_later_one_in_time_defines(log_file):
@@ -102,13 +101,11 @@ def test_equals_the_stock_reader_on_real_logs():
         log = scan(path)
         got = [(m.topic, m.log_time_ns, m.publish_time_ns, m.sequence, m.data, m.schema_name) for m in log]
         assert log.damage == []
-        with path.open("rb") as file:
-            stock = [
-                (c.topic, m.log_time, m.publish_time, m.sequence, m.data, s.name if s else "")
-                for s, c, m in make_reader(file).iter_messages()
-            ]
-        assert sorted(got) == sorted(stock)
-        assert [row[1] for row in got] == sorted(row[1] for row in stock)
+        expected = [
+            (c.topic, m.log_time, m.publish_time, m.sequence, m.data, s.name if s else "") for s, c, m in stock(path)
+        ]
+        assert sorted(got) == sorted(expected)
+        assert [row[1] for row in got] == sorted(row[1] for row in expected)
 
 
 def test_conformance_files_read_to_what_their_json_says_streamed_and_sought(monkeypatch):
@@ -181,5 +178,5 @@ def test_a_log_reads_alike_through_any_window(log_file, monkeypatch, window, lay
     monkeypatch.setattr(file_bytes, "WINDOW_BYTES", window)
     sent = [(f"/{i % 7}", i, bytes(i % 90)) for i in range(900)]
     log = scan(log_file(log_bytes(sent, **layout)))
-    assert [(m.topic, m.log_time_ns, m.data) for m in log] == sent
+    assert rows(log) == sent
     assert log.damage == []

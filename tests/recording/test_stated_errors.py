@@ -5,8 +5,7 @@ import json
 import numpy as np
 import pytest
 import zstandard
-from mcap.reader import make_reader
-from mcap_files import write_log
+from mcap_files import stock, write_log
 from ros_messages import definition, write_ros2_log
 from rosbags.typesys import TypesysError
 from test_ros2_schemas import N_TIMES, NAMES, SCENE, START_NS, STEP_NS, array_log, detection, header, point
@@ -262,8 +261,7 @@ def test_messages_that_rosbag2_compressed_one_by_one_are_read_and_those_that_are
     """As `compression_mode: MESSAGE` writes them, transforms too; a bomb is refused before it is unpacked."""
     plain = array_log(tmp_path, "vision_msgs/msg/Detection3DArray")
     packed, bomb = tmp_path / "packed.mcap", compressed(bytes(1 << 28))
-    with plain.open("rb") as file:
-        sent = [(c.topic, m.log_time, m.data, s) for s, c, m in make_reader(file).iter_messages()]
+    sent = [(c.topic, m.log_time, m.data, s) for s, c, m in stock(plain)]
     schema = (sent[0][3].name, "ros2msg", sent[0][3].data)
     write_log(packed, [(topic, at, compressed(data)) for topic, at, data, _ in sent], schema, "cdr")
     whole, read = read_tracks(plain), read_tracks(packed)

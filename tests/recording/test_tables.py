@@ -173,18 +173,7 @@ WRONG = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("text", "message"), WRONG)
-def test_a_wrong_table_is_reported_in_one_line(tmp_path, text, message):
-    with pytest.raises(TableError, match=message) as caught:
-        read_named(table(tmp_path, text))
-    assert "table.csv" in str(caught.value)
-    assert "\n" not in str(caught.value)
-
-
-def test_bytes_that_are_no_text_are_reported_and_a_byte_order_mark_is_no_part_of_the_name(tmp_path):
-    (tmp_path / "a.csv").write_bytes(f"{HEADER}\n0,M\xfcller,2,3,0,1\n".encode("latin-1"))
-    with pytest.raises(TableError, match=r"a\.csv, line 2: expected UTF-8 text"):
-        read_named(tmp_path / "a.csv")
+def test_a_byte_order_mark_is_no_part_of_the_name_and_a_cut_file_is_refused(tmp_path):
     (tmp_path / "a.csv").write_text(f"{HEADER}\n0,1,2,3,0,1\n", encoding="utf-8-sig")
     assert len(read_named(tmp_path / "a.csv").tracks) == 1
     whole = gzip.compress((f"{HEADER}\n" + "".join(f"{i},a,{i},{i * i},0,1\n" for i in range(500))).encode())
@@ -326,27 +315,6 @@ def test_bad_rows_of_an_arrow_table_are_dropped_and_counted(tmp_path):
         read_tracks(tmp_path / "t.parquet", strict=True)
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"x_m": None}, r"expected columns time_ns, track_id, x_m, y_m.* missing: x_m"),
-        ({"x_m": ["east"] * N}, r"row 1: expected a number as x_m, got 'east'"),
-        ({"x_m": [True] * N}, r"column x_m: expected numbers, got bool"),
-        ({"group": [1.5] * N}, r"column group: expected whole numbers, got double"),
-        ({"group": pa.array([1, 2, None, 3, 4, 5])}, r"row 3: expected a whole number as group, got nothing"),
-        ({"track_id": [[1]] * N}, r"column track_id: expected texts or numbers, got list"),
-        ({"heading_rad": None, "heading_deg": [0.0] * N}, "expected column heading_rad, got heading_deg; multiply by"),
-        ({"time_ns": None, "time_s": TIMES_NS}, r"row 1: expected seconds as time_s, got 1\.7e\+18; name whole nano"),
-        ({"time_ns": pa.array(TIMES_NS).cast(pa.timestamp("us"))}, "column time_ns: expected times until"),
-    ],
-)
-def test_a_wrong_arrow_table_is_one_line(tmp_path, change, message):
-    pa.parquet.write_table(columns(**change), tmp_path / "t.parquet")
-    with pytest.raises(TableError, match=message) as caught:
-        read_named(tmp_path / "t.parquet")
-    assert "\n" not in str(caught.value)
-
-
 def of_offsets_beyond_its_texts():
     ids = pa.StringArray.from_buffers(2, pa.py_buffer(np.array([0, 2**31 - 2, 2], np.int32)), pa.py_buffer(b"ab"))
     sink = pa.BufferOutputStream()
@@ -361,15 +329,39 @@ def of_names_that_are_no_text():
     return sink.getvalue().to_pybytes().replace(b"some_name", b"some\xecname")
 
 
+WRONG_ARROW = [
+    ({"x_m": None}, r"expected columns time_ns, track_id, x_m, y_m.* missing: x_m"),
+    ({"x_m": ["east"] * N}, r"row 1: expected a number as x_m, got 'east'"),
+    ({"x_m": [True] * N}, r"column x_m: expected numbers, got bool"),
+    ({"group": [1.5] * N}, r"column group: expected whole numbers, got double"),
+    ({"group": pa.array([1, 2, None, 3, 4, 5])}, r"row 3: expected a whole number as group, got nothing"),
+    ({"track_id": [[1]] * N}, r"column track_id: expected texts or numbers, got list"),
+    ({"heading_rad": None, "heading_deg": [0.0] * N}, "expected column heading_rad, got heading_deg; multiply by"),
+    ({"time_ns": None, "time_s": TIMES_NS}, r"row 1: expected seconds as time_s, got 1\.7e\+18; name whole nano"),
+    ({"time_ns": pa.array(TIMES_NS).cast(pa.timestamp("us"))}, "column time_ns: expected times until"),
+    *((data, "expected a Parquet, Feather or Arrow file, got") for data in (
+        b"PAR1" + bytes(50) + b"PAR1", b"ARROW1\0\0" + bytes(50), b"PAR1", b"", of_offsets_beyond_its_texts(),
+        of_names_that_are_no_text())),
+]  # fmt: skip
+WRONG_BYTES = [
+    *((opening + bytes(100), r"expected a table of text, got an? [^;]*; .*`")
+      for opening in (b"SQLite format 3\0", b"\x89MCAP0\r\n")),
+    (f"{HEADER}\n0,M\xfcller,2,3,0,1\n".encode("latin-1"), r"line 2: expected UTF-8 text"),
+]  # fmt: skip
+
+
 @pytest.mark.parametrize(
-    "data",
-    [b"PAR1" + bytes(50) + b"PAR1", b"ARROW1\0\0" + bytes(50), b"PAR1", b"", of_offsets_beyond_its_texts(),
-     of_names_that_are_no_text()],
-)  # fmt: skip
-def test_a_broken_arrow_file_is_one_line(tmp_path, data):
-    (tmp_path / "t.parquet").write_bytes(data)
-    with pytest.raises(TableError, match="expected a Parquet, Feather or Arrow file, got") as caught:
-        read_named(tmp_path / "t.parquet")
+    ("name", "content", "message"),
+    [(name, *one) for name, wrong in (("t.csv", WRONG + WRONG_BYTES), ("t.parquet", WRONG_ARROW)) for one in wrong],
+)
+def test_a_wrong_table_is_reported_in_one_line(tmp_path, name, content, message):
+    if isinstance(content, dict):
+        pa.parquet.write_table(columns(**content), tmp_path / name)
+    else:
+        (tmp_path / name).write_bytes(content.encode() if isinstance(content, str) else content)
+    with pytest.raises(TableError, match=message) as caught:
+        read_named(tmp_path / name)
+    assert name in str(caught.value)
     assert "\n" not in str(caught.value)
 
 

@@ -1,15 +1,13 @@
 """Objects in the frame of a moving vehicle arrive in the map's; pytransform3d is the oracle."""
 
-import io
 import itertools
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
-from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
-from mcap_files import CHUNK, records, transform, write_protobuf_log
+from mcap_files import CHUNK, records, stock, transform, write_protobuf_log
 from ros_messages import header, write_ros2_log
 from scipy.spatial.transform import Rotation
 from test_osi_sensor_data import homogeneous
@@ -293,13 +291,12 @@ def broken_transform(k):
 
 def spoiled(path, spoil, **options):
     """A log of objects of a moving sensor, the data of its k-th moving transform as `spoil` makes it."""
-    whole = write_ros(path, OBJECTS).read_bytes()
-    count = itertools.count()
+    whole, count = stock(write_ros(path, OBJECTS)), itertools.count()
     with path.open("wb") as file:
         writer = Writer(file, **options)
         writer.start()
         channels = {}
-        for schema, channel, message in make_reader(io.BytesIO(whole)).iter_messages():
+        for schema, channel, message in whole:
             if channel.topic not in channels:
                 number = writer.register_schema(schema.name, schema.encoding, schema.data)
                 channels[channel.topic] = writer.register_channel(channel.topic, channel.message_encoding, number)
