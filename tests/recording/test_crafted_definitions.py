@@ -74,7 +74,7 @@ def test_structures_that_are_not_wanted_are_skipped_however_many_there_are():
 
 
 def test_a_broken_idl_definition_is_read_or_refused_in_one_line():
-    """Those of ROS 2 and of protobuf break in test_mutated_payloads.py."""
+    """Those of ROS 2 and of protobuf break below."""
     fields = {"x": Field(path=".at.x"), "y": Field(path=".many[].y"), "name": Field(path=".name", kind="name")}
     CdrPlan("p/M", "ros2idl", IDL, fields)
     reported = []
