@@ -9,13 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from dirprim_filter.arrays import FloatArray, as_floats, read_only, require
+from dirprim_filter.arrays import FloatArray, IntArray, as_floats, read_only, require
 from dirprim_filter.columns import check
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.distributions.highest_density import Region, highest_density_regions
@@ -246,20 +245,16 @@ class Forecaster:
         for sink in self._sinks:
             sink(made)
 
-    def paths(self, frame: TrackedFrame) -> FloatArray:
-        """Rollouts of the frame's vehicles from their particles, (n, n_samples, n_steps, 2) metres."""
-        particles = frame.particles.thinned(1)
-        seeds = [int(birth_key(self._seed, name, frame.time_ns)) for name in frame.names]
+    def paths(self, frame: TrackedFrame, rows: IntArray | None = None) -> FloatArray:
+        """Rollouts from the particles of the frame's vehicles, or of some rows: (n, n_samples, n_steps, 2) metres."""
+        rows, particles = np.arange(len(frame.estimates)) if rows is None else rows, frame.particles.thinned(1)
+        key = [int(birth_key(self._seed, frame.names[row], frame.time_ns)) for row in rows]
+        each = [(particles.of(row), np.random.default_rng(own)) for row, own in zip(rows, key, strict=True)]
         if self._transition is not None:
-            moved = partial(rolled, self._transition, n_samples=self._n_samples, dt_s=self._dt_s)
-            each = enumerate(map(np.random.default_rng, seeds))
-            return np.array([moved(particles.of(row), rng=rng) for row, rng in each])
-        clouds = [
-            sampled(self._table, particles.of(row), self._n_samples, rng=np.random.default_rng(seed))
-            for row, seed in enumerate(seeds)
-        ]
-        path = np.empty((len(clouds), self._n_samples, self._dt_s.size, 2))
-        for group in np.unique(frame.group):
-            own = np.flatnonzero(frame.group == group)
-            path[own] = projected(self._table, [clouds[row] for row in own], self._dt_s, self._response)
+            return np.array([rolled(self._transition, of, self._n_samples, self._dt_s, rng=rng) for of, rng in each])
+        clouds = [sampled(self._table, of, self._n_samples, rng=rng) for of, rng in each]
+        path = np.empty((rows.size, self._n_samples, self._dt_s.size, 2))
+        for group in np.unique(frame.group[rows]):
+            own = np.flatnonzero(frame.group[rows] == group)
+            path[own] = projected(self._table, [clouds[i] for i in own], self._dt_s, self._response)
         return path

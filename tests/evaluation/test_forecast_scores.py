@@ -7,7 +7,6 @@ import pytest
 from scipy import stats
 
 from dirprim_filter.course import motion_of
-from dirprim_filter.evaluation.belief_forecasts import _slots
 from dirprim_filter.evaluation.forecast_cases import SCORES, Cases, score_cases, seen_so_far
 from dirprim_filter.evaluation.forecasting import Forecaster, by_constant_velocity, evaluate_forecasts, rollouts_of
 from dirprim_filter.primitives.learning import learn_primitives
@@ -72,14 +71,16 @@ def test_cases_are_where_the_vehicle_was_later():
                 assert np.isnan(cases.later[i, h]).all()
 
 
-def test_vehicles_that_are_there_together_have_beliefs_of_their_own():
-    rng = np.random.default_rng(0)
-    first = rng.integers(0, 200, 40)
-    last = first + rng.integers(0, 30, 40)
-    frames = [np.flatnonzero((first <= i) & (i <= last)) for i in range(230)]
-    slots = _slots(np.arange(41), frames)  # one is in no frame
-    assert all(np.unique(slots[rows]).size == rows.size for rows in frames)
-    assert slots.max() + 1 == max(rows.size for rows in frames)
+def test_a_vehicle_is_forecast_alike_whichever_others_are_forecast_with_it():
+    """The control: by another seed it is not."""
+    log = ring_traffic(np.random.default_rng(0), n_vehicles=6, n_rows=60)
+    learned, cases = learn_primitives(log, rng=np.random.default_rng(1)), Cases.of(log, horizons_s=(1.0, 2.0))
+    own = cases.vehicle == 2
+    assert 0 < own.sum() < own.size
+    sample = rollouts_of(learned, (1.0, 2.0))
+    together, alone = (sample(of, 20, np.random.default_rng(2)) for of in (cases, cases.some(own)))
+    np.testing.assert_array_equal(together[own], alone)
+    assert (sample(cases.some(own), 20, np.random.default_rng(3)) != alone).all()
 
 
 @pytest.mark.parametrize("dt_s", [0.1, 0.5, 1.0])
