@@ -73,7 +73,7 @@ def motion_of(
         position: (n, 2) metres.
         heading: (n,) yaw of the body, radians; NaN where unknown. Left out: nowhere known.
     """
-    ways = _Ways.of(vehicle, time_ns, position)
+    ways = Ways.of(vehicle, time_ns, position)
     yaw = (np.full(len(time_ns), np.nan) if heading is None else heading)[ways.order]
     moved, span_s = ways.differences(HALF_WINDOWS_S[-1])
     metres = np.hypot(*moved.T)
@@ -105,7 +105,7 @@ def motion_of(
 
 
 @dataclass(frozen=True, slots=True)
-class _Ways:
+class Ways:
     """Rows in order of vehicle and time, in pieces without a gap."""
 
     order: IntArray  # (n,) place of each row among those given
@@ -116,12 +116,15 @@ class _Ways:
     axis: IntArray  # (n,) ns: pieces end to end, further apart than any window, so that one search serves all
 
     @classmethod
-    def of(cls, vehicle: IntArray, time_ns: IntArray, position: FloatArray) -> _Ways:
+    def of(
+        cls, vehicle: IntArray, time_ns: IntArray, position: FloatArray, *, longest_gap_s: float = LONGEST_GAP_S
+    ) -> Ways:  # fmt: skip
+        """Of rows in any order; a gap is longer than some usual intervals, and at most so long."""
         order = in_order(vehicle, time_ns)
         time, n = time_ns[order], time_ns.size
         other, apart = np.diff(vehicle[order]) != 0, np.diff(time)
         usual_s = float(np.median(apart[~other])) * 1e-9 if not other.all() else 0.0
-        breaks = other | (apart > _ns(min(max(INTERVALS_IN_GAP * usual_s, MAX_GAP_S), LONGEST_GAP_S)))
+        breaks = other | (apart > _ns(min(max(INTERVALS_IN_GAP * usual_s, MAX_GAP_S), longest_gap_s)))
         piece = np.append(0, np.cumsum(breaks))[:n]
         axis = np.append(0, np.cumsum(np.where(breaks, 2 * _ns(HALF_WINDOWS_S[-1]) + 1, apart)))[:n]
         first, end = np.searchsorted(piece, piece), np.searchsorted(piece, piece, side="right")

@@ -98,7 +98,6 @@ class Particles(ArrayTable):
         speed: (n,) m/s.
         weight: (n,) sums to one for each vehicle.
         vehicle: (n,) int64, the row of the vehicle in the frame's estimates, ascending.
-        mode: (n,) int64, the mode that the particle follows in its cell. Left out: -1, none.
         manoeuvre: (n,) int64, the manoeuvre of the map's motion. Left out: -1, none.
         push: (n,) the vehicle's own acceleration, in standard deviations of its manoeuvre's. Left out: 0.
     """
@@ -108,7 +107,6 @@ class Particles(ArrayTable):
     speed: FloatArray = required()
     weight: FloatArray = required()
     vehicle: IntArray = whole()
-    mode: IntArray = whole(missing=-1)
     manoeuvre: IntArray = whole(missing=-1)
     push: FloatArray = optional(missing=0.0)
 

@@ -12,11 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
-from dirprim_filter.course import HALF_WINDOWS_S, MAX_GAP_S, STANDING_M
+from dirprim_filter.course import HALF_WINDOWS_S, STANDING_M, Ways
 from dirprim_filter.distributions.angles import difference
 from dirprim_filter.evaluation import _kernels
 from dirprim_filter.evaluation.truth import usual_interval_s
-from dirprim_filter.filtering.roster import GAP_INTERVALS
 from dirprim_filter.track_ids import qualified_names
 from dirprim_filter.tracks import Tracks
 
@@ -103,17 +102,11 @@ def seen_so_far(tracks: Tracks) -> tuple[Tracks, BoolArray]:
     course and speed go on to change until now as they did since the move before, which is exact on an arc at constant
     acceleration. A vehicle that stands keeps its last course; one that has not moved yet has its heading.
     """
-    vehicle = tracks.vehicle
-    order = np.lexsort((tracks.time_ns, vehicle))
-    time_ns, position, row = tracks.time_ns[order], tracks.position[order], np.arange(order.size)
-    step_ns = np.diff(time_ns, prepend=0)
-    longest_ns = int(1e9 * max(MAX_GAP_S, GAP_INTERVALS * usual_interval_s(tracks)))
-    begins = (np.diff(vehicle[order], prepend=-1) != 0) | (step_ns > longest_ns)
-    first = np.maximum.accumulate(np.where(begins, row, 0))
-    axis = np.cumsum(np.where(begins, 2 * PAST_NS, step_ns))  # one search serves all pieces
+    ways = Ways.of(tracks.vehicle, tracks.time_ns, tracks.position, longest_gap_s=np.inf)
+    order, first, axis, row = ways.order, ways.first, ways.axis, np.arange(len(tracks))
     before = np.maximum(first, np.minimum(np.searchsorted(axis, axis - PAST_NS), row - 1))
     span_ns = axis - axis[before]
-    move = position - position[before]
+    move = ways.position - ways.position[before]
     length, course = np.hypot(*move.T), np.arctan2(move[:, 1], move[:, 0])
     speed = length / np.maximum(span_ns * 1e-9, 1e-9)
     moves = length >= MOVES_M

@@ -21,15 +21,13 @@ class ParticleBelief:
 
     Attributes:
         cloud: arrays of (slots, particles, ...).
-        mode_of: (z,) the mode of each manoeuvre.
         step: how often it was changed; whoever changes it counts.
     """
 
-    def __init__(self, *, n_particles: int, mode_of: IntArray) -> None:
+    def __init__(self, *, n_particles: int) -> None:
         if n_particles < 1:
             raise ValueError(f"n_particles: expected at least 1, got {n_particles}")
         self.cloud = _empty(FIRST_CAPACITY, n_particles)
-        self.mode_of = mode_of
         self.step = 0
 
     @property
@@ -55,11 +53,11 @@ class ParticleBelief:
 
     def samples(self, at: IntArray, vehicle: IntArray) -> Particles:
         """Copies of samples (n,) by their places in the whole block, of vehicles (n,)."""
-        cloud, manoeuvre = self.cloud, self.cloud.manoeuvre.take(at)
+        cloud = self.cloud
         return Particles(
             position=cloud.position.reshape(-1, 2).take(at, axis=0), direction=cloud.direction.take(at),
-            speed=cloud.speed.take(at), weight=cloud.weight.take(at), vehicle=vehicle, mode=self.mode_of[manoeuvre],
-            manoeuvre=manoeuvre, push=cloud.push.take(at),
+            speed=cloud.speed.take(at), weight=cloud.weight.take(at), vehicle=vehicle,
+            manoeuvre=cloud.manoeuvre.take(at), push=cloud.push.take(at),
         )  # fmt: skip
 
 

@@ -58,7 +58,7 @@ class ParticleFilter(ParticleBelief):
         self, primitive_map: PrimitiveMap, config: FilterConfig | None = None, sensor: Sensor | None = None
     ) -> None:
         self.config = config = config or FilterConfig()
-        super().__init__(n_particles=config.n_particles, mode_of=np.append(primitive_map.motion.mode, 0))
+        super().__init__(n_particles=config.n_particles)
         self._table = motion_table(primitive_map, step_s=config.step_s, own_way_rate=config.own_way_rate)
         self._primitives = primitive_map.compiled()
         self._has_cells = primitive_map.tessellation.n_cells > 0
@@ -96,7 +96,7 @@ class ParticleFilter(ParticleBelief):
     def resumed(self, key: int, sample: FloatArray) -> Self:
         """One that moves by the same map, with one belief: samples (9, P) as of `states`."""
         other, rng = copy(self), np.random.default_rng(key)
-        ParticleBelief.__init__(other, n_particles=sample.shape[1], mode_of=self.mode_of)
+        ParticleBelief.__init__(other, n_particles=sample.shape[1])
         cloud, (east, north, *rates, _, cosine, sine, manoeuvre, push) = other.cloud, sample
         cloud.position[0], cloud.direction[0] = np.column_stack([east, north]), np.arctan2(sine, cosine)
         cloud.speed[0], cloud.manoeuvre[0], cloud.push[0] = np.hypot(*rates), manoeuvre, push

@@ -155,7 +155,7 @@ def test_who_stands_keeps_standing_and_who_moves_keeps_moving(cloud):
 
 def test_birth_follows_the_measurement_and_the_primitive_there(ring_map):
     table = motion_table(ring_map)
-    belief = ParticleBelief(n_particles=20_000, mode_of=ring_map.motion.mode)
+    belief = ParticleBelief(n_particles=20_000)
     place = np.array([20.0, 0.0])
     key = np.array([7], np.uint64)
     first = np.array([0])

@@ -18,9 +18,10 @@ import numpy as np
 
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions import gaussian
+from dirprim_filter.filtering._kernels import effective_sample_size
 from dirprim_filter.filtering.kalman import ConstantVelocityKalman
 from dirprim_filter.filtering.protocols import Guided, Smoothable, States
-from dirprim_filter.filtering.smoothing.links import LEAST_VARIANCE, MOVES, effective, tempered
+from dirprim_filter.filtering.smoothing.links import LEAST_VARIANCE, MOVES, tempered
 
 MORE = 2
 """Times the filter's samples go across a gap: the end may be where few of them would come."""
@@ -171,7 +172,7 @@ def guided(
         if now_ns in asked:
             ways.append(state)
         weight = np.exp(log_weight - log_weight.max())
-        if effective(weight / weight.sum()) < RESAMPLED_BELOW * n and now_ns < ends.end_ns:
+        if effective_sample_size(weight / weight.sum()) < RESAMPLED_BELOW * n and now_ns < ends.end_ns:
             evidence += float(log_weight.max() + np.log(weight.mean()))
             rows = systematic(weight, n, rng)
             samples.choose(rows)

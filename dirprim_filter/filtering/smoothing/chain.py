@@ -113,11 +113,6 @@ class Chain:
         self.path: list[Before] = []
         self._spans: list[Span] = []
 
-    @property
-    def is_labelled(self) -> bool:
-        """Whether its sensor named it."""
-        return bool(self.label)
-
     def is_over(self, now_ns: int, gap_ns: int) -> bool:
         """Whether its vehicle, of which all is known up to a time, will not be measured again as this one."""
         return self.is_replaced or now_ns - self.last.time_ns > (self.patience_ns if self.label else gap_ns)

@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
+from dirprim_filter.filtering._kernels import effective_sample_size
 from dirprim_filter.filtering.protocols import Smoothable, States
 from dirprim_filter.filtering.smoothing._kernels import N_MEANS, N_STATES
 
@@ -96,11 +97,6 @@ def unlinked(last: Belief) -> AnyArray:
     return link
 
 
-def effective(weight: FloatArray) -> float:
-    """Effective sample size of weights (P,) that sum to 1."""
-    return float(1.0 / (weight @ weight))
-
-
 def tempered(before: FloatArray, after: FloatArray) -> tuple[FloatArray, float]:
     """(P,) weights before^(1-t) after^t, with the largest t up to 1 that leaves enough samples; and t.
 
@@ -112,10 +108,10 @@ def tempered(before: FloatArray, after: FloatArray) -> tuple[FloatArray, float]:
         weight = before * ratio**exponent
         return np.asarray(weight / weight.sum())
 
-    low, high = 0.0, 2.0
+    low, high, enough = 0.0, 2.0, LEAST_EFFECTIVE * before.size
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if effective(at(middle)) >= LEAST_EFFECTIVE * before.size else (low, middle)
+        low, high = (middle, high) if effective_sample_size(at(middle)) >= enough else (low, middle)
         if low >= 1.0:
             return at(1.0), 1.0
     return at(low), low

@@ -80,7 +80,8 @@ class Recorder:
                 self._intervals.append(time_ns - away.last.time_ns)
             if away is not None and self._is_back(away, belief):
                 self.straight.mean[s], self.straight.covariance[s] = away.straight
-                self._measure(here, measured[i : i + 1], np.array([(time_ns - away.last.time_ns) * 1e-9]))
+                self.straight.predict(here, np.array([(time_ns - away.last.time_ns) * 1e-9]))
+                self.straight.weigh(here, measured[i : i + 1])
                 away.extend(unlinked(away.last), belief, self._straight_of(s), samples)
                 self._chain[s] = away
                 continue
@@ -109,10 +110,6 @@ class Recorder:
 
     def _straight_of(self, slot: int) -> Gaussian:
         return Gaussian(self.straight.mean[slot].copy(), self.straight.covariance[slot].copy())
-
-    def _measure(self, slot: IntArray, measured: Detections, dt_s: FloatArray) -> None:
-        self.straight.predict(slot, dt_s)
-        self.straight.weigh(slot, measured)
 
     def _fair(self, measured: Detections, course: FloatArray, since_s: FloatArray) -> Detections:
         """Measurements of vehicles with these mean courses (v, 2), (v,) seconds after the last, as the sensor's are."""

@@ -57,10 +57,10 @@ def stitch(
     usual = -np.log(4.0 * np.pi * tracker.config.noise_m**2) - 1.0
     chains = []
     for chain in recorder.chains:
-        if not chain.is_labelled and chain.is_over(now_ns, gap_ns):
+        if not chain.label and chain.is_over(now_ns, gap_ns):
             chain.name = chain.name if chain.existence >= SURE else ""
             trim(chain, frame_s=frame_s, log_density=usual, config=config)
-        if chain.name and (joins_labelled or not chain.is_labelled):
+        if chain.name and (joins_labelled or not chain.label):
             chains.append(chain)
     starts = [Belief(*(column[0] for column in chain.smoothed()[:4])) for chain in chains]
     pairs = _candidates(chains, starts, before_ns=before_ns, gap_ns=gap_ns)
