@@ -33,8 +33,6 @@ REGION_SHARES = (0.9, 0.5)
 """The shares of a vehicle's rollouts that its regions contain."""
 MOST_INSTANTS = 24
 """Of a region: more could not be distinguished."""
-EVERY_NS = 1_000_000_000
-"""Of log time between two forecasts."""
 PER_SAMPLE = 16
 """Rollouts drawn for each one that is kept, where a cue weighs them: rare manoeuvres must be among them."""
 
@@ -207,7 +205,7 @@ class Forecasts:
 
 
 class Forecaster:
-    """An `EstimateSink` that forecasts every vehicle of a frame, each second.
+    """An `EstimateSink` that forecasts every vehicle of a frame, now and then.
 
     A vehicle's rollouts depend on the seed, its id and the time. Where vehicles respond to leaders, sample p of all
     vehicles of a group is one scene; with `config.interaction` "none" they depend on no other vehicle.
@@ -215,6 +213,7 @@ class Forecaster:
     Args:
         primitive_map: how vehicles move at each place.
         sinks: take the forecasts.
+        every_s: seconds of log time between forecasts.
         horizon_s: seconds to look ahead.
         dt_s: seconds between positions.
         n_samples: rollouts of each vehicle.
@@ -223,13 +222,15 @@ class Forecaster:
     """
 
     def __init__(
-        self, primitive_map: PrimitiveMap, sinks: Sequence[Callable[[Forecasts], None]], *, horizon_s: float = 5.0,
-        dt_s: float = 0.25, n_samples: int = 30, config: FilterConfig | None = None, rng: np.random.Generator,
+        self, primitive_map: PrimitiveMap, sinks: Sequence[Callable[[Forecasts], None]], *, every_s: float = 1.0,
+        horizon_s: float = 5.0, dt_s: float = 0.25, n_samples: int = 30, config: FilterConfig | None = None,
+        rng: np.random.Generator,
     ) -> None:  # fmt: skip
         config = config or FilterConfig()
         self._table = motion_table(primitive_map, step_s=config.step_s)
         self._response = leader_table(primitive_map, config)
         self._sinks = sinks
+        self._every_ns = int(every_s * 1e9)
         self._dt_s, self._n_samples = steps(horizon_s, dt_s, n_samples), n_samples
         self._seed = int(rng.integers(2**63))
         self._next_ns: int | None = None
@@ -238,7 +239,7 @@ class Forecaster:
         """Forecast the frame's vehicles if it is time."""
         if (self._next_ns is not None and frame.time_ns < self._next_ns) or len(frame.estimates) == 0:
             return
-        self._next_ns = frame.time_ns + EVERY_NS
+        self._next_ns = frame.time_ns + self._every_ns
         made = Forecasts(frame.time_ns, frame.names, frame.estimates.position, self.paths(frame))
         for sink in self._sinks:
             sink(made)

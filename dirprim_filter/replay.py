@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dirprim_filter.detections import Detections
-from dirprim_filter.estimates import EstimateSink, TrackedFrame
+from dirprim_filter.estimates import EstimateSink
 from dirprim_filter.filtering import GroupTracker, Tracker
 
 
@@ -68,7 +68,9 @@ def follow(
         at: dict[str, Any] = {"is_scan": not between}
         if isinstance(tracker, GroupTracker):
             at = {"groups": look.groups, "between": between}
-        step(tracker, look.detections, sinks, time_ns=look.time_ns, **at)
+        frame = tracker.track(look.detections, time_ns=look.time_ns, **at)
+        for sink in sinks:
+            sink.write(frame)
         for group in (*look.groups, *between) if every_ns else ():
             due.pop(group, None)
             if of(group).n_tracks:
@@ -93,13 +95,3 @@ def follow(
         ahead.popleft()
         n_looks += 1
     return n_looks
-
-
-def step(
-    tracker: Tracker | GroupTracker, detections: Detections, sinks: Sequence[EstimateSink], **at: Any
-) -> TrackedFrame:
-    """One frame of the loop, for the sinks; `at` and errors as of `Tracker.track`."""
-    frame = tracker.track(detections, **at)
-    for sink in sinks:
-        sink.write(frame)
-    return frame

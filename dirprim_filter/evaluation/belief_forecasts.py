@@ -7,6 +7,9 @@ quarter of a second old.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 
 from dirprim_filter.arrays import FloatArray
@@ -21,68 +24,80 @@ from dirprim_filter.instants import LONGEST_UNSEEN_S
 from dirprim_filter.primitives._leader import ALONE
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.replay import replay
+from dirprim_filter.tracks import Tracks
 
 NOISE = Axis("noise_m", 0.1)
 """Of a log's rows; they are tracks already, so it is small."""
 MOST_VEHICLES, FEWEST_VEHICLES, MOST_SECONDS, N_SAMPLES = 50, 10, 5000.0, 16
 """Of the training vehicles by which the noise is chosen, and rollouts of each case. Ships are seen for an hour each."""
+AT_ONCE = 50
+"""So many vehicles that go alone are tracked together."""
 ALL = TrackingConfig(confirm_above=1e-9, report_above=1e-9, forget_below=1e-9)
 """Every row is of a vehicle."""
 
 
 def forecast_beliefs(
-    primitive_map: PrimitiveMap, cases: Cases, horizons_s: tuple[float, ...], *, noise_m: float = NOISE.start,
-    leaders: bool = False, n_samples: int, rng: np.random.Generator,
+    primitive_map: PrimitiveMap, cases: Cases, n_samples: int, rng: np.random.Generator, *,
+    horizons_s: tuple[float, ...], noise_m: float = NOISE.start, leaders: bool = False,
 ) -> FloatArray:  # fmt: skip
     """Rollouts of cases.
 
     Args:
         primitive_map: how vehicles move at each place.
         cases: n, at rows of their log.
+        n_samples: of each case.
+        rng: seeds beliefs and rollouts.
         horizons_s: (n_horizons,) ascending, seconds ahead.
         noise_m: metres, standard deviation of the log's positions in each axis.
         leaders: whether sample p of all vehicles seen in the last quarter of a second is one scene.
-        n_samples: of each case.
-        rng: seeds beliefs and rollouts.
 
     Returns:
         (n, n_samples, n_horizons, 2) metres.
     """
     config = FilterConfig(noise_m=noise_m, interaction="leader" if leaders else "none")
-    is_seen = np.ones(len(cases.log), np.bool_) if leaders else np.isin(cases.log.vehicle, cases.vehicle)
-    seen, seed = Detections.of(cases.log), rng.integers(2**63)
+    log, vehicle, seeds = cases.log, cases.log.vehicle, rng.integers(2**63, size=2)
+    seen = Detections.of(log) if leaders else _begun_at_once(log)
     path = np.empty((cases.row.size, n_samples, len(horizons_s), 2))
-    for group in np.unique(cases.group).tolist():  # one after the other: each has a filter
-        own, tracked = cases.group == group, seen[is_seen & (seen.group == group)].in_one_group()
-        tracker = Tracker(primitive_map, config=config, tracking=ALL, rng=np.random.default_rng(seed))
-        forecaster = CaseForecaster(
-            primitive_map, cases.some(own), horizons_s, config=config, n_samples=n_samples, rng=rng
-        )  # fmt: skip
-        replay(tracked.frames(), tracker, [forecaster])
-        path[own] = forecaster.path
+    for group in np.unique(cases.group).tolist():
+        vehicles = np.unique(cases.vehicle[cases.group == group])
+        alone = np.split(vehicles, range(AT_ONCE, vehicles.size, AT_ONCE))
+        for part in [vehicles] if leaders else alone:
+            own = np.isin(cases.vehicle, part)
+            tracked = seen[log.group == group if leaders else np.isin(vehicle, part)].in_one_group()
+            belief, rollout = map(np.random.default_rng, seeds)
+            tracker = Tracker(primitive_map, config=config, tracking=ALL, rng=belief)
+            forecaster = _CaseForecaster(
+                primitive_map, cases.name[own].tolist(), seen.time_ns[cases.row[own]].tolist(), horizons_s,
+                config=config, n_samples=n_samples, rng=rollout,
+            )  # fmt: skip
+            replay(tracked.frames(), tracker, [forecaster])
+            path[own] = forecaster.path
     return path
 
 
-class CaseForecaster(Forecaster):
-    """Forecasts the cases of a group at their instants; arguments as of `forecast_beliefs`.
+def _begun_at_once(log: Tracks) -> Detections:
+    """Rows of vehicles of which none matters to another: all from the same time on, where these are fewer frames."""
+    since_ns = log.time_ns - log.time_ns[log.first_rows][log.vehicle]
+    seen, n_frames = Detections.of(log), np.unique(log.time_ns).size
+    return replace(seen, time_ns=since_ns) if np.unique(since_ns).size < n_frames else seen
 
-    Attributes:
-        path: (n, n_samples, n_horizons, 2) metres, as far as their frames have come.
-    """
+
+class _CaseForecaster(Forecaster):
+    """Forecasts vehicles (n,) by their names at instants of their own; -> `path`, as far as their frames have come."""
 
     def __init__(
-        self, primitive_map: PrimitiveMap, cases: Cases, horizons_s: tuple[float, ...], *, config: FilterConfig,
-        n_samples: int, rng: np.random.Generator,
+        self, primitive_map: PrimitiveMap, names: Sequence[str], times_ns: Sequence[int],
+        horizons_s: tuple[float, ...], *, config: FilterConfig, n_samples: int, rng: np.random.Generator,
     ) -> None:  # fmt: skip
         super().__init__(primitive_map, (), n_samples=n_samples, config=config, rng=rng)
         self._dt_s = np.diff(horizons_s, prepend=0.0)
-        self.path = np.empty((cases.row.size, n_samples, self._dt_s.size, 2))
+        self.path = np.empty((len(names), n_samples, self._dt_s.size, 2))
         self._due: dict[int, dict[str, int]] = {}
-        for case, time_ns in enumerate(cases.log.time_ns[cases.row].tolist()):
-            self._due.setdefault(time_ns, {})[str(cases.name[case])] = case
+        for case, (name, time_ns) in enumerate(zip(names, times_ns, strict=True)):
+            self._due.setdefault(time_ns, {})[name] = case
 
     def write(self, frame: TrackedFrame) -> None:
-        """Forecast the cases of the frame."""
+        """Forecast those whose time it is."""
         if due := self._due.get(frame.time_ns):
             row = {name: i for i, name in enumerate(frame.names)}
             asked = np.array([row[name] for name in due])
@@ -103,9 +118,8 @@ def chosen_noise(
         return ()
 
     def score(values: tuple[float, ...]) -> float:
-        path = forecast_beliefs(
-            primitive_map, cases, horizons_s, noise_m=values[0], n_samples=N_SAMPLES, rng=np.random.default_rng(seed)
-        )
+        drawn = np.random.default_rng(seed)
+        path = forecast_beliefs(primitive_map, cases, N_SAMPLES, drawn, horizons_s=horizons_s, noise_m=values[0])
         return -mean_log_energy(path, cases.later)
 
     return choose([NOISE], score)

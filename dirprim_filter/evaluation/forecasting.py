@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -79,13 +80,7 @@ def rollouts_of(
     primitive_map: PrimitiveMap, horizons_s: tuple[float, ...], *, noise_m: float = NOISE.start, leaders: bool = False
 ) -> SampleRollouts:
     """Forecasts on a map; see `forecast_beliefs`."""
-
-    def sample(cases: Cases, n_samples: int, rng: np.random.Generator) -> FloatArray:
-        return forecast_beliefs(
-            primitive_map, cases, horizons_s, noise_m=noise_m, leaders=leaders, n_samples=n_samples, rng=rng
-        )
-
-    return sample
+    return partial(forecast_beliefs, primitive_map, horizons_s=horizons_s, noise_m=noise_m, leaders=leaders)
 
 
 def by_trajectory_memory(

@@ -19,7 +19,7 @@ from dirprim_filter.evaluation.tracked_rows import TrackedRows
 from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
 from dirprim_filter.filtering import Tracker
 from dirprim_filter.filtering.smoothing.smoother import Smoother
-from dirprim_filter.replay import step
+from dirprim_filter.replay import Look, follow
 from dirprim_filter.simulation.sensor import detect
 from dirprim_filter.tracks import Tracks
 
@@ -136,8 +136,8 @@ def followed(
         )  # fmt: skip
         frames = {int(frame.time_ns[0]): frame for frame in scene.seen.frames()}
         with smoother:
-            for time_ns in np.unique(scene.truth.time_ns).tolist():
-                step(tracker, frames.get(time_ns, Detections.none()), sinks, time_ns=time_ns)
+            instants = np.unique(scene.truth.time_ns).tolist()
+            follow((Look(at, frames.get(at, Detections.none()), [0]) for at in instants), tracker, sinks)
         result.filtered.append(scene.tracked(TrackedRows.of(found.all(), group=scene.group)))
         if smooth:
             result.smoothed.append(scene.tracked(TrackedRows.of(later.all(), group=scene.group)))

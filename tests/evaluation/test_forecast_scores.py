@@ -7,6 +7,7 @@ import pytest
 from scipy import stats
 
 from dirprim_filter.course import motion_of
+from dirprim_filter.evaluation import belief_forecasts
 from dirprim_filter.evaluation.forecast_cases import SCORES, Cases, score_cases, seen_so_far
 from dirprim_filter.evaluation.forecasting import Forecaster, by_constant_velocity, evaluate_forecasts, rollouts_of
 from dirprim_filter.primitives.learning import learn_primitives
@@ -71,9 +72,11 @@ def test_cases_are_where_the_vehicle_was_later():
                 assert np.isnan(cases.later[i, h]).all()
 
 
-def test_a_vehicle_is_forecast_alike_whichever_others_are_forecast_with_it():
-    """The control: by another seed it is not."""
+def test_a_vehicle_is_forecast_alike_whichever_others_are_forecast_with_it(monkeypatch):
+    """However many are tracked together, and whenever they came. The control: by another seed it is not."""
+    monkeypatch.setattr(belief_forecasts, "AT_ONCE", 2)
     log = ring_traffic(np.random.default_rng(0), n_vehicles=6, n_rows=60)
+    log = replace(log, time_ns=log.time_ns + 10**9 * log.vehicle)
     learned, cases = learn_primitives(log, rng=np.random.default_rng(1)), Cases.of(log, horizons_s=(1.0, 2.0))
     own = cases.vehicle == 2
     assert 0 < own.sum() < own.size

@@ -16,7 +16,7 @@ from dirprim_filter.filtering.smoothing.links import Before, links_of, tempered
 from dirprim_filter.filtering.smoothing.recorder import Recorder
 from dirprim_filter.filtering.smoothing.smoother import Smoother
 from dirprim_filter.primitives.motion import PUSH_RATE
-from dirprim_filter.replay import step
+from dirprim_filter.replay import Look, follow, replay
 from moving import ring_road
 from oracles import filterpy_constant_velocity, ring_forward_backward
 from situations import beside, one_cell_map, ring_traffic
@@ -42,8 +42,8 @@ def smoothed(seen, *, model=None, lag_s=None, with_ids=True, times=None, group=0
     tracker = smoother.tracker(group, model, config=config, tracking=tracking, rng=np.random.default_rng(seed))
     frames = {int(frame.time_ns[0]): frame if with_ids else frame.without_ids() for frame in seen.frames()}
     with smoother:
-        for time_ns in sorted({*frames, *(times or ())}):
-            step(tracker, frames.get(time_ns, Detections.none()), [found, smoother], time_ns=time_ns)
+        looks = (Look(at, frames.get(at, Detections.none()), [0]) for at in sorted({*frames, *(times or ())}))
+        follow(looks, tracker, [found, smoother])
     return found.all(), later.all()
 
 
@@ -191,7 +191,7 @@ def test_frames_come_in_order_each_once_and_hold_the_detections_of_their_time():
     late = []
     with smoother:
         for frame in seen.frames():
-            step(trackers, frame, [smoother])
+            replay([frame], trackers, [smoother])
             late.append(len(frames))
     assert late[8:14] == [0, 0, 1, 2, 3, 4]  # a second late, no more
     assert [frame.time_ns for frame in frames] == np.unique(seen.time_ns).tolist()

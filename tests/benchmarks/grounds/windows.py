@@ -24,7 +24,6 @@ from dirprim_filter.evaluation.settings import Axis, Choice, choose
 from dirprim_filter.evaluation.tracking_report import coverage, normalised_squared
 from dirprim_filter.filtering import ConstantVelocityKalman, Tracker
 from dirprim_filter.filtering.smoothing.smoother import Smoother
-from dirprim_filter.replay import step
 from grounds.findings import STRAIGHT, WITH, Findings
 
 N_SAMPLES = 100
@@ -205,7 +204,9 @@ def _one(
     with smoother:
         for instant in sorted({*frames, *asked}):
             at = frames.get(instant, Detections.none())
-            keep(step(tracker, at, [smoother], time_ns=instant, is_scan=bool(len(at))), online)
+            frame = tracker.track(at, time_ns=instant, is_scan=bool(len(at)))
+            smoother.write(frame)
+            keep(frame, online)
     return online, later[:2]
 
 
