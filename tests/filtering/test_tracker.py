@@ -132,7 +132,7 @@ def test_particles_weigh_one_for_each_vehicle_and_are_copied_before_the_next_ste
         (samples.thinned(7), slice(None, None, 7)),
         (particles.thinned(7), slice(None, None, 7)),
     ):
-        for name in ("position", "direction", "speed", "weight", "vehicle", "mode"):
+        for name in ("position", "direction", "speed", "weight", "vehicle", "manoeuvre"):
             np.testing.assert_array_equal(getattr(some, name), getattr(particles, name)[rows])
     tracker.step(frames[5])
     np.testing.assert_allclose(np.einsum("vp,vpi->vi", weight, particles.position.reshape(40, 100, 2)), mean)
