@@ -60,8 +60,9 @@ class DerivedMotion:
 
 
 def motion_of(
-    vehicle: IntArray, time_ns: IntArray, position: FloatArray, heading: FloatArray | None = None
-) -> DerivedMotion:
+    vehicle: IntArray, time_ns: IntArray, position: FloatArray, heading: FloatArray | None = None,
+    longest_gap_s: float = LONGEST_GAP_S,
+) -> DerivedMotion:  # fmt: skip
     """The motion of vehicles by their positions, each vehicle by itself.
 
     Where a vehicle stands its course is that of its row nearest in time that moves, with no long gap between; where
@@ -72,8 +73,9 @@ def motion_of(
         time_ns: (n,) nanoseconds; each vehicle has one row at a time.
         position: (n, 2) metres.
         heading: (n,) yaw of the body, radians; NaN where unknown. Left out: nowhere known.
+        longest_gap_s: across a longer one nothing is followed, however seldom rows come.
     """
-    ways = Ways.of(vehicle, time_ns, position)
+    ways = Ways.of(vehicle, time_ns, position, longest_gap_s=longest_gap_s)
     yaw = (np.full(len(time_ns), np.nan) if heading is None else heading)[ways.order]
     moved, span_s = ways.differences(HALF_WINDOWS_S[-1])
     metres = np.hypot(*moved.T)

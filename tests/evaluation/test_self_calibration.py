@@ -154,21 +154,30 @@ def test_what_says_nothing_of_a_sensor_is_refused():
         self_calibrate(few, rng=np.random.default_rng(0))
 
 
-@pytest.mark.parametrize(
-    ("n_vehicles", "interval_s", "speed", "noise"), [(3, 5.0, 10.0, 3.0), (6, 10.0, 8.0, 5.0), (12, 1.0, 200.0, 20.0)]
-)
-def test_white_noise_of_few_vehicles_seldom_rows_and_aircraft_comes_back(n_vehicles, interval_s, speed, noise):
+def on_ways(n_vehicles, interval_s, speed, noise):
+    """Sixty detections of each vehicle, which turns slowly."""
     rng = np.random.default_rng(5)
     vehicle, step = (part.ravel() for part in np.indices((n_vehicles, 60)))
     turn = rng.normal(0.0, 0.3, n_vehicles)[vehicle] * step / 60 + 2.0 * vehicle
     place = speed * interval_s * np.column_stack([step * np.cos(turn), step * np.sin(turn)])
-    seen = Detections(
+    return Detections(
         track_id=np.char.add("v", vehicle.astype(str)), time_ns=np.round(1e9 * interval_s * step).astype(np.int64),
         position=place + rng.normal(0.0, noise, place.shape),
     )  # fmt: skip
-    found = self_calibrate(seen, rng=np.random.default_rng(0)).sensor
+
+
+@pytest.mark.parametrize(
+    "case", [(3, 5.0, 10.0, 3.0), (6, 10.0, 8.0, 5.0), (12, 1.0, 200.0, 20.0), (8, 120.0, 8.0, 15.0)]
+)
+def test_white_noise_of_few_vehicles_seldom_rows_and_aircraft_comes_back(case):
+    found, noise = self_calibrate(on_ways(*case), rng=np.random.default_rng(0)).sensor, case[-1]
     for axis in (found.along, found.across):
         assert axis.spread_m == pytest.approx(noise, rel=0.2)  # 180 rows and more, 5 % each
+
+
+def test_without_ids_noise_is_found_where_half_a_metre_is_far_from_it():
+    """With so little no track lasts, whatever its acceleration: the search had stayed there, and said 0.5 m."""
+    assert own_tracks(on_ways(6, 10.0, 8.0, 5.0)).noise.value == pytest.approx(5.0, rel=0.1)
 
 
 @pytest.mark.slow

@@ -25,8 +25,9 @@ from dirprim_filter.filtering import ConstantVelocityKalman, Tracker
 MOST_SEARCHED, MOST_FRAMES = 100, 600
 """Frames of all groups together: those that are tracked some ten times, for noise and acceleration, and all."""
 NOISE = Axis("noise_m", 0.5, least=1e-3, most=1e3)
-ACCELERATION = Axis("acceleration_density", 1.0, factor=8.0, least=1e-5, most=1e3)
-"""m^2/s^3."""
+ACCELERATION = Axis("acceleration_density", 1.0, factor=8.0, least=1e-5, most=1e4)
+STARTS = ((0.5, 1.0), (8.0, 1 / 64), (64.0, 64.0))
+"""Metres and m^2/s^3; the likeliest is climbed from: where noise is far too small no track lasts, nor near there."""
 N_MAXIMISED = 2
 """Steps of expectation maximisation once noise and acceleration are found."""
 FALSE, NEW = 0.3, 0.02
@@ -84,12 +85,13 @@ def own_tracks(detections: Detections, *, noise_m: float | None = None) -> OwnTr
         )  # fmt: skip
 
         def log_density(values: tuple[float, ...]) -> float:
-            noise_m, acceleration = values
-            tried[values] = few.tracked(noise_m, acceleration, unknown)
+            tried[values] = few.tracked(values[0], values[1], unknown)
             return tried[values].log_density
 
         known = NOISE if noise_m is None else Axis("noise_m", noise_m, least=noise_m, most=noise_m)
-        noise, acceleration = (of.chosen for of in choose([known, ACCELERATION], log_density))
+        start = max(((noise_m or first, density) for first, density in STARTS), key=log_density)
+        axes = known._replace(start=start[0]), ACCELERATION._replace(start=start[1])
+        noise, acceleration = (of.chosen for of in choose(axes, log_density))
         by_noise = {n: of.log_density for (n, a), of in tried.items() if a == acceleration}
         measured, found = _likeliest(by_noise, noise, few.n_detections), tried[noise, acceleration]
         for _ in range(N_MAXIMISED):

@@ -51,7 +51,7 @@ of short pieces a course that bends would follow the errors that last."""
 STRAYS = 6.0
 """Robust standard deviations from the middle of its neighbours, from which on a detection is left out."""
 MAD = 1.4826
-MOST_PIECES, FEWEST_PIECES, FEWEST_ROWS = 400, 8, 100
+MOST_PIECES, FEWEST_PIECES, FEWEST_ROWS, LONGEST_GAP_S = 400, 8, 100, 1800.0
 LONGEST_LASTING_S = 2.0
 """Errors that last longer cannot be separated from a vehicle's own path within a piece."""
 LEAST_SHARE = 0.1
@@ -117,11 +117,10 @@ def self_calibrate(detections: Detections, *, rng: np.random.Generator) -> SelfC
 
     tracks = own_tracks(detections)
     seen = tracks.seen[tracks.seen.track_id != NO_ID]
-    pieces = pieces_of(seen, n_most=MOST_PIECES, rng=rng)
     white = SelfCalibration(
         sensor=Sensor.white(tracks.noise.value), n_pieces=0, n_detections=len(seen), unknown=(UNSEEN,)
     )
-    found = _of_pieces(pieces) or white
+    found = _of_pieces(pieces_of(seen, n_most=MOST_PIECES, rng=rng)) or white
     counted = {name: getattr(tracks, name) for name in ("detection_probability", "clutter_density")}
     uncertainty = {name: WIDE * number.error for name, number in counted.items()}
     sensor = replace(
@@ -138,7 +137,7 @@ def _of_rows(named: Detections) -> SelfCalibration:
         ValueError: there are too few rows, or too little of it to be told from turning and braking.
     """
     vehicle = vehicle_numbers(named.track_id, named.group)
-    motion = motion_of(vehicle, named.time_ns, named.position)
+    motion = motion_of(vehicle, named.time_ns, named.position, longest_gap_s=LONGEST_GAP_S)
     if len(named) < FEWEST_ROWS or not motion.noise > SMOOTH.along.spread_m:
         raise ValueError(
             f"expected at least {FEWEST_PIECES} pieces of track of moving vehicles: state the noise, or calibrate "
