@@ -23,7 +23,7 @@ from dirprim_filter.recording.tables import read_named
 
 HEAD, TAIL = log_bytes([])[:8], log_bytes([("/a", 1, b"x")])[8:]
 FIXED = struct.Struct("<BQQQQIIQ")
-SIZES = (1 << 16, 1 << 18)
+SIZES = (1 << 15, 1 << 17)
 
 
 def header(length, data_length, crc=0, size=100):

@@ -323,6 +323,6 @@ def test_a_log_that_is_compressed_as_a_whole_is_read_as_the_log(tmp_path, caplog
     log = scan(packed)
     assert sum(1 for _ in log) > 0
     assert log.damage
-    packed.write_bytes(pack(bytes(1 << 28)))
+    packed.write_bytes(pack(bytes((1 << 26) + 1)))
     with pytest.raises(RecordingError, match="expected a log of at most 67108864 bytes inside, got more"):
         read_tracks(packed)
