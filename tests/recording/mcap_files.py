@@ -17,7 +17,7 @@ from dirprim_filter.recording.container.message_columns import MessageColumns
 
 DATA = Path(__file__).parents[2] / "../shared/data"
 RECORD = struct.Struct("<BQ")
-CHUNK = 6
+MESSAGE, CHUNK = 5, 6
 
 
 def log_bytes(messages, *, compression=CompressionType.ZSTD, chunk_size=1 << 20, **options):
@@ -83,12 +83,12 @@ def write_protobuf_log(path, messages, **options):
             data = message if isinstance(message, bytes) else message.SerializeToString()
             yield topic, time_ns, data, protobuf_schema(kind)
 
-    return _written(path, parts(), "protobuf", **options)
+    return write_messages(path, parts(), "protobuf", **options)
 
 
-def write_log(path, messages, schema, encoding):
+def write_log(path, messages, schema, encoding, **options):
     """A log of (topic, log time, data) of one schema: name, encoding of the definition, and the definition."""
-    return _written(path, ((*message, schema) for message in messages), encoding)
+    return write_messages(path, ((*message, schema) for message in messages), encoding, **options)
 
 
 def json_log(path, schema, messages):
@@ -97,7 +97,8 @@ def json_log(path, schema, messages):
     return write_log(path, sent, (schema, "jsonschema", b'{"type": "object"}'), "json")
 
 
-def _written(path, messages, encoding, **options):
+def write_messages(path, messages, encoding, **options):
+    """A log of (topic, log time, data, schema)."""
     with path.open("wb") as file:
         writer = Writer(file, **options)
         writer.start()

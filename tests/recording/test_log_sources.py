@@ -9,13 +9,12 @@ import tempfile
 import threading
 from collections import deque
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import zstandard
-from mcap.writer import CompressionType, Writer
-from mcap_files import log_bytes, rows
+from mcap.writer import CompressionType
+from mcap_files import CHUNK, MESSAGE, log_bytes, records, rows, write_log
 
 from dirprim_filter import read_estimates, read_tracks, save_map, write_tracks
 from dirprim_filter.cli.main import run
@@ -237,21 +236,6 @@ def test_an_open_log_is_read_as_often_as_wanted(opened, log):
     assert len(opened) == 3 * (n_chunks + 1)  # once as it is open, and twice by its name
 
 
-class Pipe(io.FileIO):
-    """Knows how much was written to it, and keeps nothing back."""
-
-    def __init__(self, path):
-        super().__init__(path, "w")
-        self.n = 0
-
-    def write(self, data):
-        self.n += len(data)
-        return super().write(data)
-
-    def tell(self):
-        return self.n
-
-
 @pytest.fixture
 def written_live(tmp_path, ring):
     """A pipe, and a log that is written to it frame by frame, no more than three ahead of those that came."""
@@ -263,16 +247,15 @@ def written_live(tmp_path, ring):
 
     def write(*, chunked):
         sent = [message for message in scan(tmp_path / "ring.mcap") if message.topic == "/objects"]
-        said = sent[0].channel
-        with Pipe(tmp_path / "pipe") as pipe:
-            writer = Writer(SimpleNamespace(write=pipe.write, tell=pipe.tell), use_chunking=chunked, chunk_size=1)
-            writer.start()
-            schema = writer.register_schema(said.schema.name, said.schema.encoding, said.schema.data)
-            channel = writer.register_channel(said.topic, said.message_encoding, schema)
-            for message in sent:
-                late.append(not ahead.acquire(timeout=10))
-                writer.add_message(channel, message.log_time_ns, message.data, message.publish_time_ns)
-            writer.finish()
+        said, schema = sent[0].channel, sent[0].channel.schema
+        how = (schema.name, schema.encoding, schema.data), said.message_encoding
+        log = write_log(tmp_path / "live.mcap", rows(sent), *how, use_chunking=chunked, chunk_size=1).read_bytes()
+        with (tmp_path / "pipe").open("wb", buffering=0) as pipe:
+            pipe.write(log[:8])
+            for opcode, start, end in records(log):
+                late.extend([not ahead.acquire(timeout=10)] if opcode in (MESSAGE, CHUNK) else [])
+                pipe.write(log[start:end])
+            pipe.write(log[-8:])
 
     return tmp_path, write, ahead, late
 

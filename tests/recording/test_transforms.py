@@ -6,8 +6,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
-from mcap.writer import CompressionType, Writer
-from mcap_files import CHUNK, records, stock, transform, write_protobuf_log
+from mcap.writer import CompressionType
+from mcap_files import CHUNK, records, stock, transform, write_messages, write_protobuf_log
 from ros_messages import header, write_ros2_log
 from scipy.spatial.transform import Rotation
 from test_osi_sensor_data import homogeneous
@@ -292,18 +292,11 @@ def broken_transform(k):
 def spoiled(path, spoil, **options):
     """A log of objects of a moving sensor, the data of its k-th moving transform as `spoil` makes it."""
     whole, count = stock(write_ros(path, OBJECTS)), itertools.count()
-    with path.open("wb") as file:
-        writer = Writer(file, **options)
-        writer.start()
-        channels = {}
-        for schema, channel, message in whole:
-            if channel.topic not in channels:
-                number = writer.register_schema(schema.name, schema.encoding, schema.data)
-                channels[channel.topic] = writer.register_channel(channel.topic, channel.message_encoding, number)
-            data = spoil(next(count), message.data) if channel.topic == "/tf" else message.data
-            writer.add_message(channels[channel.topic], message.log_time, data, message.publish_time)
-        writer.finish()
-    return path
+    sent = (
+        (c.topic, m.log_time, spoil(next(count), m.data) if c.topic == "/tf" else m.data, (s.name, s.encoding, s.data))
+        for s, c, m in whole
+    )
+    return write_messages(path, sent, "cdr", **options)
 
 
 def test_transforms_that_are_none_or_cannot_be_decoded_are_counted_and_strict_refuses_them(tmp_path):
