@@ -75,7 +75,7 @@ class Noise(NamedTuple):
 
 @compiled
 def begin(
-    primitives: MapTable, cloud: Cloud, vehicle: IntArray, key: UIntArray, measured: FloatArray, noise: Noise
+    primitives: MapTable, noise: Noise, cloud: Cloud, vehicle: IntArray, key: UIntArray, measured: FloatArray
 ) -> None:
     """Initialise beliefs from one measurement each: positions by its errors, direction and speed by the primitive.
 
@@ -108,7 +108,7 @@ def begin(
 
 
 @compiled
-def weigh(cloud: Cloud, vehicle: IntArray, measured: FloatArray, evidence: FloatArray, noise: Noise) -> None:
+def weigh(noise: Noise, cloud: Cloud, vehicle: IntArray, measured: FloatArray, evidence: FloatArray) -> None:
     """Weigh each vehicle's particles by its measurement, and normalise.
 
     Fills (V, 3): the log density of the measurement given those before it; 1 where the vehicle explains it better than
@@ -179,7 +179,7 @@ def outlying(weight: FloatArray, measured: Measured, off: FloatArray, far: Float
 
 
 @compiled
-def log_likelihood(cloud: Cloud, vehicle: IntArray, measured: FloatArray, out: FloatArray, noise: Noise) -> None:
+def log_likelihood(noise: Noise, cloud: Cloud, vehicle: IntArray, measured: FloatArray, out: FloatArray) -> None:
     """Fills (V,): natural log of the density of each measurement under the belief, wrong positions aside."""
     n = cloud.position.shape[1]
     fit, far, off = np.empty(n), np.empty(n), np.empty((2, n))

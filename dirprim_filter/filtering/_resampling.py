@@ -83,7 +83,7 @@ def find_parents(survivors: IntArray, parent: IntArray) -> None:
 
 
 @compiled
-def resample(cloud: Cloud, vehicle: IntArray, below: float) -> None:
+def resample(below: float, cloud: Cloud, vehicle: IntArray) -> None:
     """Replace the particles of each vehicle by equally weighted survivors, spread by the kernel.
 
     A vehicle whose effective sample size is not below `below` keeps its own. Who stands keeps its direction and keeps

@@ -91,12 +91,9 @@ class BeliefSamples:
                 raise RuntimeError(
                     "these particles have moved on: copy what is wanted of them while their frame is written"
                 )
-            chosen = np.arange(slot.size)
-            skipped = -chosen * belief.n_particles % stride  # of each vehicle's: all samples are counted through
-            count = np.maximum(-((skipped - belief.n_particles) // stride), 0)
-            vehicle, before = np.repeat(chosen, count), np.cumsum(count) - count
-            number = np.repeat(skipped - stride * before, count) + stride * np.arange(vehicle.size)
-            found.append(belief.samples(slot[vehicle] * belief.n_particles + number, first + vehicle))
+            at = np.arange(0, slot.size * belief.n_particles, stride)  # all samples are counted through
+            vehicle, further = at // belief.n_particles, (slot - np.arange(slot.size)) * belief.n_particles
+            found.append(belief.samples(at + further[vehicle], first + vehicle))
             first += slot.size
         return Particles.concatenate(found[1:] or found)
 

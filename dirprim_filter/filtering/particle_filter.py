@@ -76,11 +76,9 @@ class ParticleFilter(ParticleBelief):
         """Initialise beliefs from one measurement each and the primitive at its place. (v,), (v,) uint64, v rows."""
         self.step += 1
         self.cloud.since_s[slot] = np.inf
-        self._split(
-            _measuring.begin, (self._primitives, self.cloud),
-            (slot, np.asarray(key), self._columns(slot, measured)), (self._noise,), each_ns=200.0,
-        )  # fmt: skip
-        self._split(_kernels.initialise_motion, (self._table, self.cloud), (slot,), (), each_ns=100.0)
+        per_vehicle = slot, np.asarray(key), self._columns(slot, measured)
+        self._split(_measuring.begin, (self._primitives, self._noise, self.cloud), per_vehicle, each_ns=200.0)
+        self._split(_kernels.initialise_motion, (self._table, self.cloud), (slot,), each_ns=100.0)
 
     def straight(self) -> ConstantVelocityKalman:
         """Straight on, by the acceleration of the map's background."""
@@ -114,7 +112,7 @@ class ParticleFilter(ParticleBelief):
     def states(self, slot: IntArray) -> States:
         """The particles; the number that lasts is their acceleration."""
         sample = np.empty((slot.size, smoothing.N_COLUMNS, self.n_particles))
-        self._split(smoothing.columns_of, (self.cloud, self._table.row), (slot, sample), (), each_ns=12.0)
+        self._split(smoothing.columns_of, (self.cloud, self._table.row), (slot, sample), each_ns=12.0)
         return States(sample, self.cloud.weight[slot], np.zeros((slot.size, 4, 4)))
 
     def joint(self, then: States, now: States, *, vehicle: IntArray, dt_s: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -122,35 +120,29 @@ class ParticleFilter(ParticleBelief):
         mean = np.empty((vehicle.size, 2 * smoothing.N_MEANS))
         covariance = np.empty((vehicle.size, 2 * smoothing.N_STATES, 2 * smoothing.N_STATES))
         pairs = vehicle, then.sample, mean, covariance
-        self._split(smoothing.joint_moments, (now.weight, now.sample), pairs, (), each_ns=40.0)
+        self._split(smoothing.joint_moments, (now.weight, now.sample), pairs, each_ns=40.0)
         return mean, covariance
 
     def predict(self, slot: IntArray, dt_s: FloatArray, cue: Cue | None = None) -> None:
         """Move the particles by the map's motion model, under a cue by Eq. 4. (v,), (v,) seconds."""
         self.step += 1
-        self._split(
-            _kernels.advance, (under(self._table, cue), ALONE, self.cloud, _kernels.NO_SCENE), (slot, dt_s), (),
-            each_ns=60.0,
-        )  # fmt: skip
+        shared = under(self._table, cue), ALONE, self.cloud, _kernels.NO_SCENE
+        self._split(_kernels.advance, shared, (slot, dt_s), each_ns=60.0)
         self.cloud.since_s[slot] += dt_s
 
     def log_likelihood(self, slot: IntArray, measured: Detections) -> FloatArray:
         """Log density of measurements under the beliefs, outliers aside. (v,), v rows -> (v,)."""
         result = np.empty(slot.size)
-        self._split(
-            _measuring.log_likelihood, (self.cloud,), (slot, self._columns(slot, measured), result), (self._noise,),
-            each_ns=20.0,
-        )  # fmt: skip
+        per_vehicle = slot, self._columns(slot, measured), result
+        self._split(_measuring.log_likelihood, (self._noise, self.cloud), per_vehicle, each_ns=20.0)
         return result
 
     def weigh(self, slot: IntArray, measured: Detections) -> Evidence:
         """Weigh the particles by measurements; a belief none of whose particles is near is left as it was."""
         self.step += 1
         evidence = np.empty((slot.size, 3))
-        self._split(
-            _measuring.weigh, (self.cloud,), (slot, self._columns(slot, measured), evidence), (self._noise,),
-            each_ns=8.0,
-        )  # fmt: skip
+        per_vehicle = slot, self._columns(slot, measured), evidence
+        self._split(_measuring.weigh, (self._noise, self.cloud), per_vehicle, each_ns=8.0)
         return Evidence(evidence[:, 0], evidence[:, 1] == 0.0, evidence[:, 2] > 0.0)
 
     def weigh_by_cue(self, slot: IntArray, cue: Cue) -> FloatArray:
@@ -162,18 +154,18 @@ class ParticleFilter(ParticleBelief):
         """Systematic resampling of the beliefs whose effective sample size has fallen. (v,)."""
         self.step += 1
         below = self.config.resample_below * self.config.n_particles
-        self._split(_resampling.resample, (self.cloud,), (slot,), (below,), each_ns=25.0)
+        self._split(_resampling.resample, (below, self.cloud), (slot,), each_ns=25.0)
 
     def moments(self, slot: IntArray) -> FloatArray:
         """(v,) -> (v, 10): x, y, xx, xy, yy, direction, resultant, speed, deviation, effective sample size."""
         result = np.empty((slot.size, 10))
-        self._split(_kernels.moments, (self.cloud,), (slot, result), (), each_ns=8.0)
+        self._split(_kernels.moments, (self.cloud,), (slot, result), each_ns=8.0)
         return result
 
     def places(self, slot: IntArray) -> Places:
         """Where the particles are; a map without cells has no outside. (v,) -> columns (v,)."""
         result = np.empty((slot.size, 3))
-        self._split(_kernels.places, (self.cloud, self._of_manoeuvre), (slot, result), (), each_ns=2.0)
+        self._split(_kernels.places, (self.cloud, self._of_manoeuvre), (slot, result), each_ns=2.0)
         return Places(result[:, 0] * self._has_cells, result[:, 1], result[:, 2])
 
     def particles(self, slot: IntArray) -> BeliefSamples:
@@ -197,20 +189,14 @@ class ParticleFilter(ParticleBelief):
         return np.column_stack([measured.position, course, measured.speed, axis, errors])
 
     def _split(
-        self,
-        kernel: Callable[..., None],
-        first: tuple[Any, ...],
-        per_vehicle: tuple[AnyArray, ...],
-        last: tuple[Any, ...],
-        *,
-        each_ns: float,
-    ) -> None:
+        self, kernel: Callable[..., None], shared: tuple[Any, ...], per_vehicle: tuple[AnyArray, ...], *, each_ns: float
+    ) -> None:  # fmt: skip
         """Run a kernel that takes about `each_ns` a particle on all vehicles, on several threads where that pays."""
         n = per_vehicle[0].size
         if n == 0:
             return
         if self._threads is None or n < 2 or n * self.config.n_particles * each_ns < PARALLEL_FROM_NS:
-            kernel(*first, *per_vehicle, *last)
+            kernel(*shared, *per_vehicle)
             return
         n_parts = min(PARTS_PER_THREAD * self._n_threads, n)
         ends = [n * i // n_parts for i in range(n_parts + 1)]
@@ -218,7 +204,7 @@ class ParticleFilter(ParticleBelief):
 
         def work() -> None:
             for part in parts:
-                kernel(*first, *part, *last)
+                kernel(*shared, *part)
 
         running = [self._threads.submit(work) for _ in range(self._n_threads - 1)]
         work()

@@ -39,7 +39,7 @@ def cloud():
 
 def resampled(cloud, vehicle, below=np.inf):
     """Resample in place."""
-    _resampling.resample(cloud, vehicle, below)
+    _resampling.resample(below, cloud, vehicle)
     return cloud
 
 
@@ -161,7 +161,7 @@ def test_birth_follows_the_measurement_and_the_primitive_there(ring_map):
     first = np.array([0])
     row = np.array([[*place, np.nan, np.nan, 0.0, 1e-4, 1e-4]])
     noise = particle_filter._noise(FilterConfig(), free=0)
-    _measuring.begin(ring_map.compiled(), belief.cloud, first, key, row, noise)
+    _measuring.begin(ring_map.compiled(), noise, belief.cloud, first, key, row)
     _kernels.initialise_motion(table, belief.cloud, first)
     x, y = (belief.cloud.position[0] - place).T
     assert stats.kstest(x, stats.norm(0, 0.01).cdf).pvalue > FALSE_ALARM
