@@ -10,7 +10,7 @@ import numpy as np
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.columns import ArrayTable, ids, optional, required, whole
 from dirprim_filter.origin import Origin
-from dirprim_filter.track_ids import as_texts, qualified_names
+from dirprim_filter.track_ids import as_texts, qualified_names, rows_of_each
 from dirprim_filter.tracks import Tracks
 
 NO_TIME = -(1 << 63)
@@ -93,8 +93,5 @@ class Detections(ArrayTable):
 
     def frames(self) -> Iterator[Detections]:
         """The rows of each instant, ascending in time."""
-        order = np.argsort(self.time_ns, kind="stable")
-        starts = np.flatnonzero(np.diff(self.time_ns[order], prepend=self.time_ns.min(initial=0) - 1))
-        for rows in np.split(order, starts[1:]):
-            if rows.size:
-                yield self[rows]
+        for rows in rows_of_each(self.time_ns):
+            yield self[rows]

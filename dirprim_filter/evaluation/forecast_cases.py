@@ -16,7 +16,7 @@ from dirprim_filter.course import HALF_WINDOWS_S, STANDING_M, Ways
 from dirprim_filter.distributions.angles import difference
 from dirprim_filter.evaluation import _kernels
 from dirprim_filter.evaluation.truth import usual_interval_s
-from dirprim_filter.track_ids import qualified_names
+from dirprim_filter.track_ids import qualified_names, rows_of_each
 from dirprim_filter.tracks import Tracks
 
 SCORES = ("energy", "ade", "fde", "coverage_50", "coverage_90")
@@ -72,12 +72,11 @@ class Cases(NamedTuple):
         vehicle, first = log.vehicle, log.first_rows
         names = qualified_names(log.track_id[first], log.group[first])
         own = qualified_names(tracks.track_id[tracks.first_rows], tracks.group[tracks.first_rows])
-        order = np.lexsort((log.time_ns, vehicle))
-        begin = np.searchsorted(vehicle[order], np.arange(names.size + 1))
+        of_each = rows_of_each(vehicle)  # tracks are in order of time
         starts, later = [np.empty(0, np.int64)], [np.empty((0, len(horizons_s), 2))]
         near_s = max(MAX_MATCH_S, usual_interval_s(log))
         for v in np.flatnonzero(np.isin(names, own)):
-            rows = order[begin[v] : begin[v + 1]]
+            rows = of_each[v]
             time_s = (log.time_ns[rows] - log.time_ns[rows[0]]) * 1e-9
             at = _spread(time_s, is_known[rows], horizon_s=min(horizons_s))
             starts.append(rows[at])

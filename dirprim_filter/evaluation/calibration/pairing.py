@@ -12,7 +12,7 @@ from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.evaluation.truth import interpolated, known_at
 from dirprim_filter.filtering.association import Pairs, best_pairs
-from dirprim_filter.track_ids import as_texts
+from dirprim_filter.track_ids import as_texts, rows_of_each
 from dirprim_filter.tracks import Tracks
 
 APART_M = 1e6
@@ -172,8 +172,7 @@ def frames_of(detections: Detections) -> IntArray:
 def _leaps(truth: Tracks) -> BoolArray:
     """(n,) rows of the truth near a step that no vehicle makes."""
     is_near = np.zeros(len(truth), np.bool_)
-    order = np.lexsort((truth.time_ns, truth.vehicle))
-    for rows in np.split(order, np.flatnonzero(np.diff(truth.vehicle[order])) + 1):
+    for rows in rows_of_each(truth.vehicle):
         if rows.size < 3:
             continue
         time_s = (truth.time_ns[rows] - truth.time_ns[rows[0]]) * 1e-9
