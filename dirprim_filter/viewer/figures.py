@@ -25,6 +25,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
+from dirprim_filter.course import Ways
 from dirprim_filter.drawing import shapes
 from dirprim_filter.drawing.colors import speed_color
 from dirprim_filter.estimates import Estimates
@@ -49,8 +50,6 @@ SHOWN_SHARE = 0.99
 """Of the traffic: a vehicle that is far away must not make all others small."""
 KEY_WIDTH = 1.6
 """Inches, of an entry below the map."""
-MAX_GAP_S, INTERVALS = 2.0, 3.0
-"""A vehicle unseen for longer, and for so many of the usual intervals, is drawn as two lines."""
 DISC_OPACITY = 0.4
 """Of standing vehicles: they must not hide those that go."""
 ROSE_INCHES = 0.27
@@ -248,8 +247,5 @@ def _draw_polar(axes: Axes, panel: Axes, primitives: PrimitiveMap, paths: FloatA
 def _paths(track_id: AnyArray, time_ns: IntArray, position: FloatArray) -> list[FloatArray]:
     """The line of each vehicle, split where it was unseen for long."""
     _, vehicle = np.unique(track_id, return_inverse=True)
-    order = np.lexsort((time_ns, vehicle))
-    step_ns, is_other = np.diff(time_ns[order]), np.diff(vehicle[order]) != 0
-    usual_ns = float(np.median(step_ns[~is_other])) if not is_other.all() else 0.0
-    is_gap = step_ns > max(MAX_GAP_S * 1e9, INTERVALS * usual_ns)
-    return np.split(position[order], np.flatnonzero(is_gap | is_other) + 1)
+    ways = Ways.of(vehicle, time_ns, position, longest_gap_s=np.inf)
+    return np.split(ways.position, np.flatnonzero(np.diff(ways.first)) + 1)
