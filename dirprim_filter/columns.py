@@ -208,6 +208,23 @@ def is_covariance(matrix: FloatArray) -> BoolArray:
         return np.asarray(np.isfinite(matrix).all(axis=(1, 2)) & (xy == yx) & (xx > 0) & (xx * yy > xy * xy))
 
 
+LARGEST_VARIANCE = 1e16
+"""Square metres: nothing on the Earth is further away than the root of it."""
+NO_COVARIANCE = "covariances that are not positive definite, or of more than 1e16 m2, count as unknown"
+
+
+def known_covariances(reported: FloatArray) -> FloatArray:
+    """(n, 2, 2) as a file reports it; what is none, or says nothing of any place, is unknown, as are unset fields."""
+    known = is_covariance(reported) & (reported[:, 0, 0] + reported[:, 1, 1] <= LARGEST_VARIANCE)
+    return np.where(known[:, None, None], reported, np.nan)
+
+
+def is_broken_covariance(reported: FloatArray) -> BoolArray:
+    """(n, 2, 2) -> (n,) where a variance is stated, but no covariance is known; zeros and -1 state none."""
+    is_stated = (reported[:, 0, 0] > 0) | (reported[:, 1, 1] > 0)
+    return np.asarray(is_stated & np.isnan(known_covariances(reported)[:, 0, 0]))
+
+
 _IS_ANGLE = lambda angle: ~(np.abs(angle) > LARGEST_ANGLE), "radians, at most a turn (np.deg2rad converts degrees)"
 CHECKS: dict[str, tuple[Callable[[FloatArray], Any], str]] = {
     "direction": _IS_ANGLE, "heading": _IS_ANGLE, "speed": (lambda speed: ~(speed < 0), "at least 0 m/s"),

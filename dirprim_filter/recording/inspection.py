@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import logging
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import numpy as np
 
 from dirprim_filter.detections import NO_ID
+from dirprim_filter.recording.container.chunk import Chunk
 from dirprim_filter.recording.container.log import LogSource, Scan, opened
 from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.container.records import Channel
@@ -18,7 +19,7 @@ from dirprim_filter.recording.name_patterns import matching
 from dirprim_filter.recording.objects.options import EVERYTHING, ReadOptions
 from dirprim_filter.recording.objects.topics import Failures
 from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
-from dirprim_filter.recording.schemas.decoders import Decoders, by_schema, pieces
+from dirprim_filter.recording.schemas.decoders import Decoders, batches, by_schema
 from dirprim_filter.recording.schemas.family import FieldMapping
 from dirprim_filter.recording.summary import LogSummary, TopicKey, TopicSummary, key_of
 from dirprim_filter.track_ids import rows_of_each
@@ -46,9 +47,9 @@ def inspect(source: LogSource, options: ReadOptions = EVERYTHING) -> LogSummary:
         options = options.of_log(one.start_ns)
         log = Scan(one, topics, start_ns=options.start_ns, end_ns=options.end_ns)
         reading = _Inspection(log, Decoders(options.mapping))
-        for _, columns in log.parts():
-            if len(columns):
-                reading.take(columns)
+        for batch in batches(reading.counted(log.parts()), reading.reads):
+            for _, messages in by_schema(batch):
+                reading.take_objects(messages)
         damage = tuple(log.damage)
         attachments = tuple(name for file in one.files for _, name in file.outline.attachments)
     if options.strict and damage:
@@ -92,14 +93,18 @@ class _Inspection:
             if log.is_wanted(channel.topic):
                 self._count(channel, 0)
 
-    def take(self, columns: MessageColumns) -> None:
-        """The messages of a chunk, of which there is at least one."""
-        self.times += columns.log_time_ns[[0, -1]].tolist()
-        for i, n in zip(*np.unique(columns.channel, return_counts=True), strict=True):
-            self._count(columns.channels[i], int(n))
-        for piece in pieces(columns[columns.by_channel(lambda channel: key_of(channel) in self.track_ids)]):
-            for _, messages in by_schema(piece):
-                self._take_objects(messages)
+    def counted(self, parts: Iterable[tuple[Chunk, MessageColumns]]) -> Iterator[MessageColumns]:
+        """The messages of chunks, once they are counted."""
+        for _, columns in parts:
+            if len(columns):
+                self.times += columns.log_time_ns[[0, -1]].tolist()
+                for i, n in zip(*np.unique(columns.channel, return_counts=True), strict=True):
+                    self._count(columns.channels[i], int(n))
+                yield columns
+
+    def reads(self, channel: Channel) -> bool:
+        """Whether the objects of a channel that was counted are looked at."""
+        return key_of(channel) in self.track_ids
 
     def _count(self, channel: Channel, n: int) -> None:
         key = key_of(channel)
@@ -113,7 +118,8 @@ class _Inspection:
     def _decoders_of(self, channel: Channel) -> Decoders:
         return self._estimates if channel.schema.name == ESTIMATES_SCHEMA else self.decoders
 
-    def _take_objects(self, messages: MessageColumns) -> None:
+    def take_objects(self, messages: MessageColumns) -> None:
+        """The messages of one schema."""
         rows, failures = self._decoders_of(messages.first_channel).rows(messages)
         is_placed = np.asarray(np.isfinite(rows.position).all(axis=1))  # else not where `--fields` says
         channel = messages.channel[rows.message]

@@ -77,6 +77,14 @@ class Losses:
         self.drop(UNDECODABLE, len(reasons))
         self.why.update(reasons)
 
+    def doubt_ids(self, n_rows: int) -> None:
+        """Name the likely causes where most of so many rows repeat a vehicle and a time."""
+        if 2 * self.dropped[REPEATED] > n_rows:
+            self.faults.append(
+                "most rows repeat a vehicle and a time: do ids not name vehicles (`dirprim track --no-ids` tracks rows "
+                "without them), or do stamps stand still (--time-source log does without)?"
+            )
+
     def __str__(self) -> str:
         """What was left out."""
         units = dict.fromkeys((UNDECODABLE, UNTIMED, TRANSFORMS), "")

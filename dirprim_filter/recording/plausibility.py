@@ -42,7 +42,9 @@ def plausible(rows: Rows, losses: Losses, path: Path) -> Rows:
     Raises:
         ImplausibleError: no log of vehicles looks so; with the likely cause.
     """
+    n_rows = len(rows)
     order, rows = _without_repeats(rows, losses)
+    losses.doubt_ids(n_rows)
     vehicle, time_ns, position = rows.track_id[order], rows.time_ns[order], rows.position[order]
     scale = Scale.of(vehicle, time_ns, position)
     if wrong := wrong_scale(scale):

@@ -23,7 +23,7 @@ from dirprim_filter.recording.container.log import Log, LogSource, Scan, opened
 from dirprim_filter.recording.decoding.field_columns import NANOSECONDS
 from dirprim_filter.recording.errors import DamagedRecordingError, NoTracksError, RecordingError
 from dirprim_filter.recording.inspection import inspect
-from dirprim_filter.recording.losses import Losses
+from dirprim_filter.recording.losses import ALONE, Losses
 from dirprim_filter.recording.name_patterns import is_table
 from dirprim_filter.recording.objects.observations import DetectionStream, Observations
 from dirprim_filter.recording.objects.options import EVERYTHING, ReadOptions, TimeSource
@@ -107,9 +107,11 @@ def read_track_logs(
             from dirprim_filter.recording.tables import read_table  # noqa: PLC0415 - logs do without Arrow
 
             table = read_table(Path(one), options)
+            seen = Detections.concatenate([Detections.none(), *table.detections.values()])
+            table.losses.note(ALONE, int(np.count_nonzero(seen.track_id == NO_ID)) * bool(len(table.tracks)))
             table.log(Path(one))
             if not len(table.tracks):
-                _require_ids(Path(one), Detections.concatenate([Detections.none(), *table.detections.values()]))
+                _require_ids(Path(one), seen)
             parts.append(Rows.of_tracks(table.tracks))
             names.append(Path(one).name.partition(".")[0])
             losses += table.losses

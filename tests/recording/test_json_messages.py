@@ -73,8 +73,8 @@ def test_times_in_every_shape_that_writers_give_them_and_what_is_none_costs_its_
 
 
 def test_numbers_and_names_of_any_length_and_an_id_is_the_same_as_a_whole_number():
-    assert read("name", 5, 5.0, "5", 1e15, -0.0, 5.5, float("nan"), float("inf")) == (
-        ["5", "5", "5", "1000000000000000", "0", "", "", ""], [5, 6, 7],
+    assert read("name", 5, 5.0, "5", 1e15, -0.0, 5.5, float("nan"), float("inf"), 2.0**60) == (
+        ["5", "5", "5", "1000000000000000", "0", "", "", "", ""], [5, 7, 8],
     )  # fmt: skip
     numbers = [1, -2.5, True, "12345678901234567890", "-1.5e3", "NaN", "-Infinity", None, HUGE, "1_0", " 1", "0x1", []]
     column, failed = read("number", *numbers)

@@ -54,6 +54,25 @@ def test_bad_rows_and_messages_are_counted_and_cost_no_others(tmp_path, caplog):
         read_tracks(path, strict=True)
 
 
+@pytest.mark.parametrize(("name", "stamp_ns", "n_rows"), [(0, STEP_NS, 10), (1, 0, 3)], ids=["id 0", "one stamp"])
+def test_rows_that_mostly_repeat_name_ids_and_stamps_as_causes(tmp_path, name, stamp_ns, n_rows):
+    """Three vehicles, all of id 0, as where an id is not set; or all of the same stamp."""
+    sent = [
+        (k * STEP_NS, {"t": 10**18 + k * stamp_ns, "of": [{"id": i * name, "x": k + 9 * i, "y": i} for i in range(3)]})
+        for k in range(10)
+    ]
+    path, fields = (
+        json_log(tmp_path / "log.mcap", "Own", sent),
+        FieldMapping.parse("id=.of[].id,x=.of[].x,y=.of[].y,time=.t"),
+    )
+    stream = stream_detections(path, mapping=fields)
+    assert sum(map(len, stream)) == n_rows
+    for losses in (stream.losses, read_track_logs(path, mapping=fields).losses):
+        assert losses.dropped == {REPEATED: 30 - n_rows}
+        assert "`dirprim track --no-ids`" in losses.faults[0]
+        assert "--time-source log" in losses.faults[0]
+
+
 def test_header_time_is_that_of_the_contents_and_rows_are_put_in_its_order(tmp_path):
     messages = circling(n=10)
     for i, k in ((3, 4), (5, 7)):  # a stamp 1 s later than the next, and one 2 s later

@@ -3,6 +3,7 @@
 import io
 import json
 import sys
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -63,6 +64,32 @@ def test_a_chunk_whose_checksum_does_not_hold_is_lost_by_that_name_and_no_other_
     assert {message.sequence for message in first} == kept
     assert [damage.kind for damage in log.damage] == ["chunk_crc"]
     assert 0 < len(sent) - len(kept) < 30
+
+
+@pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4, CompressionType.NONE])
+@pytest.mark.parametrize("size", [0, 7, 1 << 60])
+def test_a_size_that_is_wrong_loses_nothing_where_the_checksum_holds(log_file, compression, size):
+    data = bytearray(log_bytes(sent := jittered(), compression=compression, chunk_size=400))
+    second = [start for opcode, start, _ in records(data) if opcode == CHUNK][1]
+    data[second + CRC_AT - 8 : second + CRC_AT] = size.to_bytes(8, "little")
+    log = scan(log_file(bytes(data)))
+    assert len(list(log)) == len(sent)
+    assert [(damage.kind, damage.messages) for damage in log.damage] == [("chunk_header", 0)]
+
+
+def test_a_schema_may_stand_behind_its_channel(log_file):
+    data = log_bytes([("/a", 10, b"x")], compression=CompressionType.NONE, repeat_channels=False, repeat_schemas=False)
+    (chunk,) = (start for opcode, start, _ in records(data) if opcode == CHUNK)
+    body = chunk + CRC_AT + 4 + 4 + 8  # behind the name of no compression, and the length
+    ends = [body]
+    for _ in range(3):
+        ends.append(ends[-1] + 9 + int.from_bytes(data[ends[-1] + 1 : ends[-1] + 9], "little"))
+    schema, channel, message = (data[at:end] for at, end in pairwise(ends))
+    swapped = bytearray(data[: ends[0]] + channel + schema + message + data[ends[3] :])
+    swapped[chunk + CRC_AT : chunk + CRC_AT + 4] = bytes(4)
+    log = scan(log_file(bytes(swapped)))
+    assert [(channel.topic, channel.schema.name) for channel in log.channels()] == [("/a", "Blob")]
+    assert len(list(log)) == 1
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)

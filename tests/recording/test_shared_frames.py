@@ -140,8 +140,11 @@ def test_a_missing_transform_says_what_there_is(tmp_path):
     with pytest.raises(MissingTransformError, match=r"known from 400000000000 to .* do the clocks differ"):
         read_tracks(path)
     loop = [placed(START_NS + k * STEP_NS, *of, (k, 0.0)) for k in range(N) for of in (("a", "b"), ("b", "a"))]
-    with pytest.raises(MissingTransformError, match=r"[ab] and [ab] are each other's parent"):
-        read_tracks(log(tmp_path / "loop.mcap", *loop, *moving(), *parked(frame="b")))
+    for others in (moving(), []):  # without them the log names no frame of the ground
+        path = log(tmp_path / "loop.mcap", *loop, *others, *parked(frame="b"))
+        with pytest.raises(MissingTransformError, match=r"[ab] and [ab] are each other's parent"):
+            read_tracks(path)
+        assert len(read_tracks(path, frame="b")) == N
 
 
 def test_a_frame_without_a_name_is_reported_where_there_are_transforms(tmp_path, caplog):
@@ -161,6 +164,10 @@ def test_a_frame_whose_transforms_end_while_it_stands_is_reported(tmp_path, capl
         caplog.clear()
         read_tracks(log(tmp_path / "log.mcap", *still, *parked(more)))
         assert caplog.text.count("frame 'base_link' is taken to stand in 'map'") == n_reported
+    caplog.clear()
+    read_tracks(log(tmp_path / "log.mcap", *moving(range(3)), *parked(range(40))))  # one that does not stand
+    assert "no transform" in caplog.text
+    assert "taken to stand" not in caplog.text
 
 
 def test_info_says_which_transform_is_missing(tmp_path, capsys):

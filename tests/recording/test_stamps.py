@@ -107,6 +107,12 @@ def test_topics_have_clocks_of_their_own_and_such_that_differ_are_reported(tmp_p
     assert caplog.text.count("times of /a are 1700000000 s ahead of those of /b") == 1
     streamed(log_of(tmp_path, np.where(np.arange(N) % 2, LOG_NS, 0), topics=("/a", "/b")), topics="/[ab]")
     assert caplog.text.count("ahead") == 1
+    for late_s, n_reported in ((2, 0), (5, 1)):  # as late as sensors are, and a clock that was never set
+        caplog.clear()
+        streamed(
+            log_of(tmp_path, LOG_NS - late_s * SECOND_NS * (np.arange(N) % 2), topics=("/a", "/b")), topics="/[ab]"
+        )
+        assert caplog.text.count("times of /a are 5 s ahead of those of /b") == n_reported
 
 
 def test_stamps_that_were_not_set_or_do_not_fit_are_counted_as_such(tmp_path):

@@ -17,11 +17,12 @@ import pytest
 from pyproj import Geod
 
 from dirprim_filter import read_tracks
+from dirprim_filter.columns import NO_COVARIANCE
 from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.recording.container import budget
 from dirprim_filter.recording.errors import RecordingError, TableError
 from dirprim_filter.recording.estimate_tables import EXACT_NS, write_estimates
-from dirprim_filter.recording.losses import FAR
+from dirprim_filter.recording.losses import ALONE, FAR
 from dirprim_filter.recording.name_patterns import named_values
 from dirprim_filter.recording.reader import read_track_logs, stream_detections
 from dirprim_filter.recording.tables import read_named
@@ -187,6 +188,8 @@ def test_rows_of_no_vehicle_are_detections(tmp_path):
     found = read(tmp_path, PLACES, ["0,a,0,0", "0,,50,0", "1,a,1,0", "1, ,-50,0"])
     assert (found.tracks.track_id.tolist(), found.losses.dropped) == (["a", "a"], {})
     assert found.detections[""].track_id.tolist() == ["a", NO_ID, "a", NO_ID]
+    read_losses = read_track_logs(tmp_path / "table.csv").losses  # of which the tracks alone are read
+    assert read_losses.notes[ALONE] == 2
     found = read(tmp_path, PLACES, [f"{k},{k},{k},0" for k in range(9)])
     assert (len(found.tracks), len(found.detections[""]), found.losses.dropped) == (0, 9, {})
 
@@ -383,6 +386,18 @@ def test_values_are_tables_that_read_back(tmp_path, ring):
     back = Detections.concatenate(stream_detections(tmp_path / "t.parquet"))
     np.testing.assert_array_equal(back.covariance, seen.covariance)
     assert {"time_ns", "track_id", "x_m", "course_rad"} <= set(estimates_of(["a"]).to_arrow().column_names)
+
+
+def test_what_is_no_covariance_is_reported_and_unknown(tmp_path):
+    header = "time_s,x_m,y_m,covariance_xx_m2,covariance_xy_m2,covariance_yy_m2"
+    stated = {"4,1,2": False, "0,0,0": False, ",,": False, "-1,0,0": False, "1e15,0,1e15": False, "4,0,-1": True,
+              "1,5,1": True, "4,,4": True, "4,0,0": True, "1e300,0,1e300": True}  # fmt: skip
+    found = read(tmp_path, header, [f"{k},{9 * k},0,{cells}" for k, cells in enumerate(stated)])
+    assert found.losses.notes[NO_COVARIANCE] == sum(stated.values())
+    known = np.isfinite(found.detections[""].covariance[:, 0, 0])
+    assert np.flatnonzero(known).tolist() == [0, 4]
+    found = read(tmp_path, "time_s,x_m,y_m,covariance_xx_m2,covariance_yy_m2", ["0,0,0,4,4", "1,9,0,4,4"])
+    assert found.unused == ["covariance_xx_m2", "covariance_yy_m2"]
 
 
 @pytest.mark.parametrize(("first_ns", "cell"), [(0, "0"), (EXACT_NS - 2, "4503599.627370494"),

@@ -155,7 +155,7 @@ def _decompress(data: bytes, chunk: Chunk) -> bytes:
     """A chunk's contents, as far as its data go."""
     if not chunk.compression:
         return data
-    limit = min(chunk.size, MAX_CHUNK_BYTES, most_bytes(chunk.end))
+    limit = min(MAX_CHUNK_BYTES, most_bytes(chunk.end))
     if chunk.compression == "zstd":
         contents = zstandard.ZstdDecompressor().stream_reader(data).read(limit + 1)
     else:

@@ -137,8 +137,8 @@ class McapFile:
         channels: MutableMapping[int, Channel],
     ) -> list[str]:  # fmt: skip
         """Take the definitions among a chunk's records that are no messages; why some cannot be parsed."""
-        bad = []
-        for at in others.tolist():
+        bad, places = [], others.tolist()
+        for i, at in enumerate(places):
             try:
                 if contents[at] == Opcode.SCHEMA:
                     schema_id, schemas[schema_id] = parse_schema(contents, at)
@@ -146,9 +146,12 @@ class McapFile:
                     try:
                         channel_id, channel = parse_channel(contents, at, schemas)
                     except UndefinedSchemaError:
+                        if i >= others.size:
+                            raise
                         self._look_everywhere()
-                        channel_id, channel = parse_channel(contents, at, schemas)
-                    channels[channel_id] = channel
+                        places.append(at)  # its schema may stand behind it
+                    else:
+                        channels[channel_id] = channel
             except MalformedRecordError as error:
                 bad.append(str(error))
         return bad

@@ -10,6 +10,7 @@ Source: RFC 8259; https://docs.foxglove.dev/docs/sdk/schemas; https://protobuf.d
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections.abc import Mapping
 from typing import Any
@@ -36,6 +37,10 @@ from dirprim_filter.recording.decoding.field_columns import (
 _CLOCK_NAMES = frozenset(name for names in CLOCKS for name in names)
 _WHOLE = re.compile(r"-?[0-9]{1,20}")
 _NUMBER = re.compile(r"-?[0-9]+(?:\.[0-9]+)?(?:[eE][+-]?[0-9]+)?|NaN|-?Infinity")
+
+
+EXACT = 2.0**53
+"""Whole numbers from here on are not all floats, so ids that differ may be one."""
 
 
 class _UnlikeError(ValueError):
@@ -136,8 +141,8 @@ def _converted(one: Field, value: Any) -> Any:
         raise _UnlikeError(f"expected whole nanoseconds at {one.path}, got a decimal fraction; time_s= takes seconds")
     if kind == "time":
         return _time(value)
-    if kind == "name" and isinstance(value, float) and value.is_integer():
-        value = int(value)  # of writers that have one kind of number
+    if kind == "name" and isinstance(value, float):  # of writers that have one kind of number
+        value = int(value) if abs(value) < EXACT and value.is_integer() else "" if math.isnan(value) else value
     if kind == "name" and isinstance(value, str | int):
         name = str(value)[: MAX_NAME_LENGTH + 1]
         if name.endswith("\0"):

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
-from dirprim_filter.columns import is_covariance
+from dirprim_filter.columns import known_covariances
 from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.origin import Origin
@@ -78,7 +78,7 @@ class Observations:
         columns = self._scan.columns()
         self.losses.damage = self._scan.damage
         held: list[tuple[Rows, IntArray]] = []
-        for read in self._read(batches(columns, self._decoders, at_once=self._scan.log.is_live)):
+        for read in self._read(batches(columns, self._decoders.reads, at_once=self._scan.log.is_live)):
             self._check_intact()
             held.append(read)
             if not self._frame.waits(read[0]):
@@ -215,17 +215,18 @@ class DetectionStream:
         """
         observations = Observations(self._scan, self._options)
         self.losses = observations.losses
-        done_ns, rest = -(1 << 63), Detections.none()
+        done_ns, n_rows, rest = -(1 << 63), 0, Detections.none()
         for batch in observations:
             in_order = batch.time_ns >= done_ns
             self.losses.drop(TOO_LATE if self._scan.log.is_live else BACKWARD, ~in_order)
             own = self._detections(batch)[in_order].on_plane(observations.origin)
             seen = self._without_repeats(Detections.concatenate([rest, own]))
-            done_ns = max(done_ns, self._known_until(seen))
+            done_ns, n_rows = max(done_ns, self._known_until(seen)), n_rows + len(batch)
             is_whole = seen.time_ns < done_ns
             yield from seen[is_whole].frames()
             rest = seen[~is_whole]  # what follows may be earlier, or of the last instant too
         yield from rest.frames()
+        self.losses.doubt_ids(n_rows)
         self.losses.log(self._scan.path)
 
     def _known_until(self, seen: Detections) -> int:
@@ -245,7 +246,7 @@ class DetectionStream:
             track_id=np.where(np.isin(rows.track_id, NO_NAMES), NO_ID, rows.track_id),
             time_ns=rows.time_ns,
             position=rows.position,
-            covariance=np.where(is_covariance(rows.covariance)[:, None, None], rows.covariance, np.nan),
+            covariance=known_covariances(rows.covariance),
             size=rows.size,
             cue=np.where(known_cue[:, None], rows.cue, np.nan) if known_cue.any() else np.empty((0, 2)),
             confidence=rows.confidence,

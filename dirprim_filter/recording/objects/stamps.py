@@ -16,7 +16,6 @@ from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.decoding.field_columns import NO_TIME, signed
 from dirprim_filter.recording.errors import RecordingError
-from dirprim_filter.recording.transforms.edge import OTHER_CLOCK_S
 from dirprim_filter.track_ids import Numbers, rows_of_each
 
 RUNS_ON_NS = 10_000_000_000
@@ -29,6 +28,8 @@ NEAR_S = 10.0
 """Offsets that differ by less agree; where those of a topic spread, by less than all but so many at both ends do."""
 FEWEST = 3
 """Of fewer stamps it is unknown which is wrong; nor is it known where no two agree."""
+LATEST_S = 3.0
+"""Sensors are not late by more: topics whose offsets differ by more have other clocks, or wait for what they send."""
 ENOUGH_S, ENOUGH, FEWEST_PACED = 20.0, 100, 10
 """Seconds and messages that are waited for, and messages of which a pace is taken at the end of a log."""
 NEAR_PACE = 2.0
@@ -118,7 +119,7 @@ class Stamps:
         """What is odd with the clocks of topics that are read together, some by log time; empty where they agree."""
         by_log_time = [(0.0, name) for name, first_ns in self._first_ns.items() if first_ns == NO_TIME]
         ahead = sorted([(of.usual_s, name) for name, of in self._topics.items()] + by_log_time)
-        if not self._topics or (apart_s := ahead[-1][0] - ahead[0][0]) <= OTHER_CLOCK_S:
+        if not self._topics or (apart_s := ahead[-1][0] - ahead[0][0]) <= LATEST_S:
             return ""
         return (
             f"times of {ahead[-1][1]} are {apart_s:.0f} s ahead of those of {ahead[0][1]}: are they of another clock, "

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections import Counter, defaultdict, deque
 from collections.abc import Mapping, Sequence
-from itertools import chain
+from itertools import chain, islice
 
 import numpy as np
 
@@ -137,8 +137,9 @@ def _carrying_objects(log: Log, decoders: Decoders, topics: set[str], failures: 
         return topics
     carrying: set[str] = set()
     if topics:
-        parts = (batches([part], decoders) for part in Scan(log, topics.__contains__).columns())
-        for batch in chain.from_iterable(parts):  # of each chunk by itself: one may be enough
+        parts = Scan(log, topics.__contains__).columns()
+        some = (batches(islice(parts, n), decoders.reads) for n in (1, None))
+        for batch in chain.from_iterable(some):  # the first chunk may be enough
             for _, messages in by_schema(batch):
                 rows, failed = decoders.rows(messages)
                 failures.take(messages, failed)

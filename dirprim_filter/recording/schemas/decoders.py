@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
@@ -186,17 +186,20 @@ class Decoders:
 
 
 def batches(
-    columns: Iterable[MessageColumns], decoders: Decoders, *, at_once: bool = False
+    columns: Iterable[MessageColumns], reads: Callable[[Channel], bool], *, at_once: bool = False
 ) -> Iterator[MessageColumns]:
-    """The messages that can be decoded, some together; `at_once` those of each part."""
+    """The messages of channels that can be decoded, some together; `at_once` those of each part."""
     batch: list[MessageColumns] = []
     size = n = 0
     for part in columns:
-        readable = part.by_channel(decoders.reads)
+        readable = part.by_channel(reads)
         for piece in pieces(part if readable.all() else part[readable]):
+            own = int((piece.stop - piece.start).sum())
+            if n and (size + own > BATCH_BYTES or n + len(piece) > BATCH_MESSAGES):
+                yield joined(batch)
+                batch, size, n = [], 0, 0
             batch.append(piece.compact())
-            n += len(piece)
-            size += int((piece.stop - piece.start).sum())
+            n, size = n + len(piece), size + own
             if size >= BATCH_BYTES or n >= BATCH_MESSAGES or (at_once and n):
                 yield joined(batch)
                 batch, size, n = [], 0, 0

@@ -18,7 +18,7 @@ from typing import Any, Literal
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
-from dirprim_filter.columns import known_sizes
+from dirprim_filter.columns import NO_COVARIANCE, is_broken_covariance, known_sizes
 from dirprim_filter.recording.decoding.field_columns import Field, FieldColumns, Kind, steps_of
 from dirprim_filter.recording.name_patterns import named_values
 from dirprim_filter.recording.rows import LEFT_OUT, Rows
@@ -124,6 +124,8 @@ class Family:
         kept = np.ones(of.message.size, np.bool_) if self.amend is None else self.amend(columns, of.message, known)
         for name, values in self.only.items():
             kept = kept & np.isin(of.read(name, 0), values)
+        if "cxx" in of and is_broken_covariance(known["covariance"]).any():
+            columns.notes.add(NO_COVARIANCE)
         place = known.pop("place")
         known["size"] = known_sizes(known["size"])
         known |= {name: finite(known[name], none) for name, none in (("climb", 0.0), ("heading", np.nan))}

@@ -15,13 +15,14 @@ import pyarrow.compute as pc
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.columns import LARGEST_ANGLE
 from dirprim_filter.recording.decoding.field_columns import MAX_NAME_LENGTH, NANOSECONDS, NO_TIME, iso_nanoseconds
+from dirprim_filter.recording.decoding.json_plan import EXACT
 from dirprim_filter.recording.errors import TableError
 
 MAX_SECONDS = 9e9
 """Nanoseconds of a later time do not fit into int64."""
 MEND = "mend the cell, or empty it to drop the row"
-EXACT, FLOAT_OR_NONE = 2.0**53, re.compile(r"-?\d+\.0|(nan|NaN)?")
-"""Whole numbers from here on are not all floats; and ids as pandas writes them where some rows have none."""
+FLOAT_OR_NONE = re.compile(r"-?\d+\.0|(nan|NaN)?")
+"""Ids as pandas writes them where some rows have none."""
 NATIONAL_DATE = re.compile(r"\d{1,2}([/.-])\d{1,2}\1\d{2,4}\b")
 """Such as 31/12/2026, of which nobody knows whether the day or the month comes first."""
 FORMULA, FORMULA_GUARD = frozenset("=+-@\t\r'"), "'"

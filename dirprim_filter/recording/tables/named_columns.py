@@ -98,7 +98,7 @@ def read_named(path: str | Path, *, columns: Mapping[str, str] | None = None, or
     names, vehicle = maybe("track_id", table.ids) or (np.array([""]), np.zeros(len(table), np.int64))
     position, origin, is_geodetic = positions(table, name_of, origin)
     size = {name: table.floats(name_of[name]) for name in SIZE if name in name_of}
-    errs = all(name in name_of for name in COVARIANCE)
+    errs = COVARIANCE[0] in name_of
     time, unit = next((name_of[name], unit) for name, unit in TIMES.items() if name in name_of)
     rows = Rows(
         names=names, track_id=vehicle, time_ns=table.nanoseconds(time, unit=unit), position=position,
@@ -183,6 +183,8 @@ def _names(table: Cells, renamed: Mapping[str, str]) -> tuple[dict[str, str], li
         found = [known for known in (name, *ALSO.get(name, ())) if known in own]
         if found and name not in renamed:
             name_of[name] = found[0]
+    if not name_of.keys() >= {*COVARIANCE}:  # a part of a covariance is none
+        name_of = {name: column for name, column in name_of.items() if name not in COVARIANCE}
     check_header(table, [*own, *name_of])
     return name_of, [name for name in header if name not in (*name_of.values(), *parts)]
 

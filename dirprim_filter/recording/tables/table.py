@@ -12,7 +12,7 @@ from typing import Self
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray
-from dirprim_filter.columns import is_covariance, is_held, known_sizes
+from dirprim_filter.columns import NO_COVARIANCE, is_broken_covariance, is_held, known_covariances, known_sizes
 from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.origin import Origin
 from dirprim_filter.recording.decoding.field_columns import NO_TIME
@@ -95,6 +95,7 @@ def table_of(path: Path, rows: Rows, *, sensor: AnyArray | None = None, losses: 
     rows = replace(rows, size=known_sizes(rows.size), message=np.arange(len(rows)))
     is_none = stand_for_none(rows.names, rows.track_id, rows.time_ns)
     losses.note(MINUS_ONE, int(((rows.names == "-1") & ~is_none)[rows.track_id].sum()))
+    losses.note(NO_COVARIANCE, int(is_broken_covariance(rows.covariance).sum()))
     rows = replace(rows, names=np.where(is_none, NO_ID, rows.names))
     is_named = good & ~is_none[rows.track_id]
     own = rows[is_named].by_group()  # without the empty id, all others may be numbers
@@ -130,7 +131,7 @@ def _detections(rows: Rows, sensor: AnyArray) -> dict[str, Detections]:
             track_id=ids[own.track_id], time_ns=own.time_ns, position=own.position,
             direction=own.direction, speed=own.speed, size=own.size, cue=own.cue, group=own.group,
             confidence=own.confidence,
-            covariance=np.where(is_covariance(own.covariance)[:, None, None], own.covariance, np.nan),
+            covariance=known_covariances(own.covariance),
         )  # fmt: skip
     return detections
 

@@ -127,7 +127,7 @@ class Edge:
     def notes(self, time_ns: IntArray) -> str:
         """What is odd with it, and with its use at some times."""
         away_ns = max(int(self.time_ns[0]) - int(time_ns.min()), int(time_ns.max()) - int(self.time_ns[-1]))
-        if self.note or self.is_static or away_ns <= MAX_GAP_NS or not self.at(time_ns).known.any():
+        if self.note or self.is_static or away_ns <= MAX_GAP_NS or not self.at(time_ns).known.all():
             return self.note
         return f"is taken to stand in {self.parent!r}, as do its transforms of {away_ns * 1e-9:.1f} s before or after"
 

@@ -194,7 +194,7 @@ class FrameChange:
         """The frame that all objects are brought into: where those of `frame` have come as far as the log says."""
         root, parents = tree.root_of(frame), {edge.parent for edge in tree.edges.values()}
         fixed = next(filter(parents.__contains__, FIXED), "")
-        if root in MOVING or (fixed and root not in FIXED):
+        if root in MOVING or (fixed and root not in FIXED) or tree.loop_above(frame):
             raise self._missing(root, fixed or MAP, time_ns)
         if root not in FIXED:
             logger.warning(

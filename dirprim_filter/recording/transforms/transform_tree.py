@@ -63,7 +63,7 @@ class TransformTree:
         topics = frozenset(channel.topic for channel in log.channels() if family_of(channel) in TRANSFORMS)
         decoders, losses, parts, frames = Decoders(), Losses(), [np.empty(0, ROW)], Numbers()
         scan = Scan(log, topics.__contains__, waits=False)
-        for batch in batches(scan.columns(), decoders) if topics else ():
+        for batch in batches(scan.columns(), decoders.reads) if topics else ():
             for _, messages in by_schema(batch):
                 if family_of(messages.first_channel) not in TRANSFORMS:
                     continue
@@ -105,6 +105,11 @@ class TransformTree:
             chain.append(self.edges[chain[-1]].parent)
         return chain
 
+    def loop_above(self, frame: str) -> list[str]:
+        """The frames that are each other's parent where the way up from this one has no end; else none."""
+        chain = self.chain(frame)
+        return chain[chain.index(chain[-1]) + 1 :]
+
     def root_of(self, frame: str) -> str:
         """The frame at the top of this one's tree; below `earth`, which is no plane."""
         chain = self.chain(frame)
@@ -125,10 +130,8 @@ class TransformTree:
 
     def why_not(self, frame: str, target: str, time_ns: int) -> str:
         """Why `frame` cannot be placed in `target` at a time, by what there is."""
-        for names in (self.chain(frame), self.chain(target)):
-            if names[-1] in names[:-1]:
-                loop = names[names.index(names[-1]) + 1 :]
-                return f"{listed(loop)} are each other's parent"
+        if loop := self.loop_above(frame) or self.loop_above(target):
+            return f"{listed(loop)} are each other's parent"
         if (frames := self.between(frame, target)) is None:
             return f"the log places {self.places()}" if self.edges else "the log has no transforms"
         lost = (name for name in chain(*frames) if not self.edges[name].at(np.array([time_ns])).known[0])
