@@ -10,7 +10,7 @@ import numpy as np
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.course import later_rows
 from dirprim_filter.distributions.angles import wrap
-from dirprim_filter.jumps import ACCELERATION, FASTEST, Scale
+from dirprim_filter.jumps import ACCELERATION, FASTEST, NOISES, Scale
 
 MAX_STEP_S, INTERVALS_IN_STEP = 2.0, 3.0
 """Across a longer pause nothing is known of the path between; of rows that come seldom, across so many intervals."""
@@ -91,11 +91,15 @@ def find_faults(
     longest_s = max(MAX_STEP_S, INTERVALS_IN_STEP * scale.interval_s)  # stated motion is compared with the way so long
     later, moves = later_rows(vehicle, time_ns, longest_s, longest_s)
     driven = np.append(0.0, np.cumsum(np.diff(time_ns) * 0.5e-9 * (speed[1:] + speed[:-1])))[: speed.size]
-    distance = driven[later] - driven
+    distance, way_m = driven[later] - driven, position[later] - position
+    goes = moves & (np.hypot(*way_m.T) >= max(DRIVES_FROM * longest_s, NOISES * scale.noise))
+    if np.count_nonzero(goes) >= LEAST_COMPARED and np.median(distance[goes]) == 0:
+        line = "speeds are 0 where positions move: are they not filled in? They are not used, but derived"
+        return found | {"speed": line}
     moves &= distance >= DRIVES_FROM * longest_s
     if np.count_nonzero(moves) < LEAST_COMPARED:
         return found
-    way_m = (position[later] - position)[moves]
+    way_m = way_m[moves]
     ratio = float(distance[moves].sum()) / max(float(np.linalg.norm(way_m, axis=1).sum()), 1e-9)
     if ratio > 1.0 / DEGREES_PER_M:
         line = "speeds lead thousands of times as far as positions: are these degrees? Say latitude and longitude"

@@ -53,6 +53,7 @@ UNITS = {
     "km/h": ({"speed": lambda of: 3.6 * of.speed}, "are they in km/h in place of m/s?"),
     "mph": ({"speed": lambda of: 2.237 * of.speed}, "are they in mph in place of m/s?"),
     "knots": ({"speed": lambda of: 1.944 * of.speed}, "are they in knots in place of m/s?"),
+    "none": ({"speed": lambda of: 0.0 * of.speed}, "speeds are 0 where positions move"),
     "another": ({"speed": lambda of: 0.1 * of.speed}, "are they in another unit in place of m/s?"),
     "course in degrees": ({"direction": lambda of: wrap(np.rad2deg(of.direction) + 20.0)}, "are courses in degrees"),
     "course from north": ({"direction": lambda of: np.pi / 2 - of.direction}, "are courses from north, clockwise?"),

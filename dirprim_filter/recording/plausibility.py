@@ -9,7 +9,7 @@ import numpy as np
 
 from dirprim_filter.arrays import IntArray
 from dirprim_filter.faults import find_faults, wrong_scale
-from dirprim_filter.jumps import FASTEST, MOST_JUMPS, Jumps, Scale
+from dirprim_filter.jumps import ACCELERATION, FASTEST, MOST_JUMPS, Jumps, Scale
 from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.losses import OFF_WAY, REPEATED, Losses
 from dirprim_filter.recording.rows import LEFT_OUT, Rows
@@ -26,8 +26,9 @@ class DetectionsAloneError(ImplausibleError):
 
 OFTEN = 0.1
 """So many of the steps are jumps, where ids number the objects of each message anew."""
-SAMPLED = 200
-"""Jumps that are looked at."""
+SAMPLED, NEARER = 200, 4.0
+"""Steps that are looked at; and by how many times another id was nearer than the own one, where they are exchanged."""
+WITHOUT_IDS = "`dirprim track --no-ids` tracks detections without them, and a `group` for each keeps sessions apart"
 COMPARED = 100_000
 """About so many rows have stated motion compared with their way."""
 
@@ -57,6 +58,10 @@ def plausible(rows: Rows, losses: Losses, path: Path) -> Rows:
             )
         losses.faults.append(f"{np.count_nonzero(absurd)} speeds above {FASTEST:g} m/s are not used")
         rows = replace(rows, speed=np.where(absurd, np.nan, rows.speed))
+    if scale.acceleration > ACCELERATION and _exchange_bodies(rows, order, _steps(vehicle), scale.least_m):
+        raise ImplausibleError(
+            f"{path}: expected ids that name vehicles, but most go to where another id was just before; {WITHOUT_IDS}"
+        )
     jumps = Jumps.of(vehicle, time_ns, position, scale)
     some = np.flatnonzero(~jumps.left_out & (vehicle % (1 + len(rows) // COMPARED) == 0))
     speed, course = rows.speed[order[some]], rows.direction[order[some]]
@@ -69,7 +74,8 @@ def plausible(rows: Rows, losses: Losses, path: Path) -> Rows:
     if jumps.part.any():
         rows, made = _apart(rows, order, jumps)
         line += (
-            "; are ids given again, or to two at once, or are two sessions in one (give each a `group`)? Parts of "
+            "; are ids given again, or to two at once (`dirprim track --no-ids` does without), or are two sessions in "
+            "one (give each a `group`)? Parts of "
             f"{made[0].rpartition('~')[0]} and others are vehicles of their own, as {made[0]}, {len(made)} in all"
         )
     elif not jumps.left_out.any():  # a correction of the position
@@ -107,23 +113,29 @@ def _jumping(rows: Rows, order: IntArray, jumps: Jumps, least_m: float, path: Pa
     name = rows.names[rows.track_id[first]]
     line = f"vehicle {name} jumps {way_m:.4g} m in {dt_s:.3g} s ({way_m / dt_s:.4g} m/s)"
     is_often = jumps.at.size > OFTEN * (len(rows) - np.unique(rows.track_id).size)
-    if jumps.at.size > MOST_JUMPS or (is_often and _exchange_bodies(rows, order, jumps, least_m)):
+    if jumps.at.size > MOST_JUMPS or (is_often and _exchange_bodies(rows, order, jumps.at, least_m)):
         raise ImplausibleError(
-            f"{path}: expected ids that name vehicles, but {line}, to where another id was; `dirprim track --no-ids` "
-            "tracks detections without them, and a `group` for each keeps sessions apart"
+            f"{path}: expected ids that name vehicles, but {line}, to where another id was; {WITHOUT_IDS}"
         )
     return line
 
 
-def _exchange_bodies(rows: Rows, order: IntArray, jumps: Jumps, least_m: float) -> bool:
-    """Whether most jumps lead to where another id was just before."""
+def _steps(vehicle: IntArray) -> IntArray:
+    """The rows, in order of vehicle, behind which another of it comes."""
+    return np.flatnonzero(vehicle[1:] == vehicle[:-1])
+
+
+def _exchange_bodies(rows: Rows, order: IntArray, at: IntArray, least_m: float) -> bool:
+    """Whether most steps from some rows lead to where another id was just before, far from their own."""
     by_time, n = np.argsort(rows.time_ns, kind="stable"), 0
     seen_ns = rows.time_ns[by_time]
-    some = jumps.at[:: 1 + jumps.at.size // SAMPLED]
+    some = at[:: 1 + at.size // SAMPLED]
     for first, then in zip(order[some].tolist(), order[some + 1].tolist(), strict=True):
         at_ns = rows.time_ns[first]
         there = by_time[np.searchsorted(seen_ns, at_ns) : np.searchsorted(seen_ns, at_ns, side="right")]
-        n += bool((np.hypot(*(rows.position[there] - rows.position[then]).T) < least_m).any())
+        nearest_m = np.hypot(*(rows.position[there] - rows.position[then]).T).min()
+        own_m = np.hypot(*(rows.position[first] - rows.position[then]))
+        n += bool(nearest_m < min(least_m, own_m / NEARER))
     return 2 * n > some.size
 
 

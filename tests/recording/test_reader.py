@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from foxglove_schemas_protobuf.Grid_pb2 import Grid
+from foxglove_schemas_protobuf.PosesInFrame_pb2 import PosesInFrame
 from mcap_files import json_log, scene, write_log, write_protobuf_log
 
 from dirprim_filter.cli.main import run
@@ -71,6 +72,31 @@ def test_rows_that_mostly_repeat_name_ids_and_stamps_as_causes(tmp_path, name, s
         assert losses.dropped == {REPEATED: 30 - n_rows}
         assert "`dirprim track --no-ids`" in losses.faults[0]
         assert "--time-source log" in losses.faults[0]
+
+
+def test_ids_that_vehicles_hand_on_at_each_message_name_none(tmp_path):
+    """Six vehicles that drive abreast, 20 m apart: no step is longer than others, so none is a jump."""
+    for shifted, error in ((0, ""), (1, "most go to where another id was just before; `dirprim track --no-ids`")):
+        sent = [
+            (k * STEP_NS, {"of": [{"id": f"v{(i + k * shifted) % 6}", "x": k, "y": 20 * i} for i in range(6)]})
+            for k in range(100)
+        ]
+        path = json_log(tmp_path / "log.mcap", "Own", sent)
+        given = {"mapping": FieldMapping.parse("id=.of[].id,x=.of[].x,y=.of[].y")}
+        if error:
+            with pytest.raises(RecordingError, match=error):
+                read_tracks(path, **given)
+        else:
+            np.testing.assert_allclose(read_tracks(path, **given).speed, 10.0)
+
+
+def test_objects_that_are_named_by_their_places_are_reported(tmp_path, caplog):
+    for n in (1, 2):
+        caplog.clear()
+        poses = [[{"position": {"x": k, "y": 9 * i}} for i in range(n)] for k in range(9)]
+        sent = [("/poses", k * STEP_NS, PosesInFrame(frame_id="map", poses=at)) for k, at in enumerate(poses)]
+        assert read_tracks(write_protobuf_log(tmp_path / "log.mcap", sent)).n_tracks == n
+        assert caplog.text.count("`dirprim track --no-ids`") == n - 1
 
 
 def test_header_time_is_that_of_the_contents_and_rows_are_put_in_its_order(tmp_path):

@@ -63,6 +63,10 @@ SIZE, QUATERNION, VELOCITY = ("length", "width", "height"), ("qx", "qy", "qz", "
 COVARIANCE, CUE = ("cxx", "cxy", "cyy"), ("cue_turn", "cue_concentration")
 GEODETIC = "WGS 84"
 """The frame of positions (longitude, latitude) in degrees and a height above the ellipsoid in metres."""
+BY_PLACE = (
+    "objects have no ids: each place in the message is taken for a vehicle; where vehicles change places, `dirprim "
+    "track --no-ids` tracks them"
+)
 HIGHEST_M = 1e8
 """A fix that is higher is none; one whose height is unknown, NaN, is one."""
 Shape = tuple[tuple[int, int, int], tuple[float, float, float]]
@@ -124,6 +128,8 @@ class Family:
         kept = np.ones(of.message.size, np.bool_) if self.amend is None else self.amend(columns, of.message, known)
         for name, values in self.only.items():
             kept = kept & np.isin(of.read(name, 0), values)
+        if self.names == "place" and (np.diff(of.message) == 0).any():
+            columns.notes.add(BY_PLACE)
         if "cxx" in of and is_broken_covariance(known["covariance"]).any():
             columns.notes.add(NO_COVARIANCE)
         place = known.pop("place")
