@@ -58,7 +58,8 @@ def plausible(rows: Rows, losses: Losses, path: Path) -> Rows:
             )
         losses.faults.append(f"{np.count_nonzero(absurd)} speeds above {FASTEST:g} m/s are not used")
         rows = replace(rows, speed=np.where(absurd, np.nan, rows.speed))
-    if scale.acceleration > ACCELERATION and _exchange_bodies(rows, order, _steps(vehicle), scale.least_m):
+    steps = np.flatnonzero(np.diff(vehicle) == 0)
+    if scale.acceleration > ACCELERATION and _exchange_bodies(rows, order, steps, scale.least_m):
         raise ImplausibleError(
             f"{path}: expected ids that name vehicles, but most go to where another id was just before; {WITHOUT_IDS}"
         )
@@ -118,11 +119,6 @@ def _jumping(rows: Rows, order: IntArray, jumps: Jumps, least_m: float, path: Pa
             f"{path}: expected ids that name vehicles, but {line}, to where another id was; {WITHOUT_IDS}"
         )
     return line
-
-
-def _steps(vehicle: IntArray) -> IntArray:
-    """The rows, in order of vehicle, behind which another of it comes."""
-    return np.flatnonzero(vehicle[1:] == vehicle[:-1])
 
 
 def _exchange_bodies(rows: Rows, order: IntArray, at: IntArray, least_m: float) -> bool:
