@@ -113,13 +113,8 @@ def odometry(k):
 
 
 def foxglove_scene(k):
-    nothing = {name: [] for name in ("arrows", "spheres", "cylinders", "lines", "triangles", "texts", "models")}
-    cube = {"pose": pose(k), "size": point(4, 2, 1), "color": dict.fromkeys("rgba", 1.0)}
-    entity = {
-        "timestamp": stamp(k), "frame_id": "map", "id": "car", "lifetime": {"sec": 0, "nanosec": 0},
-        "frame_locked": False, "metadata": [], "cubes": [cube], **nothing,
-    }  # fmt: skip
-    return {"deletions": [], "entities": [entity]}
+    cube = {"pose": pose(k), "size": point(4, 2, 1)}
+    return {"entities": [{"timestamp": stamp(k), "frame_id": "map", "id": "car", "cubes": [cube]}]}
 
 
 NAMED = ["--topics", "/car"]

@@ -46,8 +46,6 @@ class Scene:
 
 
 SCENE = Scene()
-ZEROS = [0.0] * 36
-NO_ACCELERATION = {"linear": point(0, 0, 0), "angular": point(0, 0, 0)}
 
 
 def tracked(k, i):
@@ -56,11 +54,9 @@ def tracked(k, i):
         "existence_probability": 0.75,
         "classification": [{"label": 1, "probability": 0.5}] * (i + k % 2),
         "kinematics": {
-            "pose_with_covariance": {"pose": SCENE.pose(k, i), "covariance": ZEROS},
+            "pose_with_covariance": {"pose": SCENE.pose(k, i)},
             "orientation_availability": 2,
-            "twist_with_covariance": {"twist": SCENE.body_twist(k, i), "covariance": ZEROS},
-            "acceleration_with_covariance": {"accel": NO_ACCELERATION, "covariance": ZEROS},
-            "is_stationary": False,
+            "twist_with_covariance": {"twist": SCENE.body_twist(k, i)},
         },
         "shape": {"type": 0, "footprint": {"points": [point(1, 2, 3)] * k}, "dimensions": point(4, 2, 1)},
     }
@@ -75,17 +71,14 @@ def detected(k, i, *, has_twist=True, availability=2):
 
 def carla(k, i):
     return {
-        "header": header(0), "id": i + 1, "detection_level": 0, "object_classified": True,
-        "pose": SCENE.pose(k, i), "twist": SCENE.frame_twist(k, i), "accel": NO_ACCELERATION,
-        "polygon": {"points": [point(0, 0, 0)] * i},
-        "shape": {"type": 1, "dimensions": [4.0, 2.0, 1.5], "polygon": {"points": []}},
-        "classification": 6, "classification_certainty": 255, "classification_age": k,
+        "header": header(0), "id": i + 1, "pose": SCENE.pose(k, i), "twist": SCENE.frame_twist(k, i),
+        "polygon": {"points": [point(0, 0, 0)] * i}, "shape": {"type": 1, "dimensions": [4.0, 2.0, 1.5]},
+        "classification": 6, "classification_certainty": 255,
     }  # fmt: skip
 
 
 def detection(k, i):
-    hypothesis = {"hypothesis": {"class_id": "car" * i, "score": 0.5}}
-    hypothesis["pose"] = {"pose": SCENE.pose(k, i), "covariance": ZEROS}
+    hypothesis = {"hypothesis": {"class_id": "car" * i, "score": 0.5}, "pose": {"pose": SCENE.pose(k, i)}}
     return {
         "header": header(0), "results": [hypothesis] * (k % 3), "id": NAMES[i],
         "bbox": {"center": SCENE.pose(k, i), "size": point(4, 2, 1)},
@@ -95,9 +88,7 @@ def detection(k, i):
 def marker(k, i, *, kind=1, action=0):
     return {
         "header": header(START_NS + k * STEP_NS), "ns": "cars", "id": i, "type": kind, "action": action,
-        "pose": SCENE.pose(k, i), "scale": point(4, 2, 1), "color": {"r": 1.0, "g": 0.0, "b": 0.0, "a": 1.0},
-        "lifetime": {"sec": 0, "nanosec": 0}, "frame_locked": False, "points": [point(0, 0, 0)] * i, "colors": [],
-        "text": "t" * k, "mesh_resource": "", "mesh_use_embedded_materials": False,
+        "pose": SCENE.pose(k, i), "scale": point(4, 2, 1), "points": [point(0, 0, 0)] * i, "text": "t" * k,
     }  # fmt: skip
 
 
@@ -180,8 +171,8 @@ def odometry(k, i=1):
     attitude = quaternion(0.1, -0.2, SCENE.yaw[k, i])
     return {
         "header": header(START_NS + k * STEP_NS, "odom"), "child_frame_id": "base_link",
-        "pose": {"pose": {"position": point(*SCENE.place[k, i]), "orientation": attitude}, "covariance": ZEROS},
-        "twist": {"twist": {"linear": point(3.0, 1.0, 0.5), "angular": point(0, 0, 1)}, "covariance": ZEROS},
+        "pose": {"pose": {"position": point(*SCENE.place[k, i]), "orientation": attitude}},
+        "twist": {"twist": {"linear": point(3.0, 1.0, 0.5), "angular": point(0, 0, 1)}},
     }  # fmt: skip
 
 

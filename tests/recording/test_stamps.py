@@ -74,6 +74,10 @@ HONEST = {
     "swapped": wrong([20, 21, 90, 91], STEP_NS * np.array([1, -1, 1, -1])),
     "ten times as fast": START_NS + (LOG_NS - START_NS) * 10,
     "delays of minutes": LOG_NS - RNG.integers(0, 300 * SECOND_NS, N),
+    **{
+        f"simulated, {pace} as fast": ((LOG_NS - START_NS) * pace).astype(np.int64) + 1
+        for pace in (0.1, 0.5, 2.0, 10.0)
+    },
 }
 
 
@@ -175,12 +179,6 @@ def test_stamps_of_another_unit_end_tracking_and_learning_alike(tmp_path, unit, 
         with pytest.raises(RecordingError, match=f"stamps of /objects run .* are they {unit.split()[0]}"):
             read(path)
     assert streamed(path, time_source="log")[0] == LOG_NS[:n].tolist()
-
-
-@pytest.mark.parametrize("pace", [0.1, 0.5, 2, 10])
-def test_simulated_time_may_run_at_another_rate(tmp_path, pace):
-    stamps = ((LOG_NS - START_NS) * pace).astype(np.int64) + 1
-    assert streamed(log_of(tmp_path, stamps)) == (stamps.tolist(), {})
 
 
 @pytest.mark.parametrize("factor", [1000, 10**6])

@@ -6,7 +6,7 @@ from foxglove_schemas_protobuf.Odometry_pb2 import Odometry
 from google.protobuf.json_format import ParseDict
 from mcap_files import write_protobuf_log
 from ros_messages import header, write_ros2_log
-from test_ros2_schemas import START_NS, STEP_NS, ZEROS, carla, point, quaternion, tracked
+from test_ros2_schemas import START_NS, STEP_NS, carla, point, quaternion, tracked
 
 from dirprim_filter.recording.reader import read_tracks, stream_detections
 
@@ -30,8 +30,7 @@ def twist(heading, velocity, axes):
 
 def ros_odometry(stamp, pose, v, child):
     return "nav_msgs/msg/Odometry", {
-        "header": header(stamp), "child_frame_id": child, "pose": {"pose": pose, "covariance": ZEROS},
-        "twist": {"twist": v, "covariance": ZEROS},
+        "header": header(stamp), "child_frame_id": child, "pose": {"pose": pose}, "twist": {"twist": v},
     }  # fmt: skip
 
 
