@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 from foxglove_schemas_protobuf.Grid_pb2 import Grid
 from foxglove_schemas_protobuf.PosesInFrame_pb2 import PosesInFrame
-from mcap_files import json_log, scene, write_log, write_protobuf_log
+from mcap_files import json_log, scene, write_protobuf_log
 
-from dirprim_filter.cli.main import run
 from dirprim_filter.detections import Detections
 from dirprim_filter.recording.container import mcap_file as scans
 from dirprim_filter.recording.errors import DecodeError, NotMcapError, NoTracksError, RecordingError
@@ -221,16 +220,3 @@ def test_a_file_of_another_format_says_the_way(tmp_path, name):
         read_tracks(tmp_path / name)
     assert reported in str(caught.value)
     assert len(str(caught.value).replace(str(tmp_path), "")) < LONGEST
-
-
-@pytest.mark.parametrize("encoding", ["flatbuffer", "", "cdr2"])
-def test_an_encoding_that_is_not_read_is_named_and_no_fields_are_advised(tmp_path, capsys, encoding):
-    sent = [(f"/topic_{i}", i, b"\0") for i in range(2)]
-    log = write_log(tmp_path / "log.mcap", sent, ("std_msgs/String", "", b""), encoding)
-    assert run(["info", str(log)]) == 0
-    said = capsys.readouterr().out
-    for fields in ([], ["--set", "fields=x=.x,y=.y"], ["--topics", "/topic_0"]):
-        assert run(["learn", str(log), "-o", str(tmp_path / "m"), *fields]) == 1
-        said += capsys.readouterr().err
-    assert said.count(f"messages encoded as {encoding or 'nothing'} are not read") == 4
-    assert "choose a topic" not in said

@@ -214,17 +214,24 @@ def test_why_messages_are_not_read_reaches_the_one_line_and_info_ends_with_3(tmp
     assert (of["/objects"]["undecodable"], of["/image"]["undecodable"]) == (20, 1)
 
 
-def test_of_schemas_that_are_not_read_each_says_why(tmp_path, capsys):
-    sent = [("/boxes", START_NS, json.dumps({}).encode())]
-    log = write_log(tmp_path / "log.mcap", sent, ("vision_msgs/msg/Detection2DArray", "jsonschema", b"{}"), "json")
-    assert run(["info", str(log)]) == 0
-    assert run(["learn", str(log), "-o", str(tmp_path / "m")]) == FAILED
-    assert "".join(capsys.readouterr()).count("/boxes: boxes in an image are no places on the ground") == 2
-    wrong = ("geometry_msgs/msg/PoseStamped", "ros2msg", b"uint8 a")
-    log = write_log(tmp_path / "wrong.mcap", [("/pose", START_NS, b"\0\1\0\0\0")], wrong, "cdr")
-    assert run(["info", str(log)]) == INPUT_LOST
-    assert run(["learn", str(log), "-o", str(tmp_path / "m")]) == FAILED
-    assert "".join(capsys.readouterr()).count("which its definition lacks") == 2
+NOT_READ = [  # schema, encoding, a message; why, and how often it is reported
+    *((("std_msgs/String", "", b""), encoding, b"", f"messages encoded as {encoding or 'nothing'} are not read", 4)
+      for encoding in ("flatbuffer", "", "cdr2")),
+    (("vision_msgs/msg/Detection2DArray", "", b""), "json", b"{}", "boxes in an image are no places on the ground", 3),
+    (("geometry_msgs/msg/PoseStamped", "ros2msg", b"uint8 a"), "cdr", b"\0\1\0\0\0", "definition lacks", 6),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("case", NOT_READ)
+def test_what_is_not_read_says_why_and_no_topic_is_advised(tmp_path, capsys, case):
+    schema, encoding, data, why, n = case
+    log = write_log(tmp_path / "log.mcap", [(f"/topic_{i}", i, data) for i in range(2)], schema, encoding)
+    assert run(["info", str(log)]) == (INPUT_LOST if encoding == "cdr" else 0)
+    for more in ([], ["--topics", "/topic_0"], ["--set", "fields=x=.x,y=.y"]):
+        assert run(["learn", str(log), "-o", str(tmp_path / "m"), *more]) == FAILED
+    said = "".join(capsys.readouterr())
+    assert said.count(why) == n
+    assert "choose a topic" not in said
 
 
 def test_a_decimal_fraction_is_no_whole_nanoseconds_and_time_s_is_named(tmp_path, capsys):
