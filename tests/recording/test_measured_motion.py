@@ -138,8 +138,7 @@ def autoware(kind, **flags):
 
 
 POSE = {"pose": {"position": point(1, 2, 3), "orientation": quaternion(0, 0, 0)}, "covariance": covariance(1)}
-STILL = {"twist": {"linear": point(0, 0, 0), "angular": point(0, 0, 0)}, "covariance": [0.0] * 36}
-FIX = {"status": {"status": 0, "service": 1}, "latitude": 48.0, "longitude": 11.0, "altitude": 0.0,
+FIX = {"latitude": 48.0, "longitude": 11.0, "altitude": 0.0,
        "position_covariance": covariance(1, n_rows=3)}  # fmt: skip
 PROTOBUF_FIX = {"latitude": 48.0, "longitude": 11.0, "position_covariance": FIX["position_covariance"]}
 
@@ -150,7 +149,7 @@ PROTOBUF_FIX = {"latitude": 48.0, "longitude": 11.0, "position_covariance": FIX[
         (autoware("TrackedObjects"), True),
         (autoware("DetectedObjects", has_position_covariance=True), True),
         (autoware("DetectedObjects", has_position_covariance=False), False),
-        (("nav_msgs/msg/Odometry", {"child_frame_id": "car", "pose": POSE, "twist": STILL}), True),
+        (("nav_msgs/msg/Odometry", {"child_frame_id": "car", "pose": POSE}), True),
         (("geometry_msgs/msg/PoseWithCovarianceStamped", {"pose": POSE}), True),
         (("sensor_msgs/msg/NavSatFix", FIX | {"position_covariance_type": 3}), True),
         (("sensor_msgs/msg/NavSatFix", FIX | {"position_covariance_type": 0}), False),

@@ -26,7 +26,7 @@ from dirprim_filter.recording.reader import read_track_logs, stream_detections
 from dirprim_filter.recording.transforms.geodesy import FIXES, median_of
 from dirprim_filter.recording.writer import EstimateWriter
 from dirprim_filter.replay import replay
-from situations import one_cell_map
+from situations import one_cell_map, tracks_of
 
 pyproj = pytest.importorskip("pyproj", reason="the extra geo is not installed")
 from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix  # noqa: E402
@@ -135,23 +135,15 @@ def test_all_that_is_made_of_a_log_has_its_origin(tmp_path):
 
 
 def test_rows_of_two_planes_do_not_join():
-    tracks = Tracks.none()
-    one, other = (replace(moving, origin=at) for moving, at in ((row(), HERE), (row(), (48.2, 11.5))))
+    one, other = (replace(tracks_of(np.zeros((1, 1, 2))), origin=at) for at in (HERE, (48.2, 11.5)))
     assert one.origin == tuple(HERE)
     with pytest.raises(ValueError, match=r"origin: expected parts of one plane, got origins 48.137,11.575 and 48.2,"):
         Tracks.concatenate([one, other])
-    assert Tracks.concatenate([tracks, one]).origin == one.origin
+    assert Tracks.concatenate([Tracks.none(), one]).origin == one.origin
     with pytest.raises(ValueError, match="origin: expected latitude,longitude in degrees"):
         replace(one, origin=(91.0, 0.0))
     with pytest.raises(ValueError, match=r"expected the map's origin, 48\.2"):
         Tracker(replace(one_cell_map(), origin=(48.2, 11.5)), rng=np.random.default_rng(0)).step(Detections.of(one))
-
-
-def row():
-    zero = np.zeros(1)
-    return Tracks(
-        track_id=np.array(["v"]), time_ns=np.array([0]), position=np.zeros((1, 2)), direction=zero, speed=zero
-    )
 
 
 def test_logs_of_one_command_are_on_the_plane_of_the_first(tmp_path):

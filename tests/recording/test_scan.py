@@ -35,13 +35,20 @@ def jittered(n=300):
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_delivers_all_messages_in_stable_order_of_log_time(log_file, layout):
+def test_delivers_all_messages_in_stable_order_of_log_time_to_each_of_several_iterations_at_once(log_file, layout):
+    """Begun, left and taken up in turn, and one within another; a channel's index differs from one to the other."""
     sent = jittered()
     log = scan(path := log_file(log_bytes(sent, **layout)))
     assert sorted(channel.topic for channel in log.channels()) == ["/topic0", "/topic1", "/topic2"]
     expected = sorted(enumerate(sent), key=lambda item: item[1][1])
-    got = [(m.sequence, (m.topic, m.log_time_ns, m.data)) for m in log]
-    assert got == expected
+    parts, got = log.parts(), []
+    for k, both in enumerate(zip(log, log, strict=True)):
+        got.append(both)
+        if k % 40 == 7:
+            next(parts, None)
+            next(iter(log))
+    for one in zip(*got, strict=True):
+        assert [(m.sequence, (m.topic, m.log_time_ns, m.data)) for m in one] == expected
     assert log.damage == []
     assert all(m.publish_time_ns == m.log_time_ns + 1 for m in log)
     message = next(iter(log))
@@ -90,24 +97,6 @@ def test_a_schema_may_stand_behind_its_channel(log_file):
     log = scan(log_file(bytes(swapped)))
     assert [(channel.topic, channel.schema.name) for channel in log.channels()] == [("/a", "Blob")]
     assert len(list(log)) == 1
-
-
-@pytest.mark.parametrize("layout", LAYOUTS)
-def test_iterations_at_once_know_nothing_of_each_other(log_file, layout):
-    """Begun, left and taken up in turn, and one within another; a channel's index differs from one to the other."""
-    data = log_bytes(jittered(), **layout)
-    expected = rows(scan(log_file(data)))
-    log = scan(log_file(data))
-    first, second = iter(log), iter(log)
-    parts = log.parts()
-    got = [[], []]
-    for k, (a, b) in enumerate(zip(first, second, strict=True)):
-        got[0].append(a)
-        got[1].append(b)
-        if k % 40 == 7:
-            next(parts, None)
-            next(iter(log))
-    assert [*map(rows, got)] == [expected, expected]
 
 
 def test_a_chunk_may_use_channels_that_a_later_one_in_time_defines(log_file):
