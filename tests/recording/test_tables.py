@@ -127,6 +127,17 @@ def test_latitudes_and_longitudes_come_onto_a_plane(tmp_path, names):
         assert np.abs(there[there.track_id == "table/v"].position - row).sum(axis=1).min() < 1e-6
 
 
+@pytest.mark.parametrize(("rows_of_ship", "n_seen"), [(4, 9), (1, 5)])
+def test_who_comes_too_seldom_for_a_course_is_tracked_beside_the_others(tmp_path, rows_of_ship, n_seen):
+    """Half of a harbour's ships had been left out of what is tracked; one row alone makes no vehicle to follow."""
+    rows = [f"{20 * k},tug,{k},0" for k in range(5)] + [f"{300 * k + 1},ship,{k},9" for k in range(rows_of_ship)]
+    path = table(tmp_path, "\n".join([PLACES, *rows]))
+    seen = Detections.concatenate(list(stream_detections(path)))
+    assert len(seen) == n_seen
+    assert np.unique(seen.track_id).size == 1 + (n_seen > 5)
+    assert set(read_tracks(path).track_id) == {"tug"}
+
+
 def test_motion_that_a_vehicle_has_not_in_all_rows_is_that_of_its_positions(tmp_path):
     rows = [f"{0.1 * k:.1f},{name},{k},0,{course},{speed}" for k in range(4) for name, course, speed in (
         ("reported", 1.5, 3), ("part", 1.5, "" if k == 2 else 3), ("none", "", ""))]  # fmt: skip

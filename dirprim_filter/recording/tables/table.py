@@ -35,8 +35,8 @@ class Table:
 
     Attributes:
         tracks: the rows that are good, of vehicles with an id.
-        detections: where some rows have no id, or a turn signal or a confidence, or each vehicle but one row, all that
-            are good, by sensor; the name is empty where the table has none.
+        detections: where some rows have no id, a turn signal or a confidence, or are alone in time, all that are good,
+            by sensor; the name is empty where the table has none.
         losses: how many rows were left out, by reason; and what was put right without a loss.
         labels: what each vehicle is, by its id; of those that the table gives a label.
         used: the columns that were read, by our names for them.
@@ -78,7 +78,7 @@ def table_of(path: Path, rows: Rows, *, sensor: AnyArray | None = None, losses: 
     speed, and of two rows of a vehicle at one time the second. A vehicle id that stands in two groups means two
     vehicles: all ids become `group/id`. Where the course is missing in a row of a vehicle it is derived from all its
     positions, and so is the speed; a row that stands alone in time, and has no heading, is then dropped as well.
-    Where some rows have no id, or a turn signal or a confidence, or each would be alone, all are detections.
+    Where rows have no id, a turn signal, a confidence, or are alone and not their vehicle's only one, all are detections.
 
     Args:
         path: the file.
@@ -109,10 +109,10 @@ def table_of(path: Path, rows: Rows, *, sensor: AnyArray | None = None, losses: 
     losses.note("rows of vehicles whose course or speed is known of a part; derived from positions", partly)
     labels, alone = _labels(own, losses), Losses()
     tracks = own.to_tracks(alone)
-    if len(tracks):
-        losses += alone
-    is_seen = is_held(rows.cue) or is_held(rows.confidence)  # which tracks do not hold
-    are_tracks = len(tracks) and (good == is_named).all() and not is_seen
+    losses += alone if len(tracks) else Losses()
+    is_once = (np.bincount(own.track_id) == 1)[own.track_id] & ~own.has_motion() & np.isnan(own.heading)
+    is_seen = is_held(rows.cue) or is_held(rows.confidence) or len(own) - len(tracks) > is_once.sum()
+    are_tracks = len(tracks) and (good == is_named).all() and not is_seen  # by what tracks do not hold
     is_own, motion = np.zeros(len(rows), np.bool_), np.array([rows.direction, rows.speed])
     is_own[own.message], motion[:, own.message] = True, (own.direction, own.speed)
     rows = replace(rows, direction=motion[0], speed=motion[1])
