@@ -78,7 +78,7 @@ def table_of(path: Path, rows: Rows, *, sensor: AnyArray | None = None, losses: 
     speed, and of two rows of a vehicle at one time the second. A vehicle id that stands in two groups means two
     vehicles: all ids become `group/id`. Where the course is missing in a row of a vehicle it is derived from all its
     positions, and so is the speed; a row that stands alone in time, and has no heading, is then dropped as well.
-    Where rows have no id, a turn signal, a confidence, or are alone and not their vehicle's only one, all are detections.
+    Where rows have no id, a turn signal, a confidence, or are alone but not their vehicle's only row, all are seen too.
 
     Args:
         path: the file.
