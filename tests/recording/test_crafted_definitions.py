@@ -153,15 +153,11 @@ def test_broken_transforms_cost_themselves_and_no_more(tmp_path):
     assert check_transforms(np.random.default_rng(0), tmp_path / "tf.mcap", 100) > 0
 
 
-@pytest.mark.parametrize("form", TABLES)
-def test_of_a_broken_table_each_row_is_read_or_counted(tmp_path, form):
-    refused = [check_table(form, tmp_path / "table", np.random.default_rng([i, 3])) for i in range(3 * ROUNDS)]
-    assert 0 < sum(refused) < len(refused)
-
-
-@pytest.mark.parametrize("kind", MAPS)
-def test_harmed_maps_are_refused_or_read_and_used(tmp_path, kind):
-    refused = [check_map(kind, tmp_path / "map.mcap", np.random.default_rng([i, 3])) for i in range(3 * ROUNDS)]
+@pytest.mark.parametrize(
+    ("check", "kind"), [*((check_table, form) for form in TABLES), *((check_map, kind) for kind in MAPS)]
+)
+def test_a_broken_table_or_map_is_refused_or_read_each_row_counted_and_the_map_used(tmp_path, check, kind):
+    refused = [check(kind, tmp_path / "broken", np.random.default_rng([i, 3])) for i in range(3 * ROUNDS)]
     assert 0 < sum(refused) < len(refused)
 
 
