@@ -40,35 +40,30 @@ def reaching_beyond_the_end(size):
     return HEAD + b"".join(header(FIELDS_SIZE + 2 * size, 2 * size) for _ in range(n))
 
 
+SMALL = header(FIELDS_SIZE + 4, 4) + bytes(4)
+
+
+def in_turn(size, head, small=SMALL):
+    """What claims so many bytes, all that follow, and a small chunk."""
+    step = len(head(size)) + len(small)
+    return b"".join(head((size // step - i) * step) + small for i in range(size // step))
+
+
 def claiming_the_rest(size):
-    """In turn, a chunk that claims all that follows, but whose lengths contradict each other, and a small whole one."""
-    small = header(FIELDS_SIZE + 4, 4, zlib.crc32(bytes(4)), 4) + bytes(4)
-    step = FIXED.size + len(small)
-    n = size // step
-    parts = []
-    for i in range(n):
-        rest = (n - i) * step - FIXED.size
-        parts += [header(7, rest, crc=1, size=rest), small]
-    return HEAD + b"".join(parts) + TAIL
+    """A chunk that claims all that follows, but whose lengths contradict each other, and a small whole one."""
+    whole = header(FIELDS_SIZE + 4, 4, zlib.crc32(bytes(4)), 4) + bytes(4)
+    return HEAD + in_turn(size, lambda n: header(7, n - FIXED.size, 1, n - FIXED.size), whole) + TAIL
 
 
 def with_bytes_more(size):
     """Records that hold more than their fields, to the end of the file, and chunks in these."""
-    small = header(FIELDS_SIZE + 4, 4) + bytes(4)
-    metadata = struct.Struct("<BQII")
-    step = metadata.size + len(small)
-    n = size // step
-    parts = []
-    for i in range(n):
-        parts += [metadata.pack(0x0C, (n - i) * step - 9, 0, 0), small]
-    return HEAD + b"".join(parts)
+    return HEAD + in_turn(size, lambda n: struct.pack("<BQII", 0x0C, n - 9, 0, 0))
 
 
 def swallowing(size):
     """Message indexes with an odd opcode behind each chunk: each may be the rest of a chunk before."""
-    small = header(FIELDS_SIZE + 4, 4) + bytes(4)
     message = struct.pack("<BQ", 5, 3) + bytes(3)
-    return HEAD + (small + message) * (size // (len(small) + len(message)))
+    return HEAD + (SMALL + message) * (size // (len(SMALL) + len(message)))
 
 
 @pytest.mark.parametrize("craft", [reaching_beyond_the_end, claiming_the_rest, with_bytes_more, swallowing])
