@@ -119,12 +119,10 @@ def find_faults(
         for seen in (way, -way, np.pi / 2 - way)
     )
     if apart > UNLIKE_ANGLE:
-        off = f"courses and positions are {np.rad2deg(apart):.0f} deg apart in the median: are courses"
-        if min(if_clockwise, if_north) < 0.5 * UNLIKE_ANGLE:
-            of = "from north, clockwise" if if_north < if_clockwise else "clockwise from east"
-            found["direction"] = f"{off} {of}? They are not used, but derived from positions"
-        else:
-            found["angle"] = f"{off} in degrees, or from north?"
+        of = "from north, clockwise" if if_north < if_clockwise else "clockwise from east"
+        of = of if min(if_clockwise, if_north) < 0.5 * UNLIKE_ANGLE else "in degrees, or from north"
+        off = f"courses and positions are {np.rad2deg(apart):.0f} deg apart in the median: are courses {of}?"
+        found["direction"] = f"{off} They are not used, but derived from positions"
     return found
 
 

@@ -55,7 +55,8 @@ UNITS = {
     "knots": ({"speed": lambda of: 1.944 * of.speed}, "are they in knots in place of m/s?"),
     "none": ({"speed": lambda of: 0.0 * of.speed}, "speeds are 0 where positions move"),
     "another": ({"speed": lambda of: 0.1 * of.speed}, "are they in another unit in place of m/s?"),
-    "course in degrees": ({"direction": lambda of: wrap(np.rad2deg(of.direction) + 20.0)}, "are courses in degrees"),
+    "course in degrees": ({"direction": lambda of: wrap(np.rad2deg(of.direction) + 20.0)},
+                          "are courses in degrees, or from north? They are not used"),
     "course from north": ({"direction": lambda of: np.pi / 2 - of.direction}, "are courses from north, clockwise?"),
     "latitudes": ({"position": lambda of: DEGREES + 9e-6 * of.position}, "degrees"),
     "latitudes far apart": (

@@ -78,11 +78,11 @@ class Losses:
         self.why.update(reasons)
 
     def doubt_ids(self, n_rows: int) -> None:
-        """Name the likely causes where most of so many rows repeat a vehicle and a time."""
-        if 2 * self.dropped[REPEATED] > n_rows:
+        """Name the likely causes where half of so many rows, or more, repeat a vehicle and a time."""
+        if 2 * self.dropped[REPEATED] >= n_rows > 0:
             self.faults.append(
-                "most rows repeat a vehicle and a time: do ids not name vehicles (`dirprim track --no-ids` tracks rows "
-                "without them), or do stamps stand still (--time-source log does without)?"
+                "so many repeat that ids may name no vehicles (`dirprim track --no-ids` does without), stamps may stay "
+                "the same (--time-source log does without), or two sessions be in one (give each a `group`)"
             )
 
     def __str__(self) -> str:
