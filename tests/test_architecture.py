@@ -54,3 +54,16 @@ def test_heavy_imports_come_late_and_the_public_names_are_there_whatever_was_imp
     for (module, absent), loaded in zip(ABSENT.items(), lines, strict=True):
         assert not set(absent.split()) & set(loaded.split()), module
     assert set(public.split()) == {"True"}
+
+
+def test_what_learns_from_detections_without_ids_is_not_loaded_for_those_with_ids():
+    program = """
+import sys
+from pathlib import Path
+from dirprim_filter.cli.sensing import _scene
+from dirprim_filter.detections import Detections
+assert _scene(Detections(track_id=["a"], time_ns=[0], position=[[0.0, 0.0]]), Path("a log"), 0.5) is None
+print(*sys.modules)
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert "scipy.optimize" not in done.stdout.split()

@@ -130,10 +130,11 @@ def _scene(seen: Detections, log: Path, noise_m: float) -> OwnTracks | None:
     """Of a log without ids whose noise is stated; None with ids."""
     from dirprim_filter.cli.progress import working
     from dirprim_filter.detections import NO_ID
-    from dirprim_filter.evaluation.calibration.own_tracks import own_tracks
 
     if (seen.track_id != NO_ID).any():
         return None
+    from dirprim_filter.evaluation.calibration.own_tracks import own_tracks
+
     with working(f"learning what the sensor of {log.name} misses"):
         try:
             found = own_tracks(seen, noise_m=noise_m)
