@@ -30,7 +30,8 @@ UNITS = {
 LEARNED_FROM_S, FEWEST_ROWS = 300.0, 1_000
 """Seconds of a log that a sensor is learned from; of sensors that look seldom, as many as these detections take."""
 MOST_ROWS, MOST_ROWS_UNASKED = 200_000, 10_000
-"""Detections that it is learned from, if `auto` is asked for and by default: these take less than a second."""
+"""Detections that it is learned from, if `auto` is asked for and by default: these take about a second with ids, some
+seconds without, as they are tracked under several parameters."""
 
 
 SENSOR_COUNTS = "its covariances are not used, but the sensor's model; without --sensor they are, --noise for the rest"
