@@ -28,7 +28,6 @@ OFTEN = 0.1
 """So many of the steps are jumps, where ids number the objects of each message anew."""
 SAMPLED, NEARER = 200, 4.0
 """Steps that are looked at; and by how many times another id was nearer than the own one, where they are exchanged."""
-WITHOUT_IDS = "`dirprim track --no-ids` tracks detections without them, and a `group` for each keeps sessions apart"
 COMPARED = 100_000
 """About so many rows have stated motion compared with their way."""
 
@@ -58,12 +57,14 @@ def plausible(rows: Rows, losses: Losses, path: Path) -> Rows:
             )
         losses.faults.append(f"{np.count_nonzero(absurd)} speeds above {FASTEST:g} m/s are not used")
         rows = replace(rows, speed=np.where(absurd, np.nan, rows.speed))
-    steps = np.flatnonzero(np.diff(vehicle) == 0)
-    if scale.acceleration > ACCELERATION and _exchange_bodies(rows, order, steps, scale.least_m):
+    jumps, steps = Jumps.of(vehicle, time_ns, position, scale), np.flatnonzero(np.diff(vehicle) == 0)
+    line = _jumping(rows, order, jumps) if jumps.at.size else "most go"
+    at = jumps.at if jumps.at.size > OFTEN * steps.size else steps[: steps.size * (scale.acceleration > ACCELERATION)]
+    if jumps.at.size > MOST_JUMPS or (at.size and _exchange_bodies(rows, order, at, scale.least_m)):
         raise ImplausibleError(
-            f"{path}: expected ids that name vehicles, but most go to where another id was just before; {WITHOUT_IDS}"
+            f"{path}: expected ids that name vehicles, but {line} to where another id was just before; `dirprim track "
+            "--no-ids` tracks detections without them, and a `group` for each keeps sessions apart"
         )
-    jumps = Jumps.of(vehicle, time_ns, position, scale)
     some = np.flatnonzero(~jumps.left_out & (vehicle % (1 + len(rows) // COMPARED) == 0))
     speed, course = rows.speed[order[some]], rows.direction[order[some]]
     faults = find_faults(vehicle[some], time_ns[some], position[some], direction=course, speed=speed, scale=scale)
@@ -71,7 +72,6 @@ def plausible(rows: Rows, losses: Losses, path: Path) -> Rows:
     rows = replace(rows, **dict.fromkeys(faults.keys() & {"direction", "speed"}, LEFT_OUT))
     if not jumps.at.size:
         return rows
-    line = _jumping(rows, order, jumps, scale.least_m, path)
     if jumps.part.any():
         rows, made = _apart(rows, order, jumps)
         line += (
@@ -102,23 +102,13 @@ def _without_repeats(rows: Rows, losses: Losses) -> tuple[IntArray, Rows]:
     return _without_repeats(rows[kept], losses)
 
 
-def _jumping(rows: Rows, order: IntArray, jumps: Jumps, least_m: float, path: Path) -> str:
-    """The first jump in words.
-
-    Raises:
-        ImplausibleError: ids do not name vehicles: they number the objects of each message.
-    """
+def _jumping(rows: Rows, order: IntArray, jumps: Jumps) -> str:
+    """The first jump in words."""
     first, then = order[jumps.at[0] : jumps.at[0] + 2].tolist()
     way_m = float(np.hypot(*(rows.position[then] - rows.position[first])))
     dt_s = (int(rows.time_ns[then]) - int(rows.time_ns[first])) * 1e-9
     name = rows.names[rows.track_id[first]]
-    line = f"vehicle {name} jumps {way_m:.4g} m in {dt_s:.3g} s ({way_m / dt_s:.4g} m/s)"
-    is_often = jumps.at.size > OFTEN * (len(rows) - np.unique(rows.track_id).size)
-    if jumps.at.size > MOST_JUMPS or (is_often and _exchange_bodies(rows, order, jumps.at, least_m)):
-        raise ImplausibleError(
-            f"{path}: expected ids that name vehicles, but {line}, to where another id was; {WITHOUT_IDS}"
-        )
-    return line
+    return f"vehicle {name} jumps {way_m:.4g} m in {dt_s:.3g} s ({way_m / dt_s:.4g} m/s)"
 
 
 def _exchange_bodies(rows: Rows, order: IntArray, at: IntArray, least_m: float) -> bool:

@@ -75,7 +75,7 @@ def test_rows_that_mostly_repeat_name_ids_and_stamps_as_causes(tmp_path, name, s
 
 def test_ids_that_vehicles_hand_on_at_each_message_name_none(tmp_path):
     """Six vehicles that drive abreast, 20 m apart: no step is longer than others, so none is a jump."""
-    for shifted, error in ((0, ""), (1, "most go to where another id was just before; `dirprim track --no-ids`")):
+    for shifted, error in ((0, ""), (1, "to where another id was just before; `dirprim track --no-ids`")):
         sent = [
             (k * STEP_NS, {"of": [{"id": f"v{(i + k * shifted) % 6}", "x": k, "y": 20 * i} for i in range(6)]})
             for k in range(100)
