@@ -138,6 +138,19 @@ def test_who_comes_too_seldom_for_a_course_is_tracked_beside_the_others(tmp_path
     assert set(read_tracks(path).track_id) == {"tug"}
 
 
+COVARIANCE = "covariance_xx_m2,covariance_xy_m2,covariance_yy_m2"
+
+
+@pytest.mark.parametrize(("columns", "values"), [("turn_signal", "left"), ("confidence", "0.9"), (COVARIANCE, "9,0,4")])
+def test_what_tracks_do_not_hold_is_tracked_with_and_ids_are_taken_apart(tmp_path, columns, values):
+    rows = [f"{0.1 * k:.1f},7,{k + 500 * (k >= 20)},0,{values}" for k in range(40)]
+    seen = Detections.concatenate(list(stream_detections(table(tmp_path, "\n".join([f"{PLACES},{columns}", *rows])))))
+    assert (len(seen), set(seen.track_id)) == (40, {"7", "7~1"})
+    assert np.isfinite([seen.cue[:, 0], seen.confidence, seen.covariance[:, 0, 0]]).sum() == 40
+    if columns == COVARIANCE:
+        assert (seen.covariance == np.diag([9.0, 4.0])).all()
+
+
 def test_motion_that_a_vehicle_has_not_in_all_rows_is_that_of_its_positions(tmp_path):
     rows = [f"{0.1 * k:.1f},{name},{k},0,{course},{speed}" for k in range(4) for name, course, speed in (
         ("reported", 1.5, 3), ("part", 1.5, "" if k == 2 else 3), ("none", "", ""))]  # fmt: skip

@@ -35,7 +35,7 @@ class Table:
 
     Attributes:
         tracks: the rows that are good, of vehicles with an id.
-        detections: where some rows have no id, a turn signal or a confidence, or are alone in time, all that are good,
+        detections: where rows have no id, a turn signal, confidence or covariance, or are alone in time, all good ones,
             by sensor; the name is empty where the table has none.
         losses: how many rows were left out, by reason; and what was put right without a loss.
         labels: what each vehicle is, by its id; of those that the table gives a label.
@@ -78,7 +78,7 @@ def table_of(path: Path, rows: Rows, *, sensor: AnyArray | None = None, losses: 
     speed, and of two rows of a vehicle at one time the second. A vehicle id that stands in two groups means two
     vehicles: all ids become `group/id`. Where the course is missing in a row of a vehicle it is derived from all its
     positions, and so is the speed; a row that stands alone in time, and has no heading, is then dropped as well.
-    Where rows have no id, a turn signal, a confidence, or are alone but not their vehicle's only row, all are seen too.
+    Where rows have no id, or what tracks do not hold, or are alone but not their vehicle's only row, all are seen too.
 
     Args:
         path: the file.
@@ -111,13 +111,14 @@ def table_of(path: Path, rows: Rows, *, sensor: AnyArray | None = None, losses: 
     tracks = own.to_tracks(alone)
     losses += alone if len(tracks) else Losses()
     is_once = (np.bincount(own.track_id) == 1)[own.track_id] & ~own.has_motion() & np.isnan(own.heading)
-    is_seen = is_held(rows.cue) or is_held(rows.confidence) or len(own) - len(tracks) > is_once.sum()
-    are_tracks = len(tracks) and (good == is_named).all() and not is_seen  # by what tracks do not hold
-    is_own, motion = np.zeros(len(rows), np.bool_), np.array([rows.direction, rows.speed])
-    is_own[own.message], motion[:, own.message] = True, (own.direction, own.speed)
-    rows = replace(rows, direction=motion[0], speed=motion[1])
-    seen = (is_own | (good & ~is_named)) & (not are_tracks)
-    detections = _detections(rows[seen], np.full(len(rows), "")[seen] if sensor is None else sensor[seen])
+    not_held = rows.cue, rows.confidence, known_covariances(rows.covariance)  # by tracks
+    is_seen = any(map(is_held, not_held)) or len(own) - len(tracks) > is_once.sum()
+    if len(tracks) and (good == is_named).all() and not is_seen:
+        return Table(tracks=tracks, losses=losses, labels=labels)
+    rest, names = rows[good & ~is_named], np.append(own.names, rows.names)
+    seen = Rows.concatenate([own, replace(rest, track_id=rest.track_id + own.names.size)], names=names)
+    seen = seen[np.argsort(seen.message)]
+    detections = _detections(seen, np.full(len(seen), "") if sensor is None else sensor[seen.message])
     return Table(tracks=tracks, detections=detections, losses=losses, labels=labels)
 
 
