@@ -40,7 +40,7 @@ LEAST_INFORMATION = 1e-8
 
 
 class Gaussian(NamedTuple):
-    """Of x, y and their rates."""
+    """Of x, y and their rates; of a way at each of its instants, (t, 4) and (t, 4, 4)."""
 
     mean: FloatArray  # (4,)
     covariance: FloatArray  # (4, 4)
@@ -86,14 +86,7 @@ def without(known: Gaussian, before: Gaussian) -> Gaussian:
     return Gaussian(before.mean + covariance @ gained, covariance)
 
 
-class Way(NamedTuple):
-    """Where a vehicle was at instants (t,) of a gap: x, y and their rates."""
-
-    mean: FloatArray  # (t, 4)
-    covariance: FloatArray  # (t, 4, 4)
-
-
-def straight(model: ConstantVelocityKalman, ends: Ends, time_ns: IntArray) -> Way:
+def straight(model: ConstantVelocityKalman, ends: Ends, time_ns: IntArray) -> Gaussian:
     """The way at times (t,), straight on."""
     since_s = np.asarray((time_ns - ends.start_ns) * 1e-9)
     move, noise = model.transition(since_s), model.noise(since_s, over_s=ends.seconds)
@@ -101,7 +94,7 @@ def straight(model: ConstantVelocityKalman, ends: Ends, time_ns: IntArray) -> Wa
     shared = covariance @ model.transition(ends.seconds - since_s).swapaxes(1, 2)
     spread = ends.expected.covariance + ends.later.covariance
     gain = np.linalg.solve(spread, shared.swapaxes(1, 2)).swapaxes(1, 2)
-    return Way(mean + gain @ (ends.later.mean - ends.expected.mean), covariance - gain @ shared.swapaxes(1, 2))
+    return Gaussian(mean + gain @ (ends.later.mean - ends.expected.mean), covariance - gain @ shared.swapaxes(1, 2))
 
 
 def log_evidence(ends: Ends) -> float:
@@ -113,7 +106,7 @@ def log_evidence(ends: Ends) -> float:
 def across(
     bayes_filter: Smoothable, model: ConstantVelocityKalman, ends: Ends, start: States | None, time_ns: IntArray, *,
     key: int,
-) -> Way:  # fmt: skip
+) -> Gaussian:  # fmt: skip
     """The way at times (t,) within a gap: the mean of both answers by their evidence; without a map, straight on.
 
     Args:
@@ -143,17 +136,17 @@ def log_density(
         return float(np.logaddexp(np.log(share) + log_evidence(ends), np.log1p(-share) + by_map))
 
 
-def mixed(one: Way, other: Way, share: float) -> Way:
+def mixed(one: Gaussian, other: Gaussian, share: float) -> Gaussian:
     """The mean and covariance of two ways, the first of which has a share."""
     mean = share * one.mean + (1.0 - share) * other.mean
     apart = one.mean - other.mean
     between = share * (1.0 - share) * apart[:, :, None] * apart[:, None]
-    return Way(mean, share * one.covariance + (1.0 - share) * other.covariance + between)
+    return Gaussian(mean, share * one.covariance + (1.0 - share) * other.covariance + between)
 
 
 def guided(
     bayes_filter: Guided, model: ConstantVelocityKalman, ends: Ends, start: States, time_ns: IntArray, *, key: int
-) -> tuple[Way, float]:  # fmt: skip
+) -> tuple[Gaussian, float]:  # fmt: skip
     """The way at times (t,) by the filter's own motion, from samples at the start; and the log evidence of the end."""
     rng, (target, spread) = np.random.default_rng(key), ends.later
     n_guides = min(GUIDES, math.ceil(ends.seconds / GUIDE_S))
@@ -185,7 +178,7 @@ def guided(
 
 def _regressed(
     way: FloatArray, end: FloatArray, weight: FloatArray, target: FloatArray, spread: FloatArray
-) -> Way:  # fmt: skip
+) -> Gaussian:  # fmt: skip
     """Ways (t, P, 4) of samples that came to ends (P, 4), by weights (P,), given the end, of such a spread (4, 4)."""
     mean, reached = np.einsum("p,tpi->ti", weight, way), weight @ end
     off, from_reached = way - mean[:, None], end - reached
@@ -194,7 +187,7 @@ def _regressed(
     shared = np.einsum("tpi,pj->tij", off, by_weight)
     found = by_weight.T @ from_reached + LEAST_VARIANCE[:MOVES, :MOVES]
     gain = np.linalg.solve(found + spread, shared.swapaxes(1, 2)).swapaxes(1, 2)
-    return Way(mean + gain @ (target - reached), covariance - gain @ shared.swapaxes(1, 2))
+    return Gaussian(mean + gain @ (target - reached), covariance - gain @ shared.swapaxes(1, 2))
 
 
 def systematic(weight: FloatArray, n: int, rng: np.random.Generator) -> IntArray:
