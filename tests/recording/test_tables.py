@@ -25,7 +25,7 @@ from dirprim_filter.recording.estimate_tables import EXACT_NS, write_estimates
 from dirprim_filter.recording.losses import ALONE, FAR
 from dirprim_filter.recording.name_patterns import named_values
 from dirprim_filter.recording.reader import read_track_logs, stream_detections
-from dirprim_filter.recording.tables import read_named
+from dirprim_filter.recording.tables import read_named, summary_of
 from dirprim_filter.recording.tables.files import cells_of
 from dirprim_filter.recording.tables.named_columns import COLUMNS
 from dirprim_filter.recording.tables.table import MINUS_ONE
@@ -144,7 +144,9 @@ COVARIANCE = "covariance_xx_m2,covariance_xy_m2,covariance_yy_m2"
 @pytest.mark.parametrize(("columns", "values"), [("turn_signal", "left"), ("confidence", "0.9"), (COVARIANCE, "9,0,4")])
 def test_what_tracks_do_not_hold_is_tracked_with_and_ids_are_taken_apart(tmp_path, columns, values):
     rows = [f"{0.1 * k:.1f},7,{k + 500 * (k >= 20)},0,{values}" for k in range(40)]
-    seen = Detections.concatenate(list(stream_detections(table(tmp_path, "\n".join([f"{PLACES},{columns}", *rows])))))
+    path = table(tmp_path, "\n".join([f"{PLACES},{columns}", *rows]))
+    seen = Detections.concatenate(list(stream_detections(path)))
+    assert summary_of(read_named(path)).messages == 40  # and not as many tracks' rows too
     assert (len(seen), set(seen.track_id)) == (40, {"7", "7~1"})
     assert np.isfinite([seen.cue[:, 0], seen.confidence, seen.covariance[:, 0, 0]]).sum() == 40
     if columns == COVARIANCE:

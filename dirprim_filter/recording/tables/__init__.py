@@ -104,7 +104,7 @@ def summary_of(table: Table) -> LogSummary:
     sources: dict[str, Tracks | Detections] = {**parts, **table.detections}
     label = Counter(table.labels.get(name, "") for name in table.tracks.track_id.tolist())
     group = {topic: dict(Counter(rows.group.tolist())) for topic, rows in sources.items()}
-    times = np.concatenate([rows.time_ns for rows in sources.values()]).tolist()
+    times = np.concatenate([rows.time_ns for rows in (table.detections or parts).values()]).tolist()  # once each
     return LogSummary(
         topics=tuple(
             TopicSummary(name=topic, schema="", encoding="", messages=len(rows), tracks=len({*rows.track_id} - {NO_ID}))
