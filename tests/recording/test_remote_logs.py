@@ -62,7 +62,7 @@ class Server(SimpleHTTPRequestHandler):
 def serve(tmp_path, monkeypatch):
     """Serves a log, in small blocks; -> its URL."""
     pytest.importorskip("aiohttp", reason="reading URLs of http needs aiohttp")
-    monkeypatch.setattr(remote_file, "FETCHED_BYTES", 1 << 12)
+    monkeypatch.setattr(remote_file, "FETCHED_BYTES", 1 << 14)
     with contextlib.ExitStack() as servers:
 
         def serve(log, **how):
@@ -88,13 +88,13 @@ def drive(tmp_path_factory):
         if said.name == "dirprim.Observations":
             sent.append(("/tracks", message.log_time_ns, message.data, (said.name, said.encoding, said.data)))
             n = 8 if len(sent) % 18 == 10 else 0  # images behind each tenth
-            sent += [("/camera", message.log_time_ns, rng.bytes(1 << 15), ("Image", "", b"")) for _ in range(n)]
+            sent += [("/camera", message.log_time_ns, rng.bytes(1 << 13), ("Image", "", b"")) for _ in range(n)]
     log = write_messages(path.with_name("drive.mcap"), sent, "protobuf", chunk_size=1 << 14)
     return read_tracks(path), log.read_bytes()
 
 
 def test_little_more_is_fetched_than_the_chunks_that_carry_tracks(serve, drive, monkeypatch):
-    monkeypatch.setattr(remote_file, "FETCHED_BYTES", 1 << 10)
+    monkeypatch.setattr(remote_file, "FETCHED_BYTES", 1 << 11)
     url = serve(drive[1], knows_ranges=True)
     with scan(url) as log:
         summary = log.log.files[0].outline.summary
@@ -153,12 +153,12 @@ def test_a_log_reads_as_if_it_were_here(name, knows_ranges, serve, drive, tmp_pa
 def test_a_part_that_is_cut_short_is_said_in_one_line_and_the_next_read_goes_on(serve, tmp_path, drive, monkeypatch):
     url = serve(drive[1], knows_ranges=True)
     with scan(url) as log:
-        monkeypatch.setattr(Server, "cut_after", 1 << 13)
+        monkeypatch.setattr(Server, "cut_after", 1 << 15)
         with pytest.raises(RecordingError, match=r"expected its bytes .*; try again"):
             list(log)
         assert not log.damage
         (line,) = add_logs(tmp_path / "store", find_logs([url])).failures
-        assert re.match(rf"{url}: expected its bytes .* bytes of 4096; try again$", line)
+        assert re.match(rf"{url}: expected its bytes .* bytes of 16384; try again$", line)
         monkeypatch.setattr(Server, "cut_after", 1 << 60)
         assert list(log)
 
