@@ -139,9 +139,9 @@ class Reading:
         """Check that a part of a log that was asked for holds something; all of it may hold nothing.
 
         Raises:
-            RecordingError: there were no frames, and only a part of the log was asked for.
+            RecordingError: there were no frames, and only a part was asked for, or all rows are left out.
         """
-        if n_frames == 0 and self.given.keys() & ASKED.keys():
+        if n_frames == 0 and (losses.dropped or self.given.keys() & ASKED.keys()):
             raise self._nothing_left([log], losses)
 
     def _nothing_left(self, logs: list[Path], losses: Losses) -> RecordingError:

@@ -79,6 +79,15 @@ def test_a_store_has_the_origin_of_its_first_log(days, capsys):
     assert "expected latitudes and longitudes" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("command", ["track", "smooth"])
+def test_a_log_of_another_country_is_refused_and_what_is_there_stays(days, capsys, command):
+    Path("far.csv").write_text(Path("day2.csv").read_text().replace(",48.", ",52."))
+    Path("out.mcap").write_text("of another run")
+    assert dirprim(f"{command} far.csv {TRACK}") == FAILED
+    assert "far.csv: expected moving objects, got none; left out: 540 rows that are no lat" in capsys.readouterr().err
+    assert Path("out.mcap").read_text() == "of another run"
+
+
 def test_another_plane_is_refused(days, capsys, monkeypatch):
     origin = load_map("map.mcap").origin
     Path("metres.csv").write_text("time_s,track_id,x_m,y_m\n" + "".join(f"{k},v,{5 * k},0\n" for k in range(9)))
