@@ -148,8 +148,8 @@ def _require_ids(path: Path, seen: Detections | Rows) -> None:
             "`dirprim track` tracks them as detections"
         )
     if len(seen):
-        way = "`dirprim track --no-ids` tracks them"
-        raise DetectionsAloneError(f"{path}: expected tracks, got {len(seen)} detections without ids; {way}")
+        ids, way = "ids that come again" if is_named.any() else "ids", "`dirprim track --no-ids` tracks them"
+        raise DetectionsAloneError(f"{path}: expected tracks, got {len(seen)} detections without {ids}; {way}")
 
 
 def _of_first(one: LogSource, options: ReadOptions, origin: Origin | None, frame: str = "") -> ReadOptions:

@@ -143,7 +143,7 @@ def _of_rows(named: Detections) -> SelfCalibration:
             f"expected at least {FEWEST_PIECES} pieces of track of moving vehicles: state the noise, or calibrate "
             "the sensor against a truth"
         )
-    few = f"correlated_share: fewer than {FEWEST_PIECES} pieces of track do not show what lasts of errors"
+    few = "correlated_share: rows of so few vehicles, or so seldom ones, do not show what lasts of errors"
     return SelfCalibration(
         sensor=Sensor.white(motion.noise), n_pieces=np.unique(vehicle).size, n_detections=len(named),
         unknown=(UNSEEN, few),
