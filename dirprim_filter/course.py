@@ -35,10 +35,8 @@ INTERVALS_IN_GAP, LONGEST_GAP_S = 3.0, 60.0
 """across so many median intervals between a vehicle's rows, up to a minute."""
 STANDING_M = 0.3
 """A vehicle that moves less over the window stands: its motion may be the rocking of a body, or rounding."""
-STANDING_NOISE = 4.0
-"""A displacement below so many standard deviations of its noise counts as none,"""
-SMOOTHED_NOISE = 2.0
-"""or below so many of a smoother's."""
+STANDING_NOISE, SMOOTHED_NOISE = 4.0, 2.0
+"""A displacement below so many standard deviations of its noise counts as none, or below so many of a smoother's."""
 NOISE_SPAN_S = 1.0
 """Third differences of rows farther apart show braking and turning, not noise."""
 NOISE_SAMPLES = 100_000

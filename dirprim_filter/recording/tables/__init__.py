@@ -129,7 +129,8 @@ class TableDetections:
         if table.too_early:
             raise table.too_early
         table.log(path)
-        sources = dict(table.detections) or {OBJECTS: _detected(table.tracks)}
+        held = {name: getattr(table.tracks, name) for name in ("direction", "speed", "size")}
+        sources = dict(table.detections) or {OBJECTS: replace(Detections.of(table.tracks), **held)}
         self.topics, self.losses = frozenset(sources), table.losses
         seen = Detections.concatenate(sources.values())
         seen = seen if motion else replace(seen, direction=np.empty(0), speed=np.empty(0))
@@ -143,7 +144,3 @@ class TableDetections:
     def __iter__(self) -> Iterator[Detections]:
         """The instants."""
         return self._seen.frames()
-
-
-def _detected(tracks: Tracks) -> Detections:
-    return replace(Detections.of(tracks), direction=tracks.direction, speed=tracks.speed, size=tracks.size)
