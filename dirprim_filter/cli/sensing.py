@@ -142,8 +142,7 @@ def _scene(seen: Detections, log: Path, noise_m: float) -> OwnTracks | None:
         except ValueError as error:
             typer.echo(f"misses, clutter and births: the defaults, unless --set states them: {error}")
             return None
-    source = f"scene, learned from {len(found.seen)} detections without ids, {found.n_true} of them of vehicles"
-    typer.echo("\n".join([source, *number_lines(_rates(found))]))
+    typer.echo("\n".join([f"scene, learned from {_source(found)}", *number_lines(_rates(found))]))
     return found
 
 
@@ -156,7 +155,7 @@ def _lines(found: SelfCalibration) -> list[str]:
              if name != "correlation_s" or numbers[f"{axis}.correlated_share"]}  # fmt: skip
     source = f"{found.n_detections} detections in {counted(found.n_pieces, 'piece')} of track"
     if tracks is not None:
-        source = f"{len(tracks.seen)} detections without ids, {found.n_detections} of them of vehicles"
+        source = _source(tracks)
         shown |= _rates(tracks)
     unknown = [f"not known: {line}" for line in found.unknown]
     return [f"sensor, learned from {source}", *number_lines(shown), *unknown]
@@ -179,6 +178,10 @@ def first_minutes(frames: Iterator[Detections], *, n_most: int) -> list[Detectio
         if n_rows > n_most or (passed_s > LEARNED_FROM_S and n_rows > FEWEST_ROWS):
             break
     return first
+
+
+def _source(tracks: OwnTracks) -> str:
+    return f"{len(tracks.seen)} detections without ids, {tracks.n_true} of them of vehicles"
 
 
 def _rates(tracks: OwnTracks) -> dict[str, float]:

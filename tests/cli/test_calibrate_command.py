@@ -116,9 +116,10 @@ def test_a_log_is_tracked_by_a_sensor_file(here, capsys):
     assert rmse[1] < 0.8 * rmse[0]
 
 
-@pytest.mark.parametrize("states", ["user", "log"])
-def test_without_ids_misses_and_clutter_are_learned_whoever_states_the_noise(states, here, capsys):
+@pytest.mark.parametrize("states", ["user", "log", "nobody"])
+def test_without_ids_misses_and_clutter_are_learned_whoever_states_the_noise(states, here, capsys, monkeypatch):
     """Fifty false detections a frame; before anything was learned of them, all of them were taken for vehicles."""
+    monkeypatch.setattr(self_calibration, "MOST_PIECES", 9)  # noise is learned from fewer than there are
     rng = np.random.default_rng(0)
     seen = sense(TRUTH, replace(BIASED, detection_probability=0.7), rng=rng)
     frames, low, high = np.unique(seen.time_ns), seen.position.min(axis=0), seen.position.max(axis=0)
@@ -133,7 +134,9 @@ def test_without_ids_misses_and_clutter_are_learned_whoever_states_the_noise(sta
     options = "--noise 1" if states == "user" else ""
     assert dirprim(f"track log.mcap --no-ids --end 6 -o out {options}") == DONE
     said = capsys.readouterr()
-    assert said.out.startswith("scene, learned from ")
+    assert said.out.startswith("sensor, learned from " if states == "nobody" else "scene, learned from ")
+    n_true = int(said.out.partition(" detections without ids, ")[2].split()[0])
+    assert n_true == pytest.approx((seen.time_ns - seen.time_ns.min() < 6e9).sum(), rel=0.2)
     assert "no estimate" not in said.err  # though most are of no vehicle
     found = read_estimates("out")
     assert len(np.unique(found.track_id)) < 2 * TRUTH.n_tracks
