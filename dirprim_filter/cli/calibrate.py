@@ -9,7 +9,6 @@ import typer
 from dirprim_filter.cli import exit_codes
 from dirprim_filter.cli.options import Force, Log, Output, Truth
 from dirprim_filter.cli.reading import Reading
-from dirprim_filter.cli.sensing import number_lines
 from dirprim_filter.cli.texts import counted
 
 if TYPE_CHECKING:
@@ -51,6 +50,8 @@ def calibrate(
 
 def _lines(measured: Calibration) -> list[str]:
     """A line for each number, what is not known, and what it was learned from."""
+    from dirprim_filter.cli.sensing import number_lines
+
     head = (
         f"{counted(measured.n_pairs, 'detection')} of {counted(measured.n_vehicles, 'true vehicle')}, of "
         f"{measured.n_detections} in all; +- half a 99 % interval"

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Annotated, Any, get_type_hints
 
 import typer
-from typer.core import TyperCommand, TyperGroup
+from typer.core import TyperCommand
 
 from dirprim_filter.cli.compiling import mend_cache, quiet_unless_watched
 from dirprim_filter.cli.options import WRITTEN
@@ -103,18 +103,6 @@ class _Grouped(TyperCommand):
             if records:
                 with formatter.section(title):
                     formatter.write_dl(records)
-
-
-def titled(commands: Mapping[str, Sequence[str]]) -> type[TyperGroup]:
-    """A group that lists its commands, by name, under their titles."""
-
-    class Titled(TyperGroup):
-        def format_commands(self, ctx: Any, formatter: Any) -> None:
-            for title, names in commands.items():
-                with formatter.section(title):
-                    formatter.write_dl([(name, self.commands[name].get_short_help_str(66)) for name in names])
-
-    return Titled
 
 
 def _checked(given: Mapping[str, Any], marks: Mapping[str, Sequence[Any]]) -> list[Path]:

@@ -6,20 +6,17 @@ import logging
 from collections.abc import Iterable
 from itertools import chain, islice
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dirprim_filter.cli.texts import counted
+from dirprim_filter.arrays import FloatArray
+from dirprim_filter.cli.reading import Reading
+from dirprim_filter.cli.texts import counted, say
+from dirprim_filter.detections import Detections
+from dirprim_filter.estimates import TrackedFrame
+from dirprim_filter.filtering import GroupTracker
+from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from tessellation import GridTessellation
-
-if TYPE_CHECKING:
-    from dirprim_filter.arrays import FloatArray
-    from dirprim_filter.cli.reading import Reading
-    from dirprim_filter.detections import Detections
-    from dirprim_filter.estimates import TrackedFrame
-    from dirprim_filter.evaluation.calibration.own_tracks import OwnTracks
-    from dirprim_filter.primitives.primitive_map import PrimitiveMap
 
 logger = logging.getLogger(__name__)
 
@@ -38,14 +35,9 @@ class Coverage:
     ) -> None:
         self._map, self._map_file, self._log = primitive_map, map_file, log
         self._cells = primitive_map.tessellation if primitive_map else GridTessellation.empty()
-        self._share_true = 1.0
         self._is_needed = is_needed and self._cells.n_cells > 0
         self._n_rows = self._n_outside = self._n_estimated = 0
         self._box = np.full((2, 2), np.inf)  # least x and y of the rows, and of the same negated
-
-    def expect(self, tracks: OwnTracks | None) -> None:
-        """What is known of a log without ids: which share of its rows is clutter."""
-        self._share_true = tracks.n_true / len(tracks.seen) if tracks else 1.0
 
     def write(self, frame: TrackedFrame) -> None:
         """Count the rows of a frame."""
@@ -95,17 +87,28 @@ class Coverage:
         if share > MOST_OUTSIDE and self._is_needed:
             logger.warning("%s: %s: is it the map of this place, in the same frame and origin?", self._map_file, where)
 
-    def text(self) -> str:
-        """Both shares."""
-        outside, missing = self._n_outside / max(self._n_rows, 1), 1.0 - self._n_estimated / max(self._n_rows, 1)
-        shares = f"; {missing:.1%} of {counted(self._n_rows, 'row')} without an estimate"
-        shares += f", {outside:.1%} outside the map" if self._map else ""
-        return shares if self._n_rows else ""
+    def say(self, what: str, trackers: GroupTracker, *, share_true: float) -> bool:
+        """Check, and print both shares; -> whether most rows of vehicles have no estimate: the log is hardly tracked.
 
-    @property
-    def is_poor(self) -> bool:
-        """Whether most rows of vehicles have no estimate: the log has hardly been tracked."""
-        return self._n_estimated < MOST_LOST * self._share_true * self._n_rows
+        Args:
+            what: was tracked.
+            trackers: by which.
+            share_true: of the rows, that are no clutter.
+        """
+        self.check()
+        if trackers.recoveries:
+            say(f"{trackers.recoveries} beliefs reinitialised, as they did not explain their measurements", err=True)
+        what += f", {counted(trackers.n_groups, 'group')}, each by itself" if trackers.n_groups > 1 else ""
+        if self._n_rows:
+            missing, outside = 1.0 - self._n_estimated / self._n_rows, self._n_outside / self._n_rows
+            what += f"; {missing:.1%} of {counted(self._n_rows, 'row')} without an estimate"
+            what += f", {outside:.1%} outside the map" if self._map else ""
+        say(what)
+        is_poor = self._n_estimated < MOST_LOST * share_true * self._n_rows
+        if is_poor:
+            say("most rows have no estimate: is the noise larger (--noise), or less clutter "
+                "(--set clutter_density=1e-9)?", err=True)  # fmt: skip
+        return is_poor
 
 
 def _box(position: FloatArray) -> FloatArray:

@@ -24,7 +24,8 @@ from dirprim_filter.cli.learn import learn
 from dirprim_filter.cli.options import Force, Seed
 from dirprim_filter.cli.plot import plot
 from dirprim_filter.cli.reading import Reading
-from dirprim_filter.cli.texts import FIGURES, Shown, columns, number
+from dirprim_filter.cli.tables import FIGURES
+from dirprim_filter.cli.texts import Shown, columns, number
 from dirprim_filter.cli.track import track as track_log
 from dirprim_filter.partial_file import PartialFile
 

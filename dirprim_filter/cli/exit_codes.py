@@ -9,6 +9,7 @@ from __future__ import annotations
 import _thread
 import signal
 import sys
+from collections.abc import Sequence
 from threading import Timer
 from typing import TYPE_CHECKING, NoReturn
 
@@ -47,9 +48,11 @@ def listen() -> None:
     sys.unraisablehook = repeat
 
 
-def of_losses(*losses: Losses) -> int:
-    """3 where a part of an input, if one row, could not be read or used; the library's log has said what."""
-    return INPUT_LOST if any(of.damage or of.dropped for of in losses) else DONE
+def of_losses(*losses: Losses, is_lost: bool = False, failures: Sequence[str] = ()) -> int:
+    """3 where a part of an input, if one row, could not be read or used; 1 where viewers failed. The log says what."""
+    if failures:
+        return FAILED
+    return INPUT_LOST if is_lost or any(of.damage or of.dropped for of in losses) else DONE
 
 
 def of_interruption() -> int:

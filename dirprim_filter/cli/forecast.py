@@ -19,7 +19,7 @@ FASTEST = 1e4
 
 def forecast(
     map_file: Map,
-    at: Annotated[tuple[float, float], typer.Option("--at", help="Position, metres east and north: --at 3 17.")],
+    at: Annotated[tuple[float, float], typer.Option(help="Position, metres east and north: --at 3 17.")],
     direction_deg: Annotated[float, typer.Option(help="Course, degrees counter-clockwise from east.")],
     speed: Annotated[float, typer.Option(help="m/s.")],
     horizon: Annotated[float, typer.Option(min=1e-3, max=3600.0, help="Seconds to look ahead.")] = 5.0,

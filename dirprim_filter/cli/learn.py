@@ -7,7 +7,6 @@ from typing import Any
 
 from dirprim_filter.cli import exit_codes, options
 from dirprim_filter.cli.reading import Reading
-from dirprim_filter.cli.results import save_learned
 from dirprim_filter.cli.texts import counted
 
 
@@ -44,6 +43,7 @@ def learn(
     import numpy as np
 
     from dirprim_filter.cli.progress import learning_progress
+    from dirprim_filter.cli.results import save_learned
     from dirprim_filter.primitives.learning import learn_primitives
     from dirprim_filter.recording.sensor_file import load_sensor
     from dirprim_filter.sensor import without_bias

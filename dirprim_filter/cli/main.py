@@ -11,11 +11,13 @@ import sys
 from contextlib import redirect_stderr, redirect_stdout
 from importlib import import_module
 from itertools import chain
+from typing import Any
 
 import typer
+from typer.core import TyperGroup
 
 from dirprim_filter.cli import exit_codes
-from dirprim_filter.cli.commands import Quiet, Verbose, register, say_more_or_less, titled
+from dirprim_filter.cli.commands import Quiet, Verbose, register, say_more_or_less
 from dirprim_filter.cli.texts import Shown, hold_standard_streams
 
 COMMANDS = {
@@ -29,9 +31,19 @@ COMMANDS = {
 UNCOLLECTED = 100_000
 """New objects before garbage is looked for among them; Python's 700 suit programs that import little."""
 
+
+class _Titled(TyperGroup):
+    """Lists the commands under their titles."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        for title, names in COMMANDS.items():
+            with formatter.section(title):
+                formatter.write_dl([(name, self.commands[name].get_short_help_str(66)) for name in names])
+
+
 app = typer.Typer(
     name="dirprim",
-    cls=titled(COMMANDS),
+    cls=_Titled,
     help=(
         "Learn from MCAP logs how vehicles move at each place, and track vehicles with what was learned. "
         "New here? Run `dirprim demo`, then `dirprim info` on a log of your own."
@@ -69,11 +81,10 @@ def _every_command(
         False, "--version", is_eager=True, callback=_print_version, help="Print the version and exit."
     ),
 ) -> None:
-    logging.basicConfig(level=logging.WARNING, stream=sys.stderr, force=True)
+    form = "%(levelname)s: %(message)s"
+    logging.basicConfig(level=logging.WARNING, stream=sys.stderr, force=True, format=form)
+    logging.getLogger().handlers[0].addFilter(_Once())
     say_more_or_less(verbose, quiet)
-    for handler in logging.getLogger().handlers:
-        handler.setFormatter(_Shown("%(levelname)s: %(message)s"))
-        handler.addFilter(_Once())
 
 
 class _Once(logging.Filter):
@@ -84,19 +95,12 @@ class _Once(logging.Filter):
         self._said = set[str]()
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Whether it is no warning, or one that was not given before."""
-        text, n_said = record.getMessage(), len(self._said)
-        self._said |= {text} if record.levelno >= logging.WARNING else set()
-        return record.levelno < logging.WARNING or len(self._said) > n_said
-
-
-class _Shown(logging.Formatter):
-    """Names of a log, which may hold anything, neither steer the terminal nor break the line."""
-
-    def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 (the base class's)
+        """Whether it is no warning, or one that was not given before; what it names does not break the line."""
         from dirprim_filter.recording.container.errors import one_line
 
-        return one_line(super().formatMessage(record))
+        record.msg, record.args, n_said = one_line(record.getMessage()), (), len(self._said)
+        self._said |= {record.msg} if record.levelno >= logging.WARNING else set()
+        return record.levelno < logging.WARNING or len(self._said) > n_said
 
 
 for name in chain.from_iterable(COMMANDS.values()):
@@ -124,24 +128,20 @@ def main() -> None:
 def run(arguments: list[str]) -> int:
     """Run the command line; -> its exit code."""
     with redirect_stdout(Shown(sys.stdout)), redirect_stderr(Shown(sys.stderr)):
-        return _run(arguments)
-
-
-def _run(arguments: list[str]) -> int:
-    try:
-        code = app(arguments, prog_name="dirprim", standalone_mode=False)
-    except KeyboardInterrupt:
-        code = exit_codes.INTERRUPTED
-    except Exception as error:
-        if hasattr(error, "exit_code") and hasattr(error, "show"):  # the parser's own: usage
-            error.show()
-            return int(error.exit_code)
-        if exit_codes.Terminated.came:
-            return exit_codes.of_interruption()
-        if not _is_the_users(error) or logging.getLogger().isEnabledFor(logging.INFO):
-            raise
-        sys.stderr.write(f"error: {_one_line(error)}\n")
-        return exit_codes.FAILED
+        try:
+            code = app(arguments, prog_name="dirprim", standalone_mode=False)
+        except KeyboardInterrupt:
+            code = exit_codes.INTERRUPTED
+        except Exception as error:
+            if hasattr(error, "exit_code") and hasattr(error, "show"):  # the parser's own: usage
+                error.show()
+                return int(error.exit_code)
+            if exit_codes.Terminated.came:
+                return exit_codes.of_interruption()
+            if not _is_the_users(error) or logging.getLogger().isEnabledFor(logging.INFO):
+                raise
+            sys.stderr.write(f"error: {_one_line(error)}\n")
+            return exit_codes.FAILED
     if code == exit_codes.INTERRUPTED:  # as the parser returns it too
         return exit_codes.of_interruption()
     return code if isinstance(code, int) else exit_codes.DONE

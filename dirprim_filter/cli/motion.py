@@ -4,21 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from itertools import chain
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from pathlib import Path
+from typing import Literal, NamedTuple
 
+import numpy as np
 import typer
 
+from dirprim_filter.cli.progress import working
+from dirprim_filter.cli.reading import Reading
 from dirprim_filter.cli.sensing import first_minutes
 from dirprim_filter.cli.texts import counted
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from dirprim_filter.cli.reading import Reading
-    from dirprim_filter.config import FilterConfig
-    from dirprim_filter.detections import Detections
-    from dirprim_filter.filtering import BayesFilter
-    from dirprim_filter.primitives.primitive_map import PrimitiveMap
+from dirprim_filter.config import FilterConfig
+from dirprim_filter.detections import NO_ID, Detections
+from dirprim_filter.filtering import BayesFilter, ConstantVelocityKalman
+from dirprim_filter.primitives.primitive_map import PrimitiveMap
+from dirprim_filter.recording import load_map
 
 STRAIGHT_ON = 1.0
 """m^2/s^3, density of white acceleration where neither the user states one nor the log has ids: cars in towns."""
@@ -39,8 +39,6 @@ class MotionModel(NamedTuple):
 
     def model(self, config: FilterConfig) -> PrimitiveMap | BayesFilter:
         """As a tracker takes it: a filter of its own for each."""
-        from dirprim_filter.filtering import ConstantVelocityKalman
-
         if self.primitive_map is not None:
             return self.primitive_map
         return ConstantVelocityKalman(acceleration_density=self.acceleration, config=config)
@@ -48,8 +46,6 @@ class MotionModel(NamedTuple):
 
 def map_of(map_file: Path | None, reading: Reading) -> tuple[PrimitiveMap | None, Reading]:
     """The map, if a file was given; and the reading of logs that meet it."""
-    from dirprim_filter.recording import load_map
-
     if map_file is None:
         return None, reading
     loaded = load_map(map_file)
@@ -83,10 +79,6 @@ def motion_of(
     if choice == "learned" and by_map is not None:
         return MotionModel(by_map), frames
 
-    import numpy as np
-
-    from dirprim_filter.cli.progress import working
-    from dirprim_filter.detections import NO_ID, Detections
     from dirprim_filter.evaluation.without_map import acceleration_of, background_motion
 
     first, coming, rng = list[Detections](), iter(frames), np.random.default_rng(seed)

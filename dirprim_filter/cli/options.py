@@ -25,14 +25,6 @@ AUTO = "auto"
 """In place of a sensor's file: learn it from the log."""
 
 
-Cells = Literal["joint", "voronoi", "grid"]
-"""How the plane is divided."""
-
-
-MOST_DIGITS = 10
-"""Of seconds: more are no time in nanoseconds of 64 bits."""
-
-
 def time_ns(text: str | None, option: str) -> int | None:
     """A time on the command line: seconds from a log's start, nanoseconds with ns behind, or RFC 3339; None stays None.
 
@@ -46,7 +38,7 @@ def time_ns(text: str | None, option: str) -> int | None:
             return int(text.removesuffix("ns"))
         from dirprim_filter.recording.objects.options import FromStart
 
-        if (seconds := Decimal(text.removesuffix("s"))).adjusted() < MOST_DIGITS:  # else an integer of all of them
+        if (seconds := Decimal(text.removesuffix("s"))).adjusted() < 10:  # more are no nanoseconds of 64 bits
             return FromStart(seconds * 1_000_000_000)
     try:
         moment = datetime.fromisoformat(text)
@@ -149,12 +141,12 @@ Outputs = Annotated[list[Path], _several(f"Logs of `dirprim track`, or tables: {
 EstimatesFile = Annotated[Path, typer.Argument(help="A log of `dirprim track`.", **FILE)]
 MapFile = Annotated[Path, typer.Argument(help=MAP, **FILE)]
 Map = Annotated[Path, typer.Option("--map", help=MAP, **FILE)]
-MapOrNone = Annotated[Path | None, typer.Option("--map", help="A learned map.", exists=True, dir_okay=False)]
+MapOrNone = Annotated[Path | None, typer.Option("--map", help="A learned map.", **FILE)]
 Motion = Annotated[
     Literal["learned", "constant-velocity"],
     typer.Option(metavar="learned|constant-velocity", help="By the map or log; or a Kalman filter."),
 ]
-_truth = typer.Option("--truth", help="A log of the true tracks, to compare with.", parser=existing_log)
+_truth = typer.Option(help="A log of the true tracks, to compare with.", parser=existing_log)
 Truth = Annotated[Path, _truth]
 MaybeTruth = Annotated[Path | None, _truth]
 Output = Annotated[Path, typer.Option("--output", "-o", help="The file to write."), WRITTEN]
@@ -166,46 +158,40 @@ Table = Annotated[
 ]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite what exists.")]
 Json = Annotated[bool, typer.Option("--json", help="Print all figures, and what they follow from, as JSON.")]
-Seed = Annotated[int, typer.Option("--seed", min=0, help="The same seed gives the same result.")]
+Seed = Annotated[int, typer.Option(min=0, help="The same seed gives the same result.")]
 Split = Annotated[
     Literal["vehicle", "group"] | None, typer.Option(help="Held out together. Default: groups, if several.")
 ]
 Folds = Annotated[int, typer.Option(min=1, help="Number of folds, each held out once.")]
-Tessellation = Annotated[Cells, typer.Option(help="joint: with the primitives; voronoi: by positions; grid: squares.")]
+Tessellation = Annotated[
+    Literal["joint", "voronoi", "grid"],
+    typer.Option(help="joint: with the primitives; voronoi: by positions; grid: squares."),
+]
 CellSize = Annotated[float | None, typer.Option(help="Metres. Default: chosen on held-out vehicles.")]
 CellCount = Annotated[int | None, typer.Option("--cells", help="Approximate number of cells, instead of their size.")]
 HowModes = Annotated[Literal["bic", "dbscan"], typer.Option(help="bic, or the paper's dbscan.")]
 HowShaped = Annotated[Literal["curved", "flat"], typer.Option(help="How a primitive varies inside its cell.")]
-Topics = Annotated[str | None, typer.Option("--topics", help="Name or regular expression. Default: the best there is.")]
-Start = Annotated[str | None, typer.Option("--start", help="Seconds from the log's first time; 5ns; or RFC 3339.")]
-End = Annotated[str | None, typer.Option("--end", help="End, exclusive, likewise.")]
+Topics = Annotated[str | None, typer.Option(help="Name or regular expression. Default: the best there is.")]
+Start = Annotated[str | None, typer.Option(help="Seconds from the log's first time; 5ns; or RFC 3339.")]
+End = Annotated[str | None, typer.Option(help="End, exclusive, likewise.")]
 Strict = Annotated[bool, typer.Option("--strict", help="Treat damage in a log as an error.")]
-Config = Annotated[Path | None, typer.Option("--config", help="TOML, or an earlier run's --json or -o.", **FILE)]
+Config = Annotated[Path | None, typer.Option(help="TOML, or an earlier run's --json or -o.", **FILE)]
 Particles = Annotated[int | None, typer.Option(min=1, help="Particles for each vehicle. Default: 1000.")]
 Noise = Annotated[float | None, typer.Option(min=1e-6, help="Standard deviation of positions, m. Default: learned.")]
-SLOWEST_HZ, FASTEST_HZ = 1e-3, 1e3
 Rate = Annotated[
     float | None,
-    typer.Option(
-        "--rate", metavar="HZ", min=SLOWEST_HZ, max=FASTEST_HZ,
-        help="Estimate so many times a second where no frame comes.",
-    ),
-]  # fmt: skip
-SensorFile = Annotated[Path | None, typer.Option("--sensor", help=f"{SENSOR}.", **FILE)]
+    typer.Option(metavar="HZ", min=1e-3, max=1e3, help="Estimate so many times a second where no frame comes."),
+]
+SensorFile = Annotated[Path | None, typer.Option(help=f"{SENSOR}.", **FILE)]
 SensorOrAuto = Annotated[
-    str | None, typer.Option("--sensor", help=f"{SENSOR}; auto, the default: learned from the log.", parser=_sensor)
+    str | None, typer.Option(help=f"{SENSOR}; auto, the default: learned from the log.", parser=_sensor)
 ]
 NoIds = Annotated[bool, typer.Option("--no-ids", help="Ignore the ids of a log.")]
 StoreFolder = Annotated[Path, typer.Argument(metavar="STORE", help="Its folder, or a URL such as s3://bucket/fleet.")]
-StoreWorkers = Annotated[
-    int | None, typer.Option("--workers", min=1, help="Processes. Default: one; to add logs, one per core.")
-]
-Scheduler = Annotated[str | None, typer.Option("--scheduler", help="Of Dask, such as tcp://192.168.0.7:8786.")]
-Save = Annotated[Path | None, typer.Option("--save", help="Write an .rrd for the rerun viewer."), WRITTEN]
+StoreWorkers = Annotated[int | None, typer.Option(min=1, help="Processes. Default: one; to add logs, one per core.")]
+Scheduler = Annotated[str | None, typer.Option(help="Of Dask, such as tcp://192.168.0.7:8786.")]
+Save = Annotated[Path | None, typer.Option(help="Write an .rrd for the rerun viewer."), WRITTEN]
 Spawn = Annotated[bool, typer.Option("--spawn", help="Start a new rerun viewer and stream to it.")]
 Connect = Annotated[
-    str | None,
-    typer.Option(
-        "--connect", help="Stream to a viewer, such as rerun+http://127.0.0.1:9876/proxy.", callback=_answered
-    ),
+    str | None, typer.Option(help="Stream to a viewer, such as rerun+http://127.0.0.1:9876/proxy.", callback=_answered)
 ]

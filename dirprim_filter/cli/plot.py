@@ -18,15 +18,13 @@ SMALLEST_M, LONGEST_TIMES = 1.0, 100.0
 def plot(
     map_file: MapFile,
     output: Picture,
-    log: Annotated[
-        Path | None, typer.Option("--log", help="Draw the tracks of this log as well.", parser=existing_log)
-    ] = None,
+    log: Annotated[Path | None, typer.Option(help="Draw the tracks of this log as well.", parser=existing_log)] = None,
     estimates: Annotated[
-        Path | None, typer.Option("--estimates", help="Draw the estimates that `dirprim track` wrote.", **FILE)
+        Path | None, typer.Option(help="Draw the estimates that `dirprim track` wrote.", **FILE)
     ] = None,
     extent: Annotated[
         tuple[float, float, float, float] | None,
-        typer.Option("--extent", help="What to show: west south east north, metres. Default: 99 % of the traffic."),
+        typer.Option(help="What to show: west south east north, metres. Default: 99 % of the traffic."),
     ] = None,
     force: Force = False,
     *,

@@ -6,7 +6,6 @@ A command that reads logs has one parameter `reading`; on the command line it is
 
 from __future__ import annotations
 
-import logging
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
@@ -24,19 +23,10 @@ if TYPE_CHECKING:
     from dirprim_filter.recording.reader import DetectionStream, ReadOptions, TrackResult
     from dirprim_filter.recording.tables import TableDetections
 
-logger = logging.getLogger(__name__)
-
-
-TimeSource = Literal["log", "publish", "header"]
-"""Which time of a message to use."""
 Time = Annotated[
-    TimeSource,
-    typer.Option(
-        "--time-source", help="Time of a message: of logging, publishing, or the stamp in it if there is one."
-    ),
+    Literal["log", "publish", "header"],
+    typer.Option(help="Time of a message: of logging, publishing, or the stamp in it if there is one."),
 ]
-
-
 OPTIONS: dict[str, tuple[Any, Any]] = {
     "topics": (Topics, None), "time_source": (Time, "header"), "start": (Start, None), "end": (End, None),
     "strict": (Strict, False),

@@ -6,7 +6,7 @@ import hashlib
 import json
 import math
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
@@ -15,16 +15,18 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from dirprim_filter.cli import exit_codes
+from dirprim_filter.cli.reading import Reading
 from dirprim_filter.cli.settings import Settings, deal
 from dirprim_filter.cli.texts import counted
+from dirprim_filter.config import FilterConfig, LearningConfig, TrackingConfig, from_table
+from dirprim_filter.recording.container.errors import without_secrets
+from dirprim_filter.recording.container.source import open_files
+from dirprim_filter.recording.errors import RecordingError
+from dirprim_filter.recording.losses import Losses
+from dirprim_filter.recording.scan import scan
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from dirprim_filter.cli.reading import Reading
-    from dirprim_filter.config import FilterConfig, TrackingConfig
     from dirprim_filter.primitives.primitive_map import PrimitiveMap
-    from dirprim_filter.recording.losses import Losses
 
 FORMAT_VERSION = 2
 """Of the objects that `--json` writes; 1 had neither `format` nor `inputs`."""
@@ -34,8 +36,6 @@ CONFIG_KEY = "experiment"
 
 def provenance(command: str, *, inputs: Sequence[Path], config: Any = None, **options: object) -> dict[str, str]:
     """The command, its options, its configuration, the version and the inputs' checksums, as text."""
-    from dirprim_filter.recording.container.errors import without_secrets
-
     said = {"command": command, "version": version("dirprim-filter")}
     said |= {name: without_secrets(str(value)) for name, value in options.items() if value is not None}
     if config is not None:
@@ -50,7 +50,6 @@ def save_learned(
     learned: PrimitiveMap, output: Path, *, said: dict[str, Any], counts: str, force: bool, inputs: Sequence[Path] = ()
 ) -> None:
     """Write a map with what its metadata says, and say what it is; `counts`: of what it was learned from."""
-    from dirprim_filter.config import LearningConfig
     from dirprim_filter.recording import save_map
 
     save_map(learned, output, metadata=provenance("learn", inputs=inputs, config=LearningConfig(), **said), force=force)
@@ -67,16 +66,12 @@ def _map_text(learned: PrimitiveMap) -> str:
 
 def metadata_of(path: Path) -> dict[str, str]:
     """What the metadata records of a log say."""
-    from dirprim_filter.recording.scan import scan
-
     with scan(path) as log:
         return {key: value for _, entries in log.metadata for key, value in entries.items()}
 
 
 def checksum(path: Path) -> str:
     """The file's SHA-256, in hexadecimal; of several files that of theirs."""
-    from dirprim_filter.recording.container.source import open_files
-
     sums = []
     for _, bytes_of in open_files(path):
         whole = hashlib.sha256()
@@ -122,8 +117,6 @@ def read_experiment(path: Path | None) -> dict[str, Any]:
     Raises:
         ValueError: the file describes none.
     """
-    from dirprim_filter.recording.errors import RecordingError
-
     if path is None:
         return {}
     try:
@@ -154,8 +147,6 @@ def read_filter(
         BadParameter: a setting is neither's.
         ValueError: the file has none, or a field is unknown or out of range.
     """
-    from dirprim_filter.config import FilterConfig, TrackingConfig, from_table
-
     config = read_experiment(path)
     kinds: dict[str, type[Any]] = {"filter": FilterConfig, "tracking": TrackingConfig}
     if path is not None and path.suffix == ".toml" and (unknown := [*config.keys() - kinds]):

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from dirprim_filter.cli.options import Json, Outputs, Truth
 from dirprim_filter.cli.reading import Reading
-from dirprim_filter.cli.results import report
 from dirprim_filter.cli.settings import Settings, deal, taken
-from dirprim_filter.cli.texts import counted, figure_lines, number, say
+from dirprim_filter.cli.tables import score_text
+from dirprim_filter.cli.texts import counted, say
 from dirprim_filter.recording.name_patterns import is_table
-
-if TYPE_CHECKING:
-    from dirprim_filter.evaluation.scores import ScoreTable
 
 SMOOTHED = " smoothed"
 """Ends the name of what a smoother wrote."""
@@ -35,8 +32,7 @@ def score(
         bool, typer.Option("--smoothed", help="Also score the smoothed estimates of --smooth or --lag.")
     ] = False,
     with_ids: Annotated[
-        bool,
-        typer.Option("--ids/--no-ids", help="Assign estimates by id, or to the nearest vehicle."),
+        bool, typer.Option("--ids/--no-ids", help="Assign estimates by id, or to the nearest vehicle.")
     ] = False,
     as_json: Json = False,
     *,
@@ -55,6 +51,7 @@ def score(
     Example: dirprim score tracks.mcap other.csv --truth recordings/roundabout_track.mcap
     """
     from dirprim_filter.cli.progress import step_progress
+    from dirprim_filter.cli.results import report
     from dirprim_filter.evaluation.scores import score_rows
     from dirprim_filter.recording.estimate_tables import read_tracked_rows
 
@@ -83,34 +80,3 @@ def score(
         "score", [*estimates, truth], reading, log.losses, table=asdict(table), settings=asdict(own),
         text=lambda: score_text(table, truth.name), as_json=as_json,
     )  # fmt: skip
-
-
-def score_text(table: ScoreTable, truth: str) -> str:
-    """A line for each figure, a column for each file."""
-    matched = "vehicles by their ids" if table.with_ids else "vehicles by their places"
-    groups = f" in {counted(table.n_groups, 'group')}, each by itself" if table.n_groups > 1 else ""
-    names = [found.name for found in table.scores]
-    return "\n".join([
-        f"{truth}: {counted(table.n_vehicles, 'vehicle')}{groups}, {counted(table.n_rows, 'row')}; errors of "
-        f"{matched}; similarity is 0 from {table.similarity_m:g} m, GOSPA's cut-off",
-        _judged_line(table),
-        "",
-        *figure_lines(names, lambda i, figure: number(getattr(table.scores[i].report, figure))),
-        "",
-        *(
-            f"{found.name}: {counted(found.n_tracks, 'track')}, {counted(found.n_rows, 'row')} at "
-            f"{counted(found.n_instants, 'instant')}, {found.n_interpolated} of them interpolated"
-            for found in table.scores
-        ),
-    ])  # fmt: skip
-
-
-def _judged_line(table: ScoreTable) -> str:
-    """At which instants, and whether the truth is interpolated there."""
-    instants = f"judged at the truth's {counted(table.n_instants, 'instant')}"
-    if not table.n_interpolated:
-        return f"{instants}, row by row"
-    return (
-        f"{instants}; {table.n_interpolated} of the truth's rows are interpolated, between rows of a vehicle at most "
-        f"{table.longest_gap_s:g} s apart"
-    )

@@ -4,20 +4,26 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import typer
 
 from dirprim_filter.cli.options import AUTO
+from dirprim_filter.cli.progress import working
+from dirprim_filter.cli.settings import Settings
 from dirprim_filter.cli.texts import counted
+from dirprim_filter.config import FilterConfig, TrackingConfig
+from dirprim_filter.detections import NO_ID, Detections
+from dirprim_filter.recording.sensor_file import load_sensor
+from dirprim_filter.sensor import Sensor
 
 if TYPE_CHECKING:
-    from dirprim_filter.detections import Detections
     from dirprim_filter.evaluation.calibration.own_tracks import OwnTracks
     from dirprim_filter.evaluation.calibration.self_calibration import SelfCalibration
-    from dirprim_filter.sensor import Sensor
 
 logger = logging.getLogger(__name__)
 
@@ -62,12 +68,6 @@ def sensor_of(
         BadParameter: `auto` was asked for, and the log is live.
         ValueError: the file is none; or `auto` was asked for, and the log does not show how the sensor errs.
     """
-    import numpy as np
-
-    from dirprim_filter.config import FilterConfig
-    from dirprim_filter.detections import Detections
-    from dirprim_filter.recording.sensor_file import load_sensor
-
     if sensor not in (None, AUTO):
         return load_sensor(sensor), None, _beside_covariances(frames, log, SENSOR_COUNTS)
     if is_live:
@@ -97,10 +97,30 @@ def sensor_of(
     return found.sensor, found.tracks, _beside_covariances(everything, log, SENSOR_COUNTS)
 
 
+def configured(
+    sensor: Sensor | None, tracks: OwnTracks | None, settings: Settings, filtering: FilterConfig,
+    association: TrackingConfig, *, by_map: bool,
+) -> tuple[Sensor | None, FilterConfig, TrackingConfig]:  # fmt: skip
+    """A sensor and configurations with what is known of it and of the scene, but for what settings state themselves.
+
+    A map knows itself where vehicles are and begin.
+    """
+    of_sensor = ("detection_probability", "clutter_density")
+    if tracks is not None:
+        rates = of_sensor if by_map else (*of_sensor, "birth_density", "vehicle_density")
+        learned = {name: getattr(tracks.tracking, name) for name in rates if name not in settings}
+        association = replace(association, **learned)
+    if sensor is None:
+        return None, filtering, association
+    own: dict[str, Any] = {name: getattr(association, name) for name in of_sensor if name in settings}
+    if "outlier_probability" in settings:
+        own["outlier_share"] = filtering.outlier_probability
+    sensor = replace(sensor, **own)
+    return sensor, *sensor.informs(filtering, association)
+
+
 def _beside_covariances(frames: Iterable[Detections], log: Path, which: str) -> Iterator[Detections]:
     """The frames; at the first that states covariances a line says which of two errors counts."""
-    import numpy as np
-
     is_said = False
     for frame in frames:
         if not (is_said or np.isnan(frame.covariance[:, 0, 0]).all()):
@@ -110,9 +130,6 @@ def _beside_covariances(frames: Iterable[Detections], log: Path, which: str) -> 
 
 
 def _learned(seen: Detections, log: Path, *, seed: int, is_asked: bool) -> SelfCalibration | None:
-    import numpy as np
-
-    from dirprim_filter.cli.progress import working
     from dirprim_filter.evaluation.calibration.self_calibration import self_calibrate
 
     with working(f"learning how the sensor of {log.name} errs"):
@@ -129,9 +146,6 @@ def _learned(seen: Detections, log: Path, *, seed: int, is_asked: bool) -> SelfC
 
 def _scene(seen: Detections, log: Path, noise_m: float) -> OwnTracks | None:
     """Of a log without ids whose noise is stated; None with ids."""
-    from dirprim_filter.cli.progress import working
-    from dirprim_filter.detections import NO_ID
-
     if (seen.track_id != NO_ID).any():
         return None
     from dirprim_filter.evaluation.calibration.own_tracks import own_tracks
@@ -162,8 +176,6 @@ def _lines(found: SelfCalibration) -> list[str]:
 
 
 def _say_default(why: str) -> None:
-    from dirprim_filter.config import FilterConfig
-
     typer.echo(f"noise: {FilterConfig().noise_m:g} m, unless the log states it: {why}")
 
 

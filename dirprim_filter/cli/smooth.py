@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dirprim_filter.cli import exit_codes
-from dirprim_filter.cli.motion import map_of, motion_of
 from dirprim_filter.cli.options import Force, Log, MapOrNone, MaybeTruth, Motion, Output, Particles, Rate, Seed
 from dirprim_filter.cli.reading import Reading
-from dirprim_filter.cli.results import read_filter
 from dirprim_filter.cli.settings import Settings
+from dirprim_filter.cli.tables import score_text
 from dirprim_filter.cli.texts import counted
 
 if TYPE_CHECKING:
@@ -49,8 +48,9 @@ def smooth(
     import numpy as np
 
     from dirprim_filter.cli.coverage import Coverage
+    from dirprim_filter.cli.motion import map_of, motion_of
     from dirprim_filter.cli.progress import working
-    from dirprim_filter.cli.results import provenance
+    from dirprim_filter.cli.results import provenance, read_filter
     from dirprim_filter.detections import NO_ID, Detections
     from dirprim_filter.estimates import Estimates
     from dirprim_filter.recording.errors import RecordingError
@@ -96,7 +96,6 @@ def smooth(
 
 def _scored(before: Detections, output: Path, truth: Path, known: Tracks) -> str:
     """A table of both, as `dirprim score` prints it."""
-    from dirprim_filter.cli.score import score_text
     from dirprim_filter.evaluation.scores import score_rows
     from dirprim_filter.evaluation.tracked_rows import TrackedRows
     from dirprim_filter.recording.estimate_tables import read_tracked_rows

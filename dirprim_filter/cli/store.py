@@ -149,8 +149,7 @@ def keep(
     folder: StoreFolder,
     vehicles: Annotated[int | None, typer.Option(min=1, help="Of a turn in a month. Default: 100.")] = None,
     of_month: Annotated[
-        str | None,
-        typer.Option("--of-month", help="Such as 2026-08. Default: all but that of the last log.", parser=month),
+        str | None, typer.Option(help="Such as 2026-08. Default: all but that of the last log.", parser=month)
     ] = None,
 ) -> None:
     """Keep fewer vehicles of months that are over.

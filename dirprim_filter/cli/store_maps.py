@@ -9,7 +9,6 @@ from typing import Annotated, Any
 import typer
 
 from dirprim_filter.cli import exit_codes, options
-from dirprim_filter.cli.results import metadata_of, save_learned
 from dirprim_filter.cli.texts import counted, say
 from dirprim_filter.partial_file import PartialFile
 
@@ -55,6 +54,7 @@ def learn(
     import numpy as np
 
     from dirprim_filter.cli.progress import learning_progress
+    from dirprim_filter.cli.results import save_learned
     from dirprim_filter.config import LearningConfig
     from dirprim_filter.store.learning import learn_from_store
     from dirprim_filter.store.sampling import Hours
@@ -103,6 +103,8 @@ def update(
 
     Example: dirprim store update map.mcap fleet
     """
+    from dirprim_filter.cli.results import metadata_of
+
     said = metadata_of(map_file)
     if "sha256 store" not in said:
         raise ValueError(f"{map_file}: expected a map of a store; learn it with `dirprim learn STORE`")

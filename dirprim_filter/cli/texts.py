@@ -11,17 +11,6 @@ from typing import TextIO
 import typer
 
 UNKNOWN = "-"
-FIGURES = {
-    "rmse": "RMSE, m", "seen_rmse": "RMSE in sight, m", "hidden_rmse": "RMSE in gaps, m",
-    "direction_rmse": "RMSE of course, rad", "speed_rmse": "RMSE of speed, m/s",
-    "nees": "NEES", "seen_nees": "NEES in sight", "hidden_nees": "NEES in gaps",
-    "coverage_90": "truth in 90 %", "hidden_coverage_90": "in 90 %, in gaps",
-    "reported": "reported", "interpolated": "truth interpolated", "hota": "HOTA", "deta": "DetA", "assa": "AssA",
-    "loca": "LocA", "idf1": "IDF1", "mota": "MOTA", "switches": "identity switches",
-    "gospa": "GOSPA per vehicle, m",
-    "localisation": "  localisation, m2", "missed": "  missed, m2", "false": "  false, m2",
-}  # fmt: skip
-"""The figures of a `TrackingReport`, and what tables call them."""
 
 
 def counted(n: int, what: str) -> str:
@@ -48,31 +37,6 @@ def columns(rows: Sequence[Sequence[str]], *, n_left: int = 1) -> list[str]:
         ).rstrip()
         for row in rows
     ]
-
-
-def figure_lines(names: Sequence[str], cell: Callable[[int, str], str]) -> list[str]:
-    """The lines of all figures; `cell`: of a column, by its number, and a figure."""
-    return columns([["", *names], *([head, *(cell(i, of) for i in range(len(names)))] for of, head in FIGURES.items())])
-
-
-def markdown(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Rows, the first of them heads, as a table of Markdown."""
-    head, *others = [[cell.replace("\\", "\\\\").replace("|", "\\|") for cell in row] for row in rows]
-    return [f"| {' | '.join(row)} |" for row in (head, ["---", *["---:"] * (len(head) - 1)], *others)]
-
-
-LATEX = str.maketrans({
-    **{sign: f"\\{sign}" for sign in "%_&#${}"}, "\\": r"\textbackslash{}", "~": r"\textasciitilde{}",
-    "^": r"\textasciicircum{}", "±": r"$\pm$",
-})  # fmt: skip
-"""Signs that LaTeX takes for its own, and how they are typed."""
-
-
-def latex(rows: Sequence[Sequence[str]]) -> list[str]:
-    """The same as a tabular of LaTeX, which needs no package."""
-    head, *others = [" & ".join(cell.translate(LATEX) for cell in row) + r" \\" for row in rows]
-    begin, end = rf"\begin{{tabular}}{{l{'r' * (len(rows[0]) - 1)}}}", r"\end{tabular}"
-    return [begin, r"\hline", head, r"\hline", *others, r"\hline", end]
 
 
 def say(*lines: str, err: bool = False) -> None:

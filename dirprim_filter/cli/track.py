@@ -4,30 +4,21 @@ from __future__ import annotations
 
 import json
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from dirprim_filter.cli import exit_codes, options
-from dirprim_filter.cli.motion import map_of, motion_of
 from dirprim_filter.cli.reading import Reading
-from dirprim_filter.cli.results import CONFIG_KEY, read_filter
-from dirprim_filter.cli.sensing import sensor_of
 from dirprim_filter.cli.settings import Settings, taken
-from dirprim_filter.cli.texts import counted, say
+from dirprim_filter.cli.texts import counted
 from dirprim_filter.recording.topic_names import RosMessages
 
 if TYPE_CHECKING:
-    from dirprim_filter.cli.coverage import Coverage
-    from dirprim_filter.config import FilterConfig, TrackingConfig
     from dirprim_filter.estimates import EstimateSink
-    from dirprim_filter.evaluation.calibration.own_tracks import OwnTracks
-    from dirprim_filter.filtering import GroupTracker
-    from dirprim_filter.recording.writer import EstimateWriter
-    from dirprim_filter.sensor import Sensor
     from dirprim_filter.viewer.sink import RerunSink
 
 LARGEST_DENSITY = 1e9
@@ -107,9 +98,10 @@ def track(
     import numpy as np
 
     from dirprim_filter.cli.coverage import Coverage
+    from dirprim_filter.cli.motion import map_of, motion_of
     from dirprim_filter.cli.progress import with_progress
-    from dirprim_filter.cli.results import provenance
-    from dirprim_filter.cli.view import exit_code, open_viewer
+    from dirprim_filter.cli.results import CONFIG_KEY, provenance, read_filter
+    from dirprim_filter.cli.sensing import configured, sensor_of
     from dirprim_filter.filtering import GroupTracker, Tracker
     from dirprim_filter.filtering.smoothing.smoother import Smoother
     from dirprim_filter.forecasting import Forecaster
@@ -134,16 +126,16 @@ def track(
         if is_wrong:
             raise typer.BadParameter(why, param_hint=option)
     truth = options.existing_log(own.truth) if own.truth else None
+    smoother, lost = Smoother(lag_s=lag) if smooth or lag is not None else None, Losses()
     (primitive_map, reading), is_live = map_of(map_file, reading), is_pipe(log) and lag is not None
     filtering, association = read_filter(config, settings, Own, n_particles=particles, noise_m=noise)
     stream = reading.detections(log, motion=own.measured_motion, live=is_live)
-    coverage, lost = Coverage(primitive_map, map_file, log, is_needed=is_learned and not own.without_map), Losses()
+    coverage = Coverage(primitive_map, map_file, log, is_needed=is_learned and not own.without_map)
     sensing, own_tracks, frames = sensor_of(
         sensor, coverage.begun(stream, reading), log=log, noise_m=noise, is_configured=config is not None,
         is_live=is_live, with_ids=not no_ids, seed=seed,
     )  # fmt: skip
-    coverage.expect(own_tracks)
-    sensing, filtering, association = _configured(
+    sensing, filtering, association = configured(
         sensing, own_tracks, settings, filtering, association, by_map=map_file is not None
     )
     moves, frames = motion_of(
@@ -152,7 +144,6 @@ def track(
         fitted=own_tracks.acceleration_density if own_tracks else 0.0, is_forecast=forecast > 0, seed=seed,
         why_not="a live pipe does not wait for it" if is_live else "--no-ids" if no_ids else "",
     )  # fmt: skip
-    smoother = Smoother(lag_s=lag) if smooth or lag is not None else None
     said = provenance(
         "track", inputs=[path for path in (None if is_live else log, map_file) if path], config=filtering, seed=seed,
         without_map=own.without_map, no_ids=no_ids, measured_motion=own.measured_motion, motion=motion, smooth=smooth,
@@ -169,7 +160,7 @@ def track(
             rng=np.random.default_rng(seed),
         )  # fmt: skip
 
-    trackers, viewer = GroupTracker(tracker_of), None
+    trackers, failures = GroupTracker(tracker_of), list[str]()
     with ExitStack() as files:
         estimates = files.enter_context(EstimateWriter(
             output, metadata=said, force=force, also_as=None if also_as == "foxglove" else also_as,
@@ -178,15 +169,16 @@ def track(
         estimates.write_map_scene(primitive_map)
         outputs: list[EstimateWriter | RerunSink] = [estimates]
         if watched:
+            from dirprim_filter.cli.screen import open_viewer  # which loads rerun
+
             viewer = files.enter_context(open_viewer(
-                (map_file or log).stem, lost, save=save, spawn=spawn, connect=connect, force=force,
-                n_particles=own.particles_out, truth=truth,
+                (map_file or log).stem, lost, maps=[primitive_map] if primitive_map else [], save=save, spawn=spawn,
+                connect=connect, force=force, n_particles=own.particles_out, truth=truth,
                 reading=reading.of_truth(truth, *["group"] * (own.truth == str(log))) if truth else None,
             ))  # fmt: skip
-            if primitive_map is not None:
-                viewer.log_map(primitive_map)
             viewer.log_run(said)
             outputs.append(viewer)
+            failures = viewer.stream.failures
         sinks: list[EstimateSink] = [*outputs, coverage]
         if smoother is not None:
             smoother.sinks += [shown.write_smoothed for shown in outputs]
@@ -194,49 +186,18 @@ def track(
         if forecast > 0 and moves.primitive_map is not None:
             drawn, rng = [shown.write_forecast for shown in outputs], np.random.default_rng([seed, 1])
             sinks.append(Forecaster(moves.primitive_map, drawn, horizon_s=forecast, config=filtering, rng=rng))
-        seen = with_progress(
-            (frame.without_ids() for frame in frames) if no_ids else frames, what=f"tracking {log.name}",
-            end_ns=stream.end_ns,
-        )  # fmt: skip
-        n_frames = replay(seen, trackers, sinks, rate_hz=rate)
+        seen = (frame.without_ids() for frame in frames) if no_ids else frames
+        n_frames = replay(
+            with_progress(seen, what=f"tracking {log.name}", end_ns=stream.end_ns), trackers, sinks, rate_hz=rate
+        )
         reading.require_frames(n_frames, log, stream.losses)
-    _say(trackers, f"{output}: {counted(n_frames, 'frame')} of {', '.join(sorted(stream.topics))}", coverage)
-    return exit_code(viewer, exit_codes.INPUT_LOST if coverage.is_poor else exit_codes.of_losses(stream.losses, lost))
+    is_poor = coverage.say(
+        f"{output}: {counted(n_frames, 'frame')} of {', '.join(sorted(stream.topics))}", trackers,
+        share_true=own_tracks.n_true / len(own_tracks.seen) if own_tracks else 1.0,
+    )  # fmt: skip
+    return exit_codes.of_losses(stream.losses, lost, is_lost=is_poor, failures=failures)
 
 
 def is_pipe(log: Path) -> bool:
     """Whether it can be read once, and may be written while it is."""
     return str(log) == "-" or log.is_fifo()
-
-
-def _configured(
-    sensor: Sensor | None, tracks: OwnTracks | None, settings: Settings, filtering: FilterConfig,
-    association: TrackingConfig, *, by_map: bool,
-) -> tuple[Sensor | None, FilterConfig, TrackingConfig]:  # fmt: skip
-    """A sensor and configurations with what is known of it and of the scene, but for what settings state themselves.
-
-    A map knows itself where vehicles are and begin.
-    """
-    of_sensor = ("detection_probability", "clutter_density")
-    if tracks is not None:
-        rates = of_sensor if by_map else (*of_sensor, "birth_density", "vehicle_density")
-        learned = {name: getattr(tracks.tracking, name) for name in rates if name not in settings}
-        association = replace(association, **learned)
-    if sensor is None:
-        return None, filtering, association
-    own: dict[str, Any] = {name: getattr(association, name) for name in of_sensor if name in settings}
-    if "outlier_probability" in settings:
-        own["outlier_share"] = filtering.outlier_probability
-    sensor = replace(sensor, **own)
-    return sensor, *sensor.informs(filtering, association)
-
-
-def _say(trackers: GroupTracker, what: str, coverage: Coverage) -> None:
-    coverage.check()
-    if trackers.recoveries:
-        say(f"{trackers.recoveries} beliefs reinitialised, as they did not explain their measurements", err=True)
-    groups = f", {counted(trackers.n_groups, 'group')}, each by itself" if trackers.n_groups > 1 else ""
-    say(what + groups + coverage.text())
-    if coverage.is_poor:
-        say("most rows have no estimate: is the noise larger (--noise), or less clutter "
-            "(--set clutter_density=1e-9)?", err=True)  # fmt: skip

@@ -9,6 +9,7 @@ import numpy as np
 import rerun as rr
 
 from dirprim_filter.arrays import FloatArray
+from dirprim_filter.drawing.colors import track_color
 from dirprim_filter.estimates import TrackedFrame
 from dirprim_filter.viewer.matching import Matched
 
@@ -47,10 +48,13 @@ def styles() -> Iterator[tuple[str, rr.SeriesLines]]:
     """Names, colours and widths of the curves of all vehicles."""
     for path, of in PLOTS.items():
         if of.names:
-            yield (
-                f"{path}/{ALL}",
-                rr.SeriesLines(names=list(of.names), colors=list(of.colors), widths=[1.5] * len(of.names)),
-            )
+            lines = rr.SeriesLines(names=list(of.names), colors=list(of.colors), widths=[1.5] * len(of.names))
+            yield f"{path}/{ALL}", lines
+
+
+def style(name: str) -> rr.SeriesLines:
+    """Of a vehicle's curve, in its colour."""
+    return rr.SeriesLines(names=name, colors=track_color([name])[0], widths=1.0)
 
 
 def of_all(frame: TrackedFrame, matched: Matched | None) -> Mapping[str, tuple[float, ...]]:
@@ -58,7 +62,9 @@ def of_all(frame: TrackedFrame, matched: Matched | None) -> Mapping[str, tuple[f
     estimates = frame.estimates
     is_measured, ess = estimates.unseen_s == 0, estimates.effective_sample_size
     nothing = np.empty(0)
-    error, nees, n_true = (nothing, nothing, np.nan) if matched is None else (matched.error, matched.nees, len(matched))
+    error, nees, n_true = (
+        (nothing, nothing, np.nan) if matched is None else (matched.error, matched.nees, len(matched.names))
+    )
     return {
         "/error": (_mean(error),),
         "/nees": (_mean(nees), RIGHT_SQUARE),

@@ -6,14 +6,14 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.evaluation.error_curves import curves
 from dirprim_filter.evaluation.tracking import SMOOTHED_SUFFIX, TrackingTable
-from dirprim_filter.viewer.figures import DOTS_PER_INCH, FAINT, INK, NORMAL, PAD, SMALL
+from dirprim_filter.viewer.figures import FAINT, INK, SMALL, STYLE
 
 SIZE = (14.0, 3.4)
 """Inches: four panels side by side."""
@@ -23,6 +23,7 @@ APART = 0.15
 """Rows between a method's points in sight and in gaps, and its row."""
 
 
+@rc_context(STYLE)
 def experiment_figure(table: TrackingTable) -> Figure:
     """Four panels, a colour for each method; bars are 95 % intervals over vehicles or groups. `curves` has their data.
 
@@ -30,7 +31,7 @@ def experiment_figure(table: TrackingTable) -> Figure:
     (without gaps in sight); where on the map the first method errs, likewise; RMSE in sight and in gaps by method,
     without ids HOTA.
     """
-    figure = Figure(figsize=SIZE, dpi=DOTS_PER_INCH, layout=ConstrainedLayoutEngine(w_pad=PAD, h_pad=PAD))
+    figure = Figure(figsize=SIZE)
     times, reliable, places, methods = figure.subplots(1, 4)
     data, styles = _by_curve(table), _styles([method.name for method in table.methods])
     where, names = "in gaps" if table.n_gaps else "in sight", list(styles)
@@ -48,22 +49,16 @@ def experiment_figure(table: TrackingTable) -> Figure:
     times.set_ylim(bottom=0.0)
     if not table.n_gaps:
         times.set_xticks([0.0])
-    times.set_xlabel("time since last seen [s]", fontsize=NORMAL)
-    times.set_ylabel("RMSE [m]", fontsize=NORMAL)
-    reliable.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0), aspect="equal")
-    reliable.set_xlabel(f"share that a region should hold, {where}", fontsize=NORMAL)
-    reliable.set_ylabel("share of true positions in it", fontsize=NORMAL)
+    times.set(xlabel="time since last seen [s]", ylabel="RMSE [m]")
+    reliable.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0), aspect="equal", ylabel="share of true positions in it")
+    reliable.set_xlabel(f"share that a region should hold, {where}")
     _draw_places(figure, places, data.get(("map", names[0]), np.empty((5, 0))), f"{names[0].lstrip('_')}, {where}")
     methods.set_yticks(range(len(names)), [style["label"] for style in styles.values()])
     methods.set_ylim(len(names) - 0.4, -0.6)
     text = "RMSE [m], hollow in sight, full in gaps" if table.experiment.with_ids else "HOTA"
-    methods.set_xlabel(text, fontsize=NORMAL, color=INK)
-    for axes in figure.axes:
-        axes.tick_params(color=FAINT, labelsize=SMALL)
-        axes.spines[:].set_color(FAINT)
+    methods.set_xlabel(text, color=INK)
     handles, labels = times.get_legend_handles_labels()
-    columns = min(len(labels), 6)
-    figure.legend(handles, labels, loc="outside lower center", ncols=columns, fontsize=SMALL, frameon=False)
+    figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 6))
     return figure
 
 
@@ -71,9 +66,7 @@ def _draw_places(figure: Figure, axes: Axes, of: FloatArray, what: str) -> None:
     east, north, error, *_ = of
     most = float(np.quantile(error, 0.95)) if error.size else 1.0
     shown = axes.scatter(east, north, c=error, s=14, marker="s", linewidths=0, cmap="viridis", vmin=0.0, vmax=most)
-    axes.set_aspect("equal")
-    axes.set_xlabel("east [m]", fontsize=NORMAL)
-    axes.set_ylabel("north [m]", fontsize=NORMAL)
+    axes.set(aspect="equal", xlabel="east [m]", ylabel="north [m]")
     figure.colorbar(shown, ax=axes, extend="max", shrink=0.8).set_label(f"RMSE of {what} [m]", fontsize=SMALL)
 
 

@@ -20,7 +20,6 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
@@ -33,12 +32,17 @@ from dirprim_filter.partial_file import PartialFile
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
 
-DOTS_PER_INCH = 200
 SMALL, NORMAL = 8, 9
 """Points: numbers at ticks and keys, labels."""
-PAD = 0.1
-"""Inches around all that is drawn."""
 INK, FAINT, CELL_GREY, TRACK_GREY = "0.15", "0.6", "0.87", "0.45"
+STYLE: dict[Any, Any] = {
+    "figure.dpi": 200, "figure.constrained_layout.use": True, "figure.constrained_layout.w_pad": 0.1,
+    "figure.constrained_layout.h_pad": 0.1, "axes.labelsize": NORMAL, "axes.edgecolor": FAINT,
+    "legend.fontsize": SMALL, "legend.frameon": False,
+    **{f"{axis}tick.{name}": of for axis in "xy"
+       for name, of in {"labelsize": SMALL, "color": FAINT, "labelcolor": "black"}.items()},
+}  # fmt: skip
+"""Of all figures, as they are made and as they are saved; what is around their panels finds its own room."""
 ESTIMATES_COLOR, FORECAST_COLOR = "#0072B2", "#D55E00"
 """Of Okabe and Ito (2008)."""
 
@@ -76,6 +80,7 @@ KEY: Mapping[str, dict[str, Any]] = {
 }
 
 
+@mpl.rc_context(STYLE)
 def map_figure(
     primitives: PrimitiveMap,
     *,
@@ -115,15 +120,12 @@ def map_figure(
     if paths is not None:
         _draw_forecast(axes[0], paths)
         _draw_polar(axes[0], axes[-1], primitives, paths, box)
-    bar = figure.colorbar(colors, ax=list(axes), extend="max", shrink=0.6, aspect=25)
-    bar.set_label("mean speed [m/s]", fontsize=NORMAL)
-    bar.ax.tick_params(labelsize=SMALL, color=FAINT)
+    bar = figure.colorbar(colors, ax=list(axes), extend="max", shrink=0.6, aspect=25, label="mean speed [m/s]")
     bar.outline.set_visible(False)
     shown = (True, True, tracks is not None, estimates is not None, paths is not None)
     lines = [Line2D([], [], label=name, **style) for name, style in compress(KEY.items(), shown)]
     n_rows = -(-len(lines) // max(int(figure.get_figwidth() / KEY_WIDTH), 2))
-    columns = -(-len(lines) // n_rows)
-    figure.legend(handles=lines, loc="outside lower center", ncols=columns, fontsize=SMALL, frameon=False)
+    figure.legend(handles=lines, loc="outside lower center", ncols=-(-len(lines) // n_rows))
     return figure
 
 
@@ -145,14 +147,14 @@ def save_figure(figure: Figure, path: Path, *, force: bool = False) -> None:
     """
     output, drawn = PartialFile(path, force=force), BytesIO()
     undated = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}.get(path.suffix.lower())
-    with mpl.rc_context({"svg.hashsalt": "dirprim", "svg.fonttype": "none", "pdf.fonttype": 42}):
+    with mpl.rc_context(STYLE | {"svg.hashsalt": "dirprim", "svg.fonttype": "none", "pdf.fonttype": 42}):
         figure.savefig(drawn, metadata=undated, format=path.suffix[1:].lower())
     with output as file:
         file.write(drawn.getvalue())
 
 
 def _page(box: FloatArray, *, n_panels: int) -> tuple[Figure, Sequence[Axes], float]:
-    """East and north in metres, of one scale, over a box of (2, 2) corners; what is around finds its own room.
+    """East and north in metres, of one scale, over a box of (2, 2) corners.
 
     -> The page, its panels, and how wide about one is, inches.
     """
@@ -161,19 +163,16 @@ def _page(box: FloatArray, *, n_panels: int) -> tuple[Figure, Sequence[Axes], fl
     width, whole = WIDTH * (TWICE if columns > 1 else 1.0), shape * columns / rows
     height = min((width - AROUND[0]) / whole + AROUND[1], TALLEST)
     across = (height - AROUND[1]) * whole + AROUND[0]
-    layout = ConstrainedLayoutEngine(w_pad=PAD, h_pad=PAD)
-    figure = Figure(figsize=(across, height), dpi=DOTS_PER_INCH, layout=layout)
+    figure = Figure(figsize=(across, height))
     panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel().tolist()
     for axes in panels:
         axes.set(xlim=box[:, 0], ylim=box[:, 1], aspect="equal")
-        axes.tick_params(color=FAINT, labelsize=SMALL)
-        axes.spines[:].set_color(FAINT)
         axes.xaxis.set_major_locator(MaxNLocator(6))
         axes.yaxis.set_major_locator(MaxNLocator(6))
     for axes in panels[-columns:]:
-        axes.set_xlabel("east [m]", fontsize=NORMAL)
+        axes.set_xlabel("east [m]")
     for axes in panels[::columns]:
-        axes.set_ylabel("north [m]", fontsize=NORMAL)
+        axes.set_ylabel("north [m]")
     return figure, panels, (across - AROUND[0]) / columns
 
 

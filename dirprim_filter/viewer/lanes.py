@@ -23,7 +23,6 @@ class Lane(NamedTuple):
     """What an entity shows: rows, in order of the instants, so many of `counts` at each of `instants`."""
 
     path: str
-    name: str
     is_new: bool
     rows: IntArray
     instants: IntArray
@@ -46,15 +45,13 @@ class Lanes:
         numbers = Numbers()
         place = numbers.of([self._path_of(name) for name in names])
         drawn = dict(zip(numbers, rows_of_each(place), strict=True))
-        name_of = {path: name for name, path in self._path.items() if path in drawn}
         nothing = np.empty(0, np.int64)
         for path in [*drawn, *(self._shown - drawn.keys())]:
             rows = drawn.get(path, nothing)
             counts = np.bincount(instant[rows], minlength=n_instants)
             before = np.concatenate([[path in self._shown], counts[:-1] > 0])
             instants = np.flatnonzero((counts > 0) | before)
-            name = OTHERS if path.endswith(OTHER_PATH) else name_of.get(path, "")
-            yield Lane(path, name, path not in self._known, rows, instants, counts[instants])
+            yield Lane(path, path not in self._known, rows, instants, counts[instants])
             self._known.add(path)
             (self._shown.add if counts[-1] else self._shown.discard)(path)
 

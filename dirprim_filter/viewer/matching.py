@@ -6,15 +6,16 @@ Source: Bernardin and Stiefelhagen, Evaluating Multiple Object Tracking Performa
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
-from dirprim_filter.distributions import gaussian
 from dirprim_filter.estimates import Estimates, TrackedFrame
 from dirprim_filter.evaluation.metrics.clear_mot import MATCH_FROM, UNMATCHED, matched_at_once
 from dirprim_filter.evaluation.metrics.comparison import SIMILARITY_M
+from dirprim_filter.evaluation.tracking_report import normalised_squared
 from dirprim_filter.evaluation.truth import INTERVALS, LEAST_GAP_S, interpolated, known_at, usual_interval_s
 from dirprim_filter.track_ids import as_texts
 from dirprim_filter.tracks import Tracks
@@ -26,8 +27,7 @@ GATE = 13.8
 JITTER = 1e-12
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Matched:
+class Matched(NamedTuple):
     """The true vehicles of one frame, and their tracks.
 
     Attributes:
@@ -43,9 +43,6 @@ class Matched:
     row: IntArray
     error: FloatArray
     nees: FloatArray
-
-    def __len__(self) -> int:
-        return len(self.names)
 
 
 class Matcher:
@@ -87,7 +84,7 @@ class Matcher:
         error, nees = (np.full(len(vehicles), np.nan) for _ in range(2))
         off = position[own] - estimates.position[row[own]]
         error[own] = np.hypot(*off.T)
-        nees[own] = gaussian.squared_distance(off, estimates.covariance[row[own]] + JITTER * np.eye(2))
+        nees[own] = normalised_squared(off, estimates.covariance[row[own]])
         return Matched(names=vehicles, position=position, row=row, error=error, nees=nees)
 
 

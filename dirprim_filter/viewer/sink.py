@@ -19,7 +19,6 @@ import rerun as rr
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.detections import Detections
 from dirprim_filter.drawing import shapes
-from dirprim_filter.drawing.colors import track_color
 from dirprim_filter.drawing.vehicles import Trails, has_no_forecast
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.forecasting import Forecasts
@@ -28,7 +27,7 @@ from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
 from dirprim_filter.viewer import curves, marks
 from dirprim_filter.viewer.blueprint import blueprint
-from dirprim_filter.viewer.lanes import MOST_OWN, OTHERS, Lanes
+from dirprim_filter.viewer.lanes import MOST_OWN, OTHER_PATH, Lanes
 from dirprim_filter.viewer.matching import Matched, Matcher
 from dirprim_filter.viewer.stream import Stream
 from dirprim_filter.viewer.texts import Event, Events, legend
@@ -158,7 +157,8 @@ class RerunSink:
     def log_run(self, made_with: Mapping[str, str]) -> None:
         """What the run was made with, as properties of the recording."""
         if named := {name: [text] for name, text in made_with.items() if name}:
-            self.stream.send_properties("run", rr.DynamicArchetype("run", components=named))
+            properties = rr.DynamicArchetype("run", components=named)
+            self.stream.to_each(lambda place: place.send_property("run", properties))
 
     # --- What changes with time -----------------------------------------------------------------------------
 
@@ -216,22 +216,13 @@ class RerunSink:
         """Rows of vehicles, each to its own entity; styles come before the first."""
         whole, times = [*parts], np.array(times_ns, np.int64)
         for lane in self._lanes[root].divided(names, instant, len(times_ns)):
-            if root in curves.PLOTS and lane.name == OTHERS:
+            if root in curves.PLOTS and lane.path.endswith(OTHER_PATH):
                 continue
             if lane.is_new:
-                for style in marks.OF_VEHICLES.get(root) or [_curve_style(lane.name)]:
+                for style in marks.OF_VEHICLES.get(root) or [curves.style(names[lane.rows[0]])]:
                     self.stream.log(lane.path, style)
             columns = chain(*(part.columns(lane.rows, lane.counts) for part in whole))
             self.stream.send_columns(lane.path, times[lane.instants].tolist(), rr.ComponentColumnList(columns))
-
-    def _send_curves(
-        self, root: str, of_frames: Sequence[tuple[Sequence[str], FloatArray]], times_ns: list[int]
-    ) -> None:
-        """Names and values of each frame."""
-        names = [name for of_frame, _ in of_frames for name in of_frame]
-        instant = np.repeat(np.arange(len(of_frames)), [len(of_frame) for of_frame, _ in of_frames])
-        values = np.concatenate([np.empty(0), *(value for _, value in of_frames)])
-        self._send_each(root, names, instant, times_ns, [marks.Part(rr.Scalars, {"scalars": values})])
 
     def _is_due(self, batch: Sized) -> bool:
         return len(batch) >= BATCH_FRAMES or (self.stream.live and time.monotonic() >= self._sent_s + LIVE_S)
@@ -262,11 +253,17 @@ class RerunSink:
             values = np.array([row[path] for row in rows])
             columns = rr.Scalars.columns(scalars=values.ravel()).partition([values.shape[1]] * len(rows))
             self._send([(f"{path}/{curves.ALL}", columns)], times)
-        self._send_curves("/innovation", [(frame.names, curves.innovations(frame)) for frame in frames], times)
-        self._send_curves("/existence", [(frame.names, frame.estimates.existence) for frame in frames], times)
-        if matched:
-            self._send_curves("/error", [(of.names, of.error) for of in matched], times)
-            self._send_curves("/nees", [(of.names, of.nees) for of in matched], times)
+        of_each: dict[str, list[tuple[Sequence[str], FloatArray]]] = {
+            "/innovation": [(frame.names, curves.innovations(frame)) for frame in frames],
+            "/existence": [(frame.names, frame.estimates.existence) for frame in frames],
+            "/error": [(of.names, of.error) for of in matched or []],
+            "/nees": [(of.names, of.nees) for of in matched or []],
+        }
+        for root, of_frames in of_each.items():
+            names = [name for of_frame, _ in of_frames for name in of_frame]
+            instant = np.repeat(np.arange(len(of_frames)), [len(of_frame) for of_frame, _ in of_frames])
+            values = np.concatenate([np.empty(0), *(value for _, value in of_frames)])
+            self._send_each(root, names, instant, times, [marks.Part(rr.Scalars, {"scalars": values})])
         drawn = []
         for frame, true in pairs:
             found = self._events.of(frame, true)
@@ -327,13 +324,9 @@ class RerunSink:
         self.stream.log("/legend", rr.TextDocument(text, media_type="text/markdown"))
         if tracked and self._fastest is not None:
             self.stream.log("/map/roses", marks.ROSES_UNDER_TRAFFIC)
-        self.stream.send_blueprint(blueprint(
+        window = blueprint(
             box, live=self.stream.live, tracked=tracked, with_truth=self._matcher is not None,
             on_earth=drawable(self._origin) is not None,
-        ))  # fmt: skip
+        )  # fmt: skip
+        self.stream.to_each(lambda place: place.send_blueprint(window))
         self._laid_out = True
-
-
-def _curve_style(name: str) -> rr.AsComponents:
-    """A vehicle's curve, in its colour."""
-    return rr.SeriesLines(names=name, colors=track_color([name])[0], widths=1.0)

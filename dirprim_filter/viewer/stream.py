@@ -19,7 +19,6 @@ from threading import Thread
 
 import numpy as np
 import rerun as rr
-import rerun.blueprint as rrb
 
 from dirprim_filter.partial_file import OutputExistsError, PartialFile
 from dirprim_filter.viewer.process import ELAPSED, require_listener, spawn_viewer
@@ -117,23 +116,16 @@ class Stream:
             rr.TimeColumn(FRAME, sequence=[bisect_left(self.frames_ns, time_ns) for time_ns in times.tolist()]),
             rr.TimeColumn(TIMELINE, timestamp=times.astype("datetime64[ns]")),
         ]
-        for stream in self._places.values():
-            stream.send_columns(path, indexes, columns)
+        self.to_each(lambda place: place.send_columns(path, indexes, columns))
 
     def log(self, path: str, *what: rr.AsComponents) -> None:
         """What holds for the whole log."""
-        for stream in self._places.values():
-            stream.log(path, *what, static=True)
+        self.to_each(lambda place: place.log(path, *what, static=True))
 
-    def send_properties(self, name: str, what: rr.AsComponents) -> None:
-        """What is said of the whole recording."""
-        for stream in self._places.values():
-            stream.send_property(name, what)
-
-    def send_blueprint(self, blueprint: rrb.Blueprint) -> None:
-        """How the window is arranged."""
-        for stream in self._places.values():
-            stream.send_blueprint(blueprint)
+    def to_each(self, send: Callable[[rr.RecordingStream], object]) -> None:
+        """Send something else."""
+        for place in self._places.values():
+            send(place)
 
     def look_after(self) -> None:
         """Now and then, whether live viewers still take what is sent."""
@@ -143,14 +135,17 @@ class Stream:
 
     def flush(self) -> None:
         """Wait until all is sent; a place that does not take it is left."""
-        for name in list(self._places):
-            self._try(name, lambda stream: stream.flush(timeout_sec=FROZEN_S))
+        for name, place in list(self._places.items()):
+            try:
+                place.flush(timeout_sec=FROZEN_S)
+            except RuntimeError as error:  # the SDK's only kind
+                _disconnect(place)
+                self._fail(name, str(error))
 
     def close(self, *, whole: bool) -> None:
         """Send what is left and end; a file gets its name if it is whole, else keeps its temporary one."""
         self.flush()
-        for stream in self._places.values():
-            _disconnect(stream)
+        self.to_each(_disconnect)
         file, self._file = self._file, None
         if file is None:
             return
@@ -162,13 +157,6 @@ class Stream:
         except OutputExistsError as error:
             self._report(str(error))
         self._places = {}
-
-    def _try(self, name: str, what: Callable[[rr.RecordingStream], None]) -> None:
-        try:
-            what(self._places[name])
-        except RuntimeError as error:  # the SDK's only kind
-            _disconnect(self._places[name])
-            self._fail(name, str(error))
 
     def _fail(self, name: str, why: str) -> None:
         del self._places[name]

@@ -10,7 +10,7 @@ import pytest
 
 from cli.commands import DONE, Terminal, dirprim
 from dirprim_filter import write_tracks
-from dirprim_filter.cli.evaluate.forecast import forecast_text
+from dirprim_filter.cli.tables import forecast_text
 from dirprim_filter.evaluation import cues, density, forecasting, tracking
 from dirprim_filter.evaluation.intervals import Interval
 

@@ -1,11 +1,11 @@
-"""`dirprim evaluate`: how good maps of primitives are on held-out vehicles of a log; a file for each experiment."""
+"""`dirprim evaluate`: how good maps of primitives are on held-out vehicles of a log."""
 
 from __future__ import annotations
 
 import typer
 
 from dirprim_filter.cli.commands import register
-from dirprim_filter.cli.evaluate import cues, density, forecast, tracking
+from dirprim_filter.cli.evaluate import held_out, tracking
 
 evaluate = typer.Typer(
     name="evaluate",
@@ -15,5 +15,5 @@ evaluate = typer.Typer(
     ),
     no_args_is_help=True,
 )
-for experiment in (tracking.tracking, forecast.forecast, density.density, cues.cues):
+for experiment in (tracking.tracking, held_out.forecast, held_out.density, held_out.cues):
     register(evaluate, experiment)

@@ -12,30 +12,15 @@ import typer
 
 from dirprim_filter.cli.commands import check_outputs
 from dirprim_filter.cli.evaluate.others import files_of, others_of
-from dirprim_filter.cli.motion import map_of
 from dirprim_filter.cli.options import FILE, PICTURES, WRITTEN, Config, Force, Json, Logs
 from dirprim_filter.cli.reading import Reading
-from dirprim_filter.cli.results import read_experiment, report
 from dirprim_filter.cli.settings import Settings, deal, taken
-from dirprim_filter.cli.texts import FIGURES, counted, figure_lines, latex, markdown, number
+from dirprim_filter.cli.tables import latex, main_rows, markdown, tracking_text
 from dirprim_filter.partial_file import PartialFile
 
 if TYPE_CHECKING:
-    from dirprim_filter.evaluation.intervals import Interval
-    from dirprim_filter.evaluation.tracking import MethodResult, TrackingTable
     from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
 
-
-MAIN_FIGURES = {
-    True: ("seen_rmse", "hidden_rmse", "seen_nees", "hidden_nees", "reported"),
-    False: ("hota", "assa", "idf1", "switches", "gospa"),
-}
-"""With ids and without: those of `--markdown` and `--latex`."""
-GAINS = {
-    True: {"in_sight": "the first is nearer in sight, %", "in_gaps": "in gaps, %"},
-    False: {"hota": "HOTA of the first more"},
-}
-"""And what the first method gains on the row's, beside them."""
 
 DATA = ".csv"
 """Ends the name of what a picture shows."""
@@ -93,8 +78,10 @@ def tracking(
     Example: dirprim evaluate tracking recordings/roundabout_learn.mcap --gap 3 --seeds 2
     """
     from dirprim_filter.cli.coverage import Coverage
+    from dirprim_filter.cli.motion import map_of
     from dirprim_filter.cli.progress import step_progress
-    from dirprim_filter.evaluation.tracking import evaluate_tracking
+    from dirprim_filter.cli.results import report
+    from dirprim_filter.evaluation.tracking import comparisons, evaluate_tracking
 
     if as_json + as_markdown + as_latex > 1:
         raise typer.BadParameter("expected one of --json, --markdown and --latex")
@@ -124,16 +111,19 @@ def tracking(
         csv.writer(data).writerows([HEADS, *curves(table)])
         with PartialFile(plot.with_suffix(DATA), force=force) as file:
             file.write(data.getvalue().encode())
+    bare = replace(table, methods=tuple(replace(method, errors=()) for method in table.methods))
     lines = markdown if as_markdown else latex if as_latex else None
     return report(
         "evaluate tracking", inputs, reading, log.losses, settings=asdict(made), as_json=as_json,
-        table=tracking_object(table) | ({"others": [*commands, *(estimates or ())]} if others else {}),
+        table=asdict(bare) | {"comparisons": comparisons(table)}
+        | ({"others": [*commands, *(estimates or ())]} if others else {}),
         text=lambda: "\n".join(lines(main_rows(table))) if lines else tracking_text(table),
     )  # fmt: skip
 
 
 def _experiment(config: Path | None, settings: Settings, options: dict[str, Any]) -> TrackingExperiment:
     """Of the file, but for what settings and options state."""
+    from dirprim_filter.cli.results import read_experiment
     from dirprim_filter.config import FilterConfig, TrackingConfig, from_table
     from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
 
@@ -144,59 +134,3 @@ def _experiment(config: Path | None, settings: Settings, options: dict[str, Any]
         if own:
             configured[name] = (configured.get(name) or {}) | own
     return from_table(TrackingExperiment, configured)
-
-
-def tracking_text(table: TrackingTable) -> str:
-    """The table as text: means over the seeds, then what the first method gains over each other."""
-    from dirprim_filter.evaluation.tracking import comparisons
-
-    experiment = table.experiment
-    ids = "ids" if experiment.with_ids else "no ids"
-    where = f"map learned from others, held out by {table.split_by}" if table.split_by else "map given"
-    has_groups = table.n_groups > experiment.n_seeds
-    groups = f" in {counted(table.n_groups, 'group')}, each by itself," if has_groups else ""
-    lines = [
-        f"{counted(table.n_vehicles, 'vehicle')}{groups} tracked in {counted(experiment.n_seeds, 'run')}, "
-        f"{counted(table.n_gaps, 'gap')} of {experiment.gap_s:g} s, noise {experiment.noise_m:g} m, "
-        f"{experiment.miss_rate:.0%} missed, {experiment.false_per_frame:g} false per frame, {ids}; {where}",
-        *["means over the runs, +- deviations from run to run"] * (experiment.n_seeds > 1),
-        "",
-    ]
-    names = [method.name for method in table.methods]
-    lines += figure_lines(names, lambda i, figure: _cell(table.methods[i], figure, " +-"))
-    lines += ["", *(found.sentence for found in comparisons(table) if found.sentence)]
-    return "\n".join(lines).rstrip()
-
-
-def _cell(method: MethodResult, figure: str, between: str) -> str:
-    """The mean over the runs and, where there are several, their deviation."""
-    spread = [method.std(figure)] if len(method.reports) > 1 else []
-    return between.join(map(number, [method.mean(figure), *spread]))
-
-
-def main_rows(table: TrackingTable) -> list[list[str]]:
-    """The main figures, a row for each method under a row of heads, and what the first gains, with 95 % intervals."""
-    from dirprim_filter.evaluation.tracking import comparisons
-
-    figures, gains = MAIN_FIGURES[table.experiment.with_ids], GAINS[table.experiment.with_ids]
-    beside = {found.other: found for found in comparisons(table)}
-    rows = [["method", *(FIGURES[figure] for figure in figures), *gains.values()]]
-    for method in table.methods:
-        own = [_gain(getattr(beside.get(method.name), gain, None), gain) for gain in gains]
-        rows.append([method.name, *(_cell(method, figure, " ± ") for figure in figures), *own])
-    return rows
-
-
-def _gain(found: Interval | None, gain: str) -> str:
-    if found is None:
-        return ""
-    value, low, high = (f"{of:+.3f}" if gain == "hota" else f"{100 * of:.0f}" for of in found[:3])
-    return f"{value} [{low}, {high}]"
-
-
-def tracking_object(table: TrackingTable) -> dict[str, Any]:
-    """The table for machines: every method's figures, and the first method beside each other."""
-    from dirprim_filter.evaluation.tracking import comparisons
-
-    bare = replace(table, methods=tuple(replace(method, errors=()) for method in table.methods))
-    return asdict(bare) | {"comparisons": comparisons(table)}
