@@ -48,12 +48,6 @@ OKABE_ITO: ByteArray = np.array(
 """(5, 3) distinguishable colours for vehicles (Okabe and Ito, 2008), less the greens and yellows of fast roses,
 and lightened for a dark ground."""
 
-FAN_OPACITY = 0.15
-FEW_FANS = 6
-"""More than so many lie over each other: they are drawn fainter, as their number grows,"""
-FAINTEST_FAN = 0.05
-"""but not fainter than this."""
-
 
 def speed_color(speed: FloatArray, *, fastest: float) -> ByteArray:
     """Viridis from 0 m/s to `fastest` and beyond. (...) m/s -> (..., 4)."""
@@ -89,8 +83,8 @@ def _palette_place(name: str) -> int:
 
 
 def fan_opacity(n: int) -> float:
-    """Of each of n forecasts' regions, 0 to 1."""
-    return float(np.clip(FAN_OPACITY * FEW_FANS / max(n, FEW_FANS), FAINTEST_FAN, FAN_OPACITY))
+    """Of each of n forecasts' regions, 0 to 1; of more than six, which lie over each other, fainter."""
+    return float(np.clip(0.15 * 6 / max(n, 6), 0.05, 0.15))
 
 
 def _between(colors: FloatArray, share: FloatArray) -> ByteArray:

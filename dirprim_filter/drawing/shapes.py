@@ -25,35 +25,22 @@ from tessellation import Tessellation
 
 SHARPEST_PETAL = 10.0
 """Concentrations are drawn up to this one, a standard deviation of 18 degrees: narrower could not be seen."""
-ROOT_SHADE = 4
-"""A petal's root is darker by this factor, so that one sees which way it points; a disc points nowhere."""
 STANDING_SPEED = LearningConfig().standing_speed
 """m/s; below it a direction means nothing."""
 SMALLEST_PETAL = 0.02
 """Modes of less weight are not drawn."""
-PETAL_RIM = 0.08
-"""A petal is drawn out to the angle where its radius has fallen to this share of its length."""
 PETAL_VERTICES = 24
 REACH = 1.5
 """How far the longest petal of a usual cell with usual traffic goes, as a share of the way from its centre to its
 border: along a lane it ends before the next cell's petal begins."""
 TRAFFIC = (1.0 / 12.0, 4.0)
 """Times the usual: with less a rose is no smaller, with more no larger."""
-LARGEST_ROSE = 0.18
-"""The same as a share of the width of a square as large as all cells: those of a map of few cells would hide it."""
 ALIKE = math.radians(40.0)
 """Modes of a square that differ by less are one petal."""
 HEAD, HEAD_OVER, HEAD_WIDTH = 0.42, 0.35, 0.42
 """An arrowhead's length as a share of its petal's, how much of it lies beyond the tip, and half its width over it."""
-EPSILON = 1e-12
-MOST_BEND = 1.0
-"""Radians by which a petal turns at most from its root to its tip."""
-LITTLE_LARGER = 1.3
-"""Times as long as the box around most of the traffic is a map that is shown in whole."""
 BUSY_SHARE = 0.75
 """Of the traffic: what to look at first. A map reaches far along its roads, where nothing happens."""
-MARGIN = 0.06
-"""Free space around a map, as a share of its longer side."""
 MIDDLING = (4.5, 1.8)
 """Length and width of a car, metres."""
 
@@ -127,7 +114,8 @@ def rose_petals(primitives: PrimitiveMap, *, spacing: float | None = None) -> Pe
     rose, weight, mean = modes.rose[drawn], weight[drawn], modes.mean[drawn]
     concentration = np.minimum(modes.concentration[drawn], SHARPEST_PETAL)
     with np.errstate(divide="ignore"):
-        half_width = np.arccos(np.clip(1.0 + 2.0 * np.log(PETAL_RIM) / concentration, -1.0, 1.0))
+        # Out to the angle where the radius has fallen to 8 % of the length.
+        half_width = np.arccos(np.clip(1.0 + 2.0 * np.log(0.08) / concentration, -1.0, 1.0))
     theta = mean[:, None] + half_width[:, None] * np.linspace(-1.0, 1.0, PETAL_VERTICES)
     sharpest = von_mises.log_density(np.zeros(()), np.zeros(()), np.array(SHARPEST_PETAL))
     log_p = von_mises.log_density(theta, mean[:, None], concentration[:, None]) - sharpest
@@ -135,7 +123,8 @@ def rose_petals(primitives: PrimitiveMap, *, spacing: float | None = None) -> Pe
     radius = reach[:, None] * np.sqrt(weight[:, None] * np.exp(log_p))
     root = modes.root[rose][:, None, :]
     curvature = (modes.bend[drawn] * _heading(mean)).sum(axis=-1)
-    rim = root + _along_arc(radius, theta, np.clip(curvature, -MOST_BEND / reach, MOST_BEND / reach)[:, None])
+    bend = np.clip(curvature, -1.0 / reach, 1.0 / reach)  # at most a radian from root to tip
+    rim = root + _along_arc(radius, theta, bend[:, None])
     return Petals(
         polygon=np.concatenate([root, rim], axis=1), mean_speed=modes.speed[drawn], weight=weight, cell=rose,
         reach=reach, is_disc=stands[drawn],
@@ -191,7 +180,7 @@ def _together(modes: _Modes, spacing: float) -> _Modes:
         leader[near] = heaviest[own[near]]
         left[near] = False
     _, kept, merged = np.unique(leader, return_index=True, return_inverse=True)
-    total = np.maximum(np.bincount(merged, mass), EPSILON)
+    total = np.maximum(np.bincount(merged, mass), 1e-12)
     resultant = mass * von_mises.mean_resultant_length(modes.concentration)
     east, north = (np.bincount(merged, resultant * of(modes.mean)) / total for of in (np.cos, np.sin))
     return _Modes(
@@ -213,7 +202,8 @@ def _rose_reach(modes: _Modes) -> FloatArray:
         return np.zeros(len(area))
     usual_rows, usual_area = (_median(of[drawn], n_rows[drawn]) for of in (n_rows, area))
     traffic = np.clip(n_rows / usual_rows, *TRAFFIC)
-    usual = min(0.5 * REACH * usual_area**0.5, LARGEST_ROSE * float(area.sum()) ** 0.5)
+    few = 0.18 * float(area.sum()) ** 0.5  # roses of a map of few cells would hide it
+    usual = min(0.5 * REACH * usual_area**0.5, few)
     return np.asarray(usual * (area / usual_area * traffic) ** 0.25)
 
 
@@ -230,9 +220,9 @@ def fastest_speed(petals: Petals) -> float:
 
 
 def petal_colors(petals: Petals, *, fastest: float) -> ByteArray:
-    """The colour of each vertex, by the petal's mean speed; darker at the root. -> (n, k, 4)."""
+    """The colour of each vertex, by the petal's mean speed; darker at the root, from where it points. -> (n, k, 4)."""
     color = np.repeat(speed_color(petals.mean_speed, fastest=fastest)[:, None], petals.polygon.shape[1], axis=1)
-    color[~petals.is_disc, 0, :3] //= ROOT_SHADE
+    color[~petals.is_disc, 0, :3] //= 4
     return color
 
 
@@ -251,9 +241,9 @@ def cell_outlines(tessellation: Tessellation) -> list[FloatArray]:
 
 
 def extent(points: FloatArray) -> FloatArray:
-    """The box around points with `MARGIN`, at least 20 m wide: its SW and NE corner. (n, 2) -> (2, 2)."""
+    """The box around points with 6 % of margin, at least 20 m wide: its SW and NE corner. (n, 2) -> (2, 2)."""
     low, high = (points.min(axis=0), points.max(axis=0)) if len(points) else (np.zeros(2), np.zeros(2))
-    half = 0.5 * (high - low) + MARGIN * (high - low).max()
+    half = 0.5 * (high - low) + 0.06 * (high - low).max()
     center = 0.5 * (low + high)
     half = np.maximum(half, 10.0)
     return np.stack([center - half, center + half])
@@ -262,7 +252,7 @@ def extent(points: FloatArray) -> FloatArray:
 def map_extent(primitives: PrimitiveMap, *, share: float = 1.0) -> FloatArray:
     """The box around the cells that hold a share of the traffic, those left out at each side alike. -> (2, 2).
 
-    That is around all cells where it is little larger, or where there is no traffic. Its SW and NE corner.
+    That is around all cells where it is at most 1.3 times as long, or where there is no traffic. Its SW and NE corner.
     """
     polygons, n_rows = primitives.tessellation.polygons(), primitives.n_rows[:-1]
     whole = extent(np.concatenate(polygons) if polygons else np.empty((0, 2)))
@@ -276,7 +266,7 @@ def map_extent(primitives: PrimitiveMap, *, share: float = 1.0) -> FloatArray:
         kept[order] &= (below > rare) & (below - n_rows[order] / n_rows.sum() < 1.0 - rare)
     busy = [polygon for polygon, one in zip(polygons, kept, strict=True) if one and len(polygon)]
     box = extent(np.concatenate(busy)) if busy else whole
-    return whole if np.ptp(whole, axis=0).max() <= LITTLE_LARGER * np.ptp(box, axis=0).max() else box
+    return whole if np.ptp(whole, axis=0).max() <= 1.3 * np.ptp(box, axis=0).max() else box
 
 
 def covariance_axes(covariance: FloatArray, *, probability: float) -> tuple[FloatArray, FloatArray]:

@@ -20,8 +20,6 @@ KEPT = 4
 """Characters of a longer one's start and of its end: some ids differ in the one, some in the other."""
 SURE_FROM = 0.5
 """Resultant of a belief's direction; below it a forecast spreads in all directions and is not drawn."""
-WIDEST_COASTING = 6.0
-"""Metres, standard deviation; of a coasting vehicle that may be anywhere, no ellipse is drawn."""
 
 TRAIL_NS, TRAIL_POINTS = 5_000_000_000, 16
 """How far back a trail goes, and by how many points it leads to the vehicle."""
@@ -35,9 +33,9 @@ CLASS_SIZES: Mapping[str, tuple[float, float, float]] = {
 
 
 def may_be_anywhere(estimates: Estimates) -> BoolArray:
-    """(n,) which vehicles have coasted for so long that their ellipse is not drawn."""
+    """(n,) which vehicles have coasted for so long that their ellipse is not drawn: 6 m of standard deviation."""
     longest = np.linalg.eigvalsh(estimates.covariance)[:, 1]
-    return np.asarray(estimates.is_coasting & (longest > WIDEST_COASTING**2))
+    return np.asarray(estimates.is_coasting & (longest > 6.0**2))
 
 
 def has_no_forecast(estimates: Estimates) -> BoolArray:

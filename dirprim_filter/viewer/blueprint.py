@@ -17,17 +17,12 @@ from dirprim_filter.arrays import FloatArray
 from dirprim_filter.viewer.curves import PLOTS
 from dirprim_filter.viewer.process import ELAPSED
 
-BACKGROUND = rrb.Background(color=(16, 19, 26))
 LAYERS = (
     "/map/**", "/detections/**", "/assigned", "/truth/**", "/tracks/**", "/smoothed/**", "/particles", "/forecasts/**",
     "/events/marks",
 )  # fmt: skip
 """Entities of the map view: each can be switched off by its path."""
 ON_EARTH = ("/map/earth", "/truth/**", "/tracks/**")
-EYE_HEIGHT = 1.02
-"""Height of the eye as a share of the depth of ground to be seen; the view's opening angle is fixed."""
-VIEW_ASPECT = 1.15
-"""The map view's width over its height, when the window is of common shape."""
 
 
 def blueprint(
@@ -66,15 +61,15 @@ def blueprint(
 
 
 def _above(box: FloatArray) -> rrb.View:
-    """An eye that looks straight down on the box."""
+    """An eye that looks straight down on the box, of a view that is as a rule 1.15 times as wide as high."""
     x, y = box.mean(axis=0)
     width, depth = box[1] - box[0]
-    height = EYE_HEIGHT * float(np.maximum(width / VIEW_ASPECT, depth))
+    height = 1.02 * float(np.maximum(width / 1.15, depth))  # the view's opening angle is fixed
     return rrb.Spatial3DView(
         origin="/",
         contents=[f"+ {layer}" for layer in LAYERS],
         name="Map, north up",
-        background=BACKGROUND,
+        background=rrb.Background(color=(16, 19, 26)),
         line_grid=False,
         eye_controls=rrb.EyeControls3D(position=(x, y, height), look_target=(x, y, 0.0), eye_up=(0.0, 1.0, 0.0)),
     )

@@ -15,12 +15,8 @@ from dirprim_filter.evaluation.error_curves import curves
 from dirprim_filter.evaluation.tracking import SMOOTHED_SUFFIX, TrackingTable
 from dirprim_filter.viewer.figures import FAINT, INK, SMALL, STYLE
 
-SIZE = (14.0, 3.4)
-"""Inches: four panels side by side."""
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#F0E442")
 """Of Okabe and Ito (2008); a method and its smoother have the same."""
-APART = 0.15
-"""Rows between a method's points in sight and in gaps, and its row."""
 
 
 @rc_context(STYLE)
@@ -31,7 +27,7 @@ def experiment_figure(table: TrackingTable) -> Figure:
     (without gaps in sight); where on the map the first method errs, likewise; RMSE in sight and in gaps by method,
     without ids HOTA.
     """
-    figure = Figure(figsize=SIZE)
+    figure = Figure(figsize=(14.0, 3.4))
     times, reliable, places, methods = figure.subplots(1, 4)
     data, styles = _by_curve(table), _styles([method.name for method in table.methods])
     where, names = "in gaps" if table.n_gaps else "in sight", list(styles)
@@ -43,7 +39,7 @@ def experiment_figure(table: TrackingTable) -> Figure:
         reliable.plot(share, held, linewidth=1.2, **style)
         for of in data["method", name].T[:, :, None]:
             methods.errorbar(
-                of[2], row + np.nan_to_num(APART * (2.0 * of[0] - 1.0)), xerr=_bars(of), marker="o", markersize=4,
+                of[2], row + np.nan_to_num(0.15 * (2.0 * of[0] - 1.0)), xerr=_bars(of), marker="o", markersize=4,
                 color=color, markerfacecolor="white" if of[0] == 0 else color, elinewidth=0.8, linestyle="none",
             )  # fmt: skip
     times.set_ylim(bottom=0.0)

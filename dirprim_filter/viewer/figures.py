@@ -50,27 +50,11 @@ WIDTH, TALLEST = 7.9, 9.0
 """Inches across a figure; and the height of one that is longer north to south."""
 AROUND = (1.7, 1.1)
 """Inches beside and below the map: numbers, colour bar, key."""
-SHOWN_SHARE = 0.99
-"""Of the traffic: a vehicle that is far away must not make all others small."""
-KEY_WIDTH = 1.6
-"""Inches, of an entry below the map."""
-DISC_OPACITY = 0.4
-"""Of standing vehicles: they must not hide those that go."""
-ROSE_INCHES = 0.27
-"""From rose to rose at least: of nearer ones the directions could not be read."""
-TWICE = 1.5
-"""Times as wide is a page with two panels."""
-WIDE = 1.5
-"""A box wider than so many times its height has a second panel below, not beside."""
-FEW_VEHICLES = 12
-"""Of more, lines are thin."""
 POLAR = np.array([(x, y) for y in (5 / 6, 3 / 6, 1 / 6) for x in (1 / 6, 3 / 6, 5 / 6)])
 """Where polar plots are in their panel, as shares of its sides; they follow a path."""
 POLAR_RADIUS, SHARPEST, ANGLES = 0.13, 60.0, np.linspace(-np.pi, np.pi, 361)
 """Of a polar plot as a share of the panel; its concentrations go up to 7 degrees of deviation: narrower is a line."""
 NUMBERED = {"boxstyle": "circle,pad=0.15", "facecolor": "white", "edgecolor": FAINT, "linewidth": 0.6}
-TRACKS_OPACITY, FAINTEST_TRACK, BOLDEST_TRACK = 30.0, 0.12, 0.5
-"""Of all tracks together where they lie over each other, and the limits of each one's."""
 KEY: Mapping[str, dict[str, Any]] = {
     "cells": {"color": CELL_GREY, "linewidth": 0.8},
     "petals, where vehicles go": {"color": INK, "marker": ">", "markersize": 4, "linestyle": "none"},
@@ -109,9 +93,10 @@ def map_figure(
         box = shapes.extent(paths.reshape(-1, 2))
         box = box.mean(axis=0) + 0.5 * np.ptp(box, axis=0).max() * np.array([[-1.0], [1.0]])
     else:
-        box = shapes.map_extent(primitives, share=SHOWN_SHARE)
+        box = shapes.map_extent(primitives, share=0.99)  # a vehicle that is far away must not make all others small
     figure, axes, inches = _page(box, n_panels=1 + (estimates is not None) + (paths is not None))
-    colors = _draw_map(axes[0], primitives, spacing=float(np.ptp(box[:, 0])) * ROSE_INCHES / inches)
+    apart = 0.27 / inches  # of nearer roses the directions could not be read
+    colors = _draw_map(axes[0], primitives, spacing=float(np.ptp(box[:, 0])) * apart)
     if tracks is not None:
         _draw_tracks(axes[0], tracks)
     if estimates is not None:
@@ -124,7 +109,7 @@ def map_figure(
     bar.outline.set_visible(False)
     shown = (True, True, tracks is not None, estimates is not None, paths is not None)
     lines = [Line2D([], [], label=name, **style) for name, style in compress(KEY.items(), shown)]
-    n_rows = -(-len(lines) // max(int(figure.get_figwidth() / KEY_WIDTH), 2))
+    n_rows = -(-len(lines) // max(int(figure.get_figwidth() / 1.6), 2))  # inches, of an entry
     figure.legend(handles=lines, loc="outside lower center", ncols=-(-len(lines) // n_rows))
     return figure
 
@@ -159,8 +144,8 @@ def _page(box: FloatArray, *, n_panels: int) -> tuple[Figure, Sequence[Axes], fl
     -> The page, its panels, and how wide about one is, inches.
     """
     shape = float(np.divide(*np.ptp(box, axis=0)))
-    rows, columns = (n_panels, 1) if shape > WIDE else (1, n_panels)
-    width, whole = WIDTH * (TWICE if columns > 1 else 1.0), shape * columns / rows
+    rows, columns = (n_panels, 1) if shape > 1.5 else (1, n_panels)  # of a wide box the second panel is below
+    width, whole = WIDTH * (1.5 if columns > 1 else 1.0), shape * columns / rows
     height = min((width - AROUND[0]) / whole + AROUND[1], TALLEST)
     across = (height - AROUND[1]) * whole + AROUND[0]
     figure = Figure(figsize=(across, height))
@@ -187,7 +172,7 @@ def _draw_map(axes: Axes, primitives: PrimitiveMap, *, spacing: float) -> Scalar
     petals = shapes.rose_petals(primitives, spacing=spacing)
     fastest = shapes.fastest_speed(petals)
     color = shapes.petal_colors(petals, fastest=fastest)[:, 1] / 255.0
-    color[:, 3] = np.where(petals.is_disc, DISC_OPACITY, 1.0)
+    color[:, 3] = np.where(petals.is_disc, 0.4, 1.0)  # standing vehicles must not hide those that go
     axes.add_collection(PolyCollection(list(petals.polygon), facecolors=color, linewidths=0, zorder=3))
     axes.add_collection(PolyCollection(list(shapes.petal_heads(petals)), facecolors=INK, linewidths=0, zorder=4))
     steps = speed_color(np.linspace(0.0, 1.0, 256), fastest=1.0) / 255.0
@@ -195,15 +180,15 @@ def _draw_map(axes: Axes, primitives: PrimitiveMap, *, spacing: float) -> Scalar
 
 
 def _draw_tracks(axes: Axes, tracks: Tracks) -> None:
-    """Observed motion, as thin lines under the roses, fainter the more there are."""
+    """Observed motion, as thin lines under the roses, fainter the more there are: they lie over each other."""
     paths = _paths(tracks.vehicle, tracks.time_ns, tracks.position)
-    opacity = float(np.clip(TRACKS_OPACITY / max(len(paths), 1), FAINTEST_TRACK, BOLDEST_TRACK))
+    opacity = float(np.clip(30.0 / max(len(paths), 1), 0.12, 0.5))
     axes.add_collection(LineCollection(paths, colors=TRACK_GREY, linewidths=0.4, alpha=opacity, zorder=2))
 
 
 def _draw_estimates(axes: Axes, estimates: Estimates) -> None:
     """The path of each vehicle; thin and faint where it coasts."""
-    usual = 1.6 if np.unique(estimates.track_id).size <= FEW_VEHICLES else 0.8
+    usual = 1.6 if np.unique(estimates.track_id).size <= 12 else 0.8
     for coasts, width, opacity in ((False, usual, 1.0), (True, 0.3 * usual, 0.6)):
         own = estimates[estimates.is_coasting == coasts]
         axes.add_collection(

@@ -31,26 +31,14 @@ CONFIDENCE = 0.9
 FANS = tuple(f"/forecasts/region_{100 * share:.0f}" for share in REGION_SHARES)
 """Entities of the fans of forecasts."""
 
-FROM_BELOW = (
+HEIGHT: Mapping[str, float] = {name: 0.1 * place for place, name in enumerate((
     "cells", "roses", "region_90", "region_50", "forecasts", "trails", "truth", "particles", "covariance", "motion",
     "estimates", "assigned", "detections", "ids",
-)  # fmt: skip
-HEIGHT: Mapping[str, float] = {name: 0.1 * place for place, name in enumerate(FROM_BELOW)}
+))}  # fmt: skip
 """Metres above the ground: what lies in one plane would flicker."""
-ROSE_THICKNESS = 0.05
-"""Metres from the lowest petal to the highest."""
-ROSES_UNDER_TRAFFIC = rr.Mesh3D.from_fields(albedo_factor=(255, 255, 255, 165))
-"""What moves must stand out."""
-FORECAST_OPACITY = 64
-STEP_STRIDE = 2
-"""Every second instant is enough for a line."""
-PATHS_DRAWN = 6
-"""Of each vehicle at most; their fans hold them all."""
-UNSEEN_SHADE = 0.5
-"""Vehicles out of sight are darker by this factor."""
-ID_OFFSET = 0.035
-"""Of the depth of ground in view, northwards; a label on the vehicle would hide what it names."""
 
+FAINT_ROSES = rr.Mesh3D.from_fields(albedo_factor=(255, 255, 255, 165))
+"""Under traffic: what moves must stand out."""
 GREY, TRUTH_GREY, RED = (70, 80, 100), (150, 155, 165), (255, 80, 60)
 WHITE = (255, 255, 255)
 SENSORS = ((255, 255, 255), (255, 200, 80), (120, 230, 160), (150, 190, 255), (255, 150, 200), (200, 160, 255))
@@ -109,8 +97,8 @@ def cells(tessellation: Tessellation) -> rr.LineStrips3D:
 
 
 def roses(petals: shapes.Petals, *, fastest: float) -> rr.Mesh3D:
-    """Filled petals in the colour of their mean speed; the heaviest lies lowest."""
-    height = HEIGHT["roses"] + np.linspace(0.0, ROSE_THICKNESS, len(petals.polygon))
+    """Filled petals in the colour of their mean speed; the heaviest lies lowest, 5 cm below the last."""
+    height = HEIGHT["roses"] + np.linspace(0.0, 0.05, len(petals.polygon))
     return rr.Mesh3D(
         vertex_positions=_raised(petals.polygon, height[:, None]).reshape(-1, 3),
         triangle_indices=shapes.fan_triangles(petals.polygon),
@@ -140,10 +128,10 @@ def vehicles(estimates: Estimates, trails: AnyArray, *, depth: float) -> Iterato
     Args:
         estimates: of any instants.
         trails: of lines.
-        depth: metres of ground in view: labels keep their distance on the screen.
+        depth: metres of ground in view: labels keep their distance on the screen, not to hide what they name.
     """
     shade = _shade(estimates)
-    place, beside = estimates.position, estimates.position + np.array([0.0, ID_OFFSET * depth])
+    place, beside = estimates.position, estimates.position + np.array([0.0, 0.035 * depth])
     points = np.stack([_raised(place, HEIGHT["estimates"]), _raised(beside, HEIGHT["ids"])], axis=1)
     names = [["", short_name(name)] for name in estimates.track_id.astype(np.str_).tolist()]
     two: dict[str, AnyArray] = {
@@ -212,7 +200,7 @@ def event_marks(shown: Sequence[Sequence[tuple[str, FloatArray]]]) -> Columns:
 
 
 def forecasts(track_id: Sequence[str], paths: FloatArray, regions: Sequence[Sequence[Region]]) -> Iterator[Columns]:
-    """Rollouts of vehicles at one instant, by entity: thin lines, and the fans that hold them all.
+    """Rollouts of vehicles at one instant, by entity: some thin lines, and the fans that hold them all.
 
     Args:
         track_id: n ids.
@@ -221,10 +209,10 @@ def forecasts(track_id: Sequence[str], paths: FloatArray, regions: Sequence[Sequ
     """
     color = track_color(track_id)
     last = max(paths.shape[2] - 1, 0)
-    kept = np.unique(np.append(np.arange(last, -1, -STEP_STRIDE), 0))  # the first and the last are among them
-    lines = paths[:, :PATHS_DRAWN, kept] if len(track_id) else np.empty((0, 1, 1, 2))
+    kept = np.unique(np.append(np.arange(last, -1, -2), 0))  # every second instant, the first and the last
+    lines = paths[:, :6, kept] if len(track_id) else np.empty((0, 1, 1, 2))
     shade = np.repeat(color, lines.shape[1], axis=0)
-    shade[:, 3] = FORECAST_OPACITY
+    shade[:, 3] = 64
     strips = _raised(lines.reshape(-1, *lines.shape[2:]), HEIGHT["forecasts"])
     yield "/forecasts/paths", rr.LineStrips3D.columns(strips=strips, colors=shade).partition([len(shade)])
     for k, entity in enumerate(FANS):
@@ -272,10 +260,10 @@ def _on_earth(rows: Tracks | Estimates, more: Mapping[str, AnyArray]) -> Iterato
 
 
 def _shade(estimates: Estimates) -> ByteArray:
-    """The colours of vehicles; of those out of sight darker."""
+    """The colours of vehicles; of those out of sight half as light."""
     color = track_color(estimates.track_id)
     unseen: BoolArray = estimates.is_coasting
-    color[unseen, :3] = np.rint(UNSEEN_SHADE * color[unseen, :3])
+    color[unseen, :3] = np.rint(0.5 * color[unseen, :3])
     return color
 
 

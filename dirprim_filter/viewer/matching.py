@@ -24,7 +24,6 @@ MATCH_M = (1.0 - MATCH_FROM) * SIMILARITY_M
 """Metres between a vehicle and its track at most, as `dirprim score` counts exchanges,"""
 GATE = 13.8
 """or the squared distance in units of the track's covariance: 99.9 % of a Gaussian of the plane."""
-JITTER = 1e-12
 
 
 class Matched(NamedTuple):
@@ -91,7 +90,7 @@ class Matcher:
 def _nearest(position: FloatArray, estimates: Estimates, before: IntArray, is_near: BoolArray) -> IntArray:
     """(n,) rows of the estimates: those `before` while they are near enough, and of the others the best assignment."""
     off = position[:, None] - estimates.position
-    precision = np.linalg.inv(estimates.covariance + JITTER * np.eye(2))
+    precision = np.linalg.inv(estimates.covariance + 1e-12 * np.eye(2))
     distance = np.hypot(off[..., 0], off[..., 1])
     is_near &= (distance <= MATCH_M) | (np.einsum("vti,tij,vtj->vt", off, precision, off) <= GATE)
     vehicle, track = np.nonzero(is_near)

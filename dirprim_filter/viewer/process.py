@@ -18,7 +18,6 @@ VIEWER_URL = f"rerun+http://127.0.0.1:{VIEWER_PORT}/proxy"
 THIS_MACHINE = "127.0.0.1"
 SETTLING_S = 1.0
 """In which a viewer without a screen ends: it listens before it knows whether there is one."""
-LISTENING_WITHIN_S = 20.0
 RESTING_S, MOST_LOOKS = 1.5, 60
 """Between two looks at a picture that may still change, and how many there are."""
 NO_PICTURE = "the viewer draws no picture without a screen; it needs a Vulkan driver (Debian: mesa-vulkan-drivers)"
@@ -124,7 +123,7 @@ def free_port() -> int:
 
 def _answers(program: subprocess.Popen[bytes], port: int) -> bool:
     """Whether a program listens at its port before it ends, or time is up."""
-    until = time.monotonic() + LISTENING_WITHIN_S
+    until = time.monotonic() + 20.0
     while program.poll() is None and time.monotonic() < until:
         try:
             socket.create_connection((THIS_MACHINE, port), timeout=1.0).close()

@@ -32,15 +32,6 @@ from dirprim_filter.viewer.matching import Matched, Matcher
 from dirprim_filter.viewer.stream import Stream
 from dirprim_filter.viewer.texts import Event, Events, legend
 
-BATCH_FRAMES = 64
-"""Frames that a file gets at a time;"""
-LIVE_S = 0.1
-"""a viewer gets them so often: one by one, a fast run would wait for its viewer."""
-FRESH_S = 1.2
-"""A forecast is shown until the next, and for so long at most."""
-MARKED_NS = 3_000_000_000
-"""So long the map shows what has happened."""
-
 
 @dataclass(slots=True)
 class _Waiting:
@@ -172,7 +163,7 @@ class RerunSink:
             for waiting in self._waiting:
                 waiting.first = int(np.searchsorted(waiting.rows.time_ns, frame.time_ns))
         self.stream.frames_ns.append(frame.time_ns)
-        if self._forecast_ns is not None and frame.time_ns > self._forecast_ns + FRESH_S * 1e9:
+        if self._forecast_ns is not None and frame.time_ns > self._forecast_ns + 1_200_000_000:  # no other came since
             self._send(marks.forecasts([], np.empty((0, 0, 0, 2)), []), [frame.time_ns])
             self._forecast_ns = None
         self._shown.append(replace(frame, particles=self._particles(frame)))
@@ -225,7 +216,8 @@ class RerunSink:
             self.stream.send_columns(lane.path, times[lane.instants].tolist(), rr.ComponentColumnList(columns))
 
     def _is_due(self, batch: Sized) -> bool:
-        return len(batch) >= BATCH_FRAMES or (self.stream.live and time.monotonic() >= self._sent_s + LIVE_S)
+        """A file gets 64 frames at a time, a viewer all of 0.1 s: one by one, a fast run would wait for its viewer."""
+        return len(batch) >= 64 or (self.stream.live and time.monotonic() >= self._sent_s + 0.1)
 
     def _send_shown(self) -> None:
         frames, self._shown = self._shown, []
@@ -246,7 +238,7 @@ class RerunSink:
         self._send_plots(frames, self._matcher.match(frames) if self._matcher else None, times)
 
     def _send_plots(self, frames: list[TrackedFrame], matched: list[Matched] | None, times: list[int]) -> None:
-        """The curves, and what has happened."""
+        """The curves, and what has happened, which the map shows for three seconds."""
         pairs = [(frame, matched[i] if matched else None) for i, frame in enumerate(frames)]
         rows = [curves.of_all(*pair) for pair in pairs]
         for path in rows[0]:
@@ -267,7 +259,7 @@ class RerunSink:
         drawn = []
         for frame, true in pairs:
             found = self._events.of(frame, true)
-            lately = [(at_ns, event) for at_ns, event in self._happened if frame.time_ns - at_ns < MARKED_NS]
+            lately = [(at_ns, event) for at_ns, event in self._happened if frame.time_ns - at_ns < 3_000_000_000]
             self._happened = lately + [(frame.time_ns, event) for event in found]
             drawn.append([(event.word, event.place) for _, event in self._happened if event.place is not None])
             if found:
@@ -323,7 +315,7 @@ class RerunSink:
         text = legend(self._fastest, most=MOST_OWN)
         self.stream.log("/legend", rr.TextDocument(text, media_type="text/markdown"))
         if tracked and self._fastest is not None:
-            self.stream.log("/map/roses", marks.ROSES_UNDER_TRAFFIC)
+            self.stream.log("/map/roses", marks.FAINT_ROSES)
         window = blueprint(
             box, live=self.stream.live, tracked=tracked, with_truth=self._matcher is not None,
             on_earth=drawable(self._origin) is not None,

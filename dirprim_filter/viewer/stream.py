@@ -31,16 +31,6 @@ TIMELINE = "message_log_time"
 """and the log's own time, exact to the nanosecond, as rerun's MCAP importer calls it: a raw log opens beside it."""
 FROZEN_S = 5.0
 """A viewer that takes nothing for so long is given up."""
-ASKED_EVERY_S = 1.0
-"""Whether it takes what is sent: unasked, all would gather in memory."""
-BEGINNING = 1 << 16
-"""Bytes: so many more than what the SDK writes as it opens a file."""
-WHOLE_END = b"RRF2FOOT"
-"""Near the end of a whole .rrd."""
-PLACES_NEEDED = (
-    "expected at least one place to stream to, got none; "
-    "--spawn shows it on a screen, --save FILE.rrd keeps it for `dirprim view`"
-)
 
 
 class Stream:
@@ -73,7 +63,10 @@ class Stream:
         connect: str | None = None, force: bool = False,
     ) -> None:  # fmt: skip
         if save is None and not spawn and connect is None:
-            raise ValueError(PLACES_NEEDED)
+            raise ValueError(
+                "expected at least one place to stream to, got none; "
+                "--spawn shows it on a screen, --save FILE.rrd keeps it for `dirprim view`"
+            )
         self.live = spawn or connect is not None
         self.failures: list[str] = []
         self.address = connect
@@ -128,8 +121,8 @@ class Stream:
             send(place)
 
     def look_after(self) -> None:
-        """Now and then, whether live viewers still take what is sent."""
-        if self.live and time.monotonic() > self._asked_s + ASKED_EVERY_S:
+        """Ask every second whether live viewers still take what is sent: unasked, all would gather in memory."""
+        if self.live and time.monotonic() > self._asked_s + 1.0:
             self.flush()
             self._asked_s = time.monotonic()
 
@@ -171,7 +164,7 @@ def _begin(file: PartialFile) -> None:
     """Open it, if there is room for the beginning: the SDK would wait for ever for a file that takes nothing."""
     with ExitStack() as opened:
         room = opened.enter_context(file)
-        room.write(bytes(BEGINNING))
+        room.write(bytes(1 << 16))  # more than what the SDK writes as it opens a file
         room.truncate(0)
         file.keep = True
         opened.pop_all()
@@ -187,6 +180,7 @@ def _disconnect(stream: rr.RecordingStream) -> None:
 
 
 def _is_whole(path: Path) -> bool:
+    """Whether the footer is near the end of an .rrd."""
     with path.open("rb") as file:
         file.seek(max(path.stat().st_size - 256, 0))
-        return WHOLE_END in file.read()
+        return b"RRF2FOOT" in file.read()

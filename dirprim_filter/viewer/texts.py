@@ -11,8 +11,6 @@ from dirprim_filter.estimates import TrackedFrame
 from dirprim_filter.viewer.matching import Matched
 
 COASTS, ANEW, MEASURED = "coasts", "reinitialised: its belief did not explain its measurements", "measured again"
-ALONE_NS = 1_000_000_000
-"""A vehicle without a track for so long is lost, a track without a vehicle is a ghost."""
 
 ROSES = """\
 **Roses**: how vehicles move in a cell. A petal points and bends in their direction; its area is their share of those
@@ -71,7 +69,7 @@ class Events:
         return found if matched is None else found + self._against(frame, matched)
 
     def _against(self, frame: TrackedFrame, matched: Matched) -> list[Event]:
-        """Exchanges of ids, vehicles without a track, tracks without a vehicle."""
+        """Exchanges of ids; vehicles without a track for 1 s, which are lost, tracks without a vehicle, ghosts."""
         found, alone = [], dict[tuple[str, str], FloatArray]()
         vehicle_of = {frame.names[row]: name for name, row in zip(matched.names, matched.row, strict=True) if row >= 0}
         for name, row, place in zip(matched.names, matched.row.tolist(), matched.position, strict=True):
@@ -92,7 +90,7 @@ class Events:
         }
         self._alone_since = {who: self._alone_since.get(who, frame.time_ns) for who in alone}
         for (word, text), since_ns in self._alone_since.items():
-            if frame.time_ns - since_ns >= ALONE_NS:
+            if frame.time_ns - since_ns >= 1_000_000_000:
                 self._alone_since[word, text] = np.iinfo(np.int64).max  # once
                 found.append(Event("WARN", text, word, alone[word, text]))
         return found
