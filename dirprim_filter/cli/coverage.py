@@ -20,10 +20,6 @@ from tessellation import GridTessellation
 
 logger = logging.getLogger(__name__)
 
-MOST_OUTSIDE = 0.5
-"""Share of a log's rows outside of the cells, above which a line asks for the right map."""
-MOST_LOST = 0.5
-"""Share of the rows with an estimate below which a log counts as lost."""
 NONE = np.empty((0, 2))
 
 
@@ -68,7 +64,7 @@ class Coverage:
         return chain(first, coming)
 
     def check(self, position: FloatArray = NONE) -> None:
-        """Warn where most rows are outside; of these (n, 2) too.
+        """Warn where more than half of the rows are outside; of these (n, 2) too.
 
         Raises:
             ValueError: all are.
@@ -84,7 +80,7 @@ class Coverage:
                 f"{self._map_file}: expected a map of the log's place, got one with {where}; take another map, or say "
                 "--set frame=... or origin=..."
             )
-        if share > MOST_OUTSIDE and self._is_needed:
+        if share > 0.5 and self._is_needed:
             logger.warning("%s: %s: is it the map of this place, in the same frame and origin?", self._map_file, where)
 
     def say(self, what: str, trackers: GroupTracker, *, share_true: float) -> bool:
@@ -104,7 +100,7 @@ class Coverage:
             what += f"; {missing:.1%} of {counted(self._n_rows, 'row')} without an estimate"
             what += f", {outside:.1%} outside the map" if self._map else ""
         say(what)
-        is_poor = self._n_estimated < MOST_LOST * share_true * self._n_rows
+        is_poor = self._n_estimated < 0.5 * share_true * self._n_rows
         if is_poor:
             say("most rows have no estimate: is the noise larger (--noise), or less clutter "
                 "(--set clutter_density=1e-9)?", err=True)  # fmt: skip

@@ -40,13 +40,6 @@ WITH_MAP, WITHOUT_MAP, CONSTANT_VELOCITY = "with the map", "without the map", "c
 """The ways that are compared."""
 LONGEST_S = 900.0
 """The second process is waited for; one that was killed would never answer."""
-N_FITTED = 20
-"""Vehicles that constant velocity is fitted to."""
-SEEN_FIGURES = ("rmse", "direction_rmse", "speed_rmse", "nees")
-BLIND_FIGURES = ("hota", "idf1", "mota", "switches", "seen_rmse")
-"""What is printed of each way."""
-NOISE_M, FORECAST_S = 0.5, 5.0
-"""Of the sensor in the recordings; and how far ahead vehicles are forecast."""
 NEAR_M, FAR_M = 25.0, 45.0
 """Borders of the ring, a square about the junction's middle: max(|x|, |y|)."""
 
@@ -118,7 +111,7 @@ def demo(
         seen = _seen_blind(tracking, Path(work)) if is_blind else tracking
         truth, known = read_tracks(tracking), read_tracks(learning)
         ways = {WITH_MAP: estimates, **{way: Path(work) / f"{way}.mcap" for way in (WITHOUT_MAP, CONSTANT_VELOCITY)}}
-        common: dict[str, Any] = {"log": seen, "seed": seed, "noise": NOISE_M, "force": True, "reading": Reading()}
+        common: dict[str, Any] = {"log": seen, "seed": seed, "noise": 0.5, "force": True, "reading": Reading()}
         leaving = {"departure_rate": str(departure_rate(known))} if is_blind else {}
         straight = common | {"output": ways[CONSTANT_VELOCITY], "motion": "constant-velocity", "settings": leaving}
         rivals = [second.apply_async(_track_straight, (straight, known))]
@@ -129,7 +122,7 @@ def demo(
         rivals.append(second.apply_async(_track, (without,)))
         compiled.wait(LONGEST_S)
         code = track_log(
-            **common, map_file=map_file, output=estimates, save=shown, forecast=FORECAST_S,
+            **common, map_file=map_file, output=estimates, save=shown, forecast=5.0,
             settings={"truth": str(tracking)},
         )  # fmt: skip
         if code not in (exit_codes.DONE, exit_codes.INPUT_LOST):
@@ -137,7 +130,7 @@ def demo(
         drawn = second.apply_async(_draw, (map_file, picture, estimates))
         for task in (*rivals, drawn):
             task.get(LONGEST_S)
-        figures = BLIND_FIGURES if is_blind else SEEN_FIGURES
+        figures = ("hota idf1 mota switches seen_rmse" if is_blind else "rmse direction_rmse speed_rmse nees").split()
         reports = {way: report(read_estimates(path), truth, is_blind=is_blind) for way, path in ways.items()}
     table = [(name, *(number(getattr(of, figure)) for figure in figures)) for name, of in reports.items()]
     typer.echo("\n".join(["", *columns([("tracking", *(FIGURES[figure] for figure in figures)), *table])]))
@@ -178,7 +171,7 @@ def _track_straight(way: dict[str, Any], known: Tracks) -> None:
     from dirprim_filter.evaluation.rivals import fitted_acceleration
 
     config, rng = FilterConfig(), np.random.default_rng(0)
-    some = known[np.isin(known.vehicle, rng.permutation(known.n_tracks)[:N_FITTED])]
+    some = known[np.isin(known.vehicle, rng.permutation(known.n_tracks)[:20])]
     noise = config.noise_m * rng.standard_normal(some.position.shape)
     fitted = fitted_acceleration(replace(Detections.of(some), position=some.position + noise), known, config)
     _track(way | {"settings": way["settings"] | {"acceleration_density": str(fitted.chosen)}})

@@ -12,8 +12,6 @@ import typer
 from dirprim_filter.cli.compiling import cache_folders, warm_up
 
 PACKAGES = ("dirprim-filter", "numpy", "scipy", "numba", "mcap", "rerun-sdk", "pyarrow", "protobuf", "matplotlib")
-LEARN_NS, TRACK_NS = 120 * 10**9, 15 * 10**9
-"""So much of two recordings that ship is compiled with."""
 
 
 def doctor(
@@ -45,7 +43,7 @@ def _compile() -> None:
 
     warm_up()
     rng, folder = np.random.default_rng(0), recordings_folder()
-    learned = learn_primitives(read_tracks(folder / "roundabout_learn.mcap", end_ns=LEARN_NS), rng=rng)
+    learned = learn_primitives(read_tracks(folder / "roundabout_learn.mcap", end_ns=120 * 10**9), rng=rng)
     tracker = Tracker(learned, rng=rng)
-    for frame in stream_detections(folder / "roundabout_track.mcap", end_ns=TRACK_NS):
+    for frame in stream_detections(folder / "roundabout_track.mcap", end_ns=15 * 10**9):
         tracker.step(frame)

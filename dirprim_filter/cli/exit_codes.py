@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 DONE, FAILED, INPUT_LOST = 0, 1, 3
 INTERRUPTED, TERMINATED = 130, 143
 """As shells have them: 128 and the number of the signal."""
-AGAIN_AFTER_S = 0.05
 
 
 class Terminated(KeyboardInterrupt):
@@ -41,7 +40,7 @@ def listen() -> None:
             report(lost)
             return
         number = signal.SIGTERM if issubclass(lost.exc_type, Terminated) else signal.SIGINT
-        again = Timer(AGAIN_AFTER_S, _thread.interrupt_main, (number,))
+        again = Timer(0.05, _thread.interrupt_main, (number,))
         again.daemon = True
         again.start()
 

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-EARLIEST_NS, LATEST_NS = 10**17, 10**19
-"""Clocks that count from 1970 show times since 1973; others count from the start of the machine or log."""
 LABELS_SHOWN = 12
 """Of a topic, to people; to machines all."""
 TOPICS_SHOWN = 4
@@ -159,6 +157,6 @@ def _span(summary: LogSummary) -> str:
     start_ns, end_ns = summary.start_ns, summary.end_ns
     if start_ns is None or end_ns is None:
         return ""
-    is_date = EARLIEST_NS < start_ns < LATEST_NS
+    is_date = 10**17 < start_ns < 10**19  # since 1973; other clocks count from the start of the machine or log
     date = f" ({datetime.fromtimestamp(start_ns // 10**9, UTC):%Y-%m-%d %H:%M:%S} UTC)" if is_date else ""
     return f", {(end_ns - start_ns) * 1e-9:.1f} s from {start_ns} ns{date}"

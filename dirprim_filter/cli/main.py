@@ -28,9 +28,6 @@ COMMANDS = {
 }
 """The commands, and groups of them, under the titles that `dirprim --help` gives them; each in a module so called."""
 
-UNCOLLECTED = 100_000
-"""New objects before garbage is looked for among them; Python's 700 suit programs that import little."""
-
 
 class _Titled(TyperGroup):
     """Lists the commands under their titles."""
@@ -117,7 +114,7 @@ def main() -> None:
     Imports make half a million objects, none of them garbage. Looking through these again and again, and twice more
     before the interpreter ends, would take a third of a short command.
     """
-    gc.set_threshold(UNCOLLECTED)
+    gc.set_threshold(100_000)  # Python's 700 new objects suit programs that import little
     hold_standard_streams()
     exit_codes.listen()
     code = run(sys.argv[1:])

@@ -20,11 +20,6 @@ from dirprim_filter.filtering import BayesFilter, ConstantVelocityKalman
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording import load_map
 
-STRAIGHT_ON = 1.0
-"""m^2/s^3, density of white acceleration where neither the user states one nor the log has ids: cars in towns."""
-MOST_ROWS = 10_000
-"""Detections that motion is learned from."""
-
 
 class MotionModel(NamedTuple):
     """A model of motion.
@@ -82,12 +77,13 @@ def motion_of(
     from dirprim_filter.evaluation.without_map import acceleration_of, background_motion
 
     first, coming, rng = list[Detections](), iter(frames), np.random.default_rng(seed)
-    found, how = MotionModel(None, acceleration or fitted or STRAIGHT_ON), f"not learned: {why_not}"
+    of_cars = 1.0  # m^2/s^3, density of white acceleration in towns
+    found, how = MotionModel(None, acceleration or fitted or of_cars), f"not learned: {why_not}"
     if acceleration or fitted:
         how = "as stated" if acceleration else "fitted to tracks of the log's first minutes, without ids"
     elif not why_not:
         with working("learning how vehicles move"):
-            first = first_minutes(coming, n_most=MOST_ROWS)
+            first = first_minutes(coming, n_most=10_000)
             seen = Detections.concatenate(first)
             n_rows = np.unique(seen.in_one_group().track_id[seen.track_id != NO_ID], return_counts=True)[1]
             of = f"{counted(int((n_rows > 1).sum()), 'vehicle')} of the log's first minutes"

@@ -28,8 +28,6 @@ from dirprim_filter.recording.scan import scan
 if TYPE_CHECKING:
     from dirprim_filter.primitives.primitive_map import PrimitiveMap
 
-FORMAT_VERSION = 2
-"""Of the objects that `--json` writes; 1 had neither `format` nor `inputs`."""
 CONFIG_KEY = "experiment"
 """Of the metadata record and the JSON object that hold an experiment."""
 
@@ -53,15 +51,10 @@ def save_learned(
     from dirprim_filter.recording import save_map
 
     save_map(learned, output, metadata=provenance("learn", inputs=inputs, config=LearningConfig(), **said), force=force)
-    typer.echo(f"{output}: {_map_text(learned)}, from {counts}")
-
-
-def _map_text(learned: PrimitiveMap) -> str:
-    """How many cells, of what size, and their modes."""
-    size_m = float(learned.tessellation.area.mean()) ** 0.5
-    n_modes = float((learned.own_weight > 0).sum(axis=1).mean())
+    size_m, n_modes = learned.tessellation.area.mean() ** 0.5, (learned.own_weight > 0).sum(axis=1).mean()
     origin = "" if learned.origin is None else f", origin {learned.origin}"
-    return f"{counted(learned.tessellation.n_cells, 'cell')} of {size_m:.3g} m, {n_modes:.1f} modes each{origin}"
+    cells = f"{counted(learned.tessellation.n_cells, 'cell')} of {size_m:.3g} m, {n_modes:.1f} modes each"
+    typer.echo(f"{output}: {cells}{origin}, from {counts}")
 
 
 def metadata_of(path: Path) -> dict[str, str]:
@@ -91,7 +84,8 @@ def report(
         typer.echo(text())
         return exit_codes.of_losses(lost)
     said = {
-        "format": f"dirprim {command}", "format_version": FORMAT_VERSION, "version": version("dirprim-filter"),
+        "format": f"dirprim {command}", "format_version": 2,  # 1 had neither `format` nor `inputs`
+        "version": version("dirprim-filter"),
         "inputs": [{"name": path.name, "sha256": checksum(path)} for path in inputs],
         "reading": reading.said(),
         CONFIG_KEY: settings,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -30,10 +30,10 @@ OF_ESTIMATES = ("start", "end", "strict")
 
 
 def open_viewer(
-    place: str, lost: Losses, *, maps: Sequence[PrimitiveMap] = (), truth: Path | None = None,
-    reading: Reading | None = None, is_asked: bool = True, **options: Any,
+    place: str, lost: Losses, *, maps: Sequence[PrimitiveMap] = (), run: Mapping[str, str] | None = None,
+    truth: Path | None = None, reading: Reading | None = None, is_asked: bool = True, **options: Any,
 ) -> sink.RerunSink:  # fmt: skip
-    """A `RerunSink`, with maps, and the true tracks of a log as it is to be read; `lost` gets what of these is.
+    """A `RerunSink`, with maps, what made the `run`, and the true tracks of a log; `lost` gets what of these is.
 
     What is shown of one `place` shares the layout of a viewer that stays open. A log may have no tracks unless they
     were asked for.
@@ -51,6 +51,7 @@ def open_viewer(
         viewer.log_truth(true_tracks)
     for shown in maps:
         viewer.log_map(shown)
+    viewer.log_run(run or {})
     return viewer
 
 

@@ -33,13 +33,9 @@ UNITS = {
     "birth_density": "per m2 and frame",
 }  # fmt: skip
 """Of the numbers of a sensor and a scene."""
-LEARNED_FROM_S, FEWEST_ROWS = 300.0, 1_000
-"""Seconds of a log that a sensor is learned from; of sensors that look seldom, as many as these detections take."""
 MOST_ROWS, MOST_ROWS_UNASKED = 200_000, 10_000
 """Detections that it is learned from, if `auto` is asked for and by default: these take about a second with ids, some
 seconds without, as they are tracked under several parameters."""
-
-
 SENSOR_COUNTS = "its covariances are not used, but the sensor's model; without --sensor they are, --noise for the rest"
 LOG_COUNTS = "its covariances are used, and the stated noise where it has none; --sensor goes before them"
 
@@ -180,14 +176,14 @@ def _say_default(why: str) -> None:
 
 
 def first_minutes(frames: Iterator[Detections], *, n_most: int) -> list[Detections]:
-    """The frames of the first minutes, longer of a log of few rows, but no more than reach so many rows."""
+    """The frames of the first five minutes, longer until they are 1,000 rows, but no more than reach so many rows."""
     first: list[Detections] = []
     n_rows = 0
     for frame in frames:
         first.append(frame)
         n_rows += len(frame)
         passed_s = (int(frame.time_ns[0]) - int(first[0].time_ns[0])) * 1e-9 if len(frame) else 0.0
-        if n_rows > n_most or (passed_s > LEARNED_FROM_S and n_rows > FEWEST_ROWS):
+        if n_rows > n_most or (passed_s > 300.0 and n_rows > 1_000):
             break
     return first
 

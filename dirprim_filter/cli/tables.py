@@ -31,8 +31,6 @@ FORECAST_FIGURES = {
     "energy": "energy, m", "ade": "ADE, m", "fde": "FDE, m", "coverage_50": "in 50 %", "coverage_90": "in 90 %",
 }  # fmt: skip
 """Those of a forecast's score."""
-CONCLUDED_S = (1.0, 5.0)
-"""Horizons of the conclusion; or those nearest to them."""
 SAID = {"place-free": "the same model without the map", "one cell": "one cell for all places"}
 """What the conclusion calls methods."""
 MAIN_FIGURES = {
@@ -145,7 +143,7 @@ def forecast_text(table: ForecastTable) -> str:
     horizons = [score.horizon_s for score in first.horizons]
     n = first.horizons[0].gain.n_clusters
     lines += ["", f"Energy score of the {first.name}, with 95 % intervals over {counted(n, table.split_by)}:"]
-    for i in sorted({min(range(len(horizons)), key=lambda h: abs(horizons[h] - at)) for at in CONCLUDED_S}):
+    for i in sorted({min(range(len(horizons)), key=lambda h: abs(horizons[h] - at)) for at in (1.0, 5.0)}):
         heads = [f"  at {horizons[i]:g} s", *[""] * len(others)]
         lines += [
             f"{head:<11}{_off_energy(row.horizons[i].gain, row.name)}" for head, row in zip(heads, others, strict=False)

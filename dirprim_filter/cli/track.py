@@ -6,7 +6,6 @@ import json
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
@@ -126,8 +125,9 @@ def track(
         if is_wrong:
             raise typer.BadParameter(why, param_hint=option)
     truth = options.existing_log(own.truth) if own.truth else None
-    smoother, lost = Smoother(lag_s=lag) if smooth or lag is not None else None, Losses()
-    (primitive_map, reading), is_live = map_of(map_file, reading), is_pipe(log) and lag is not None
+    smoother = Smoother(lag_s=lag) if smooth or lag is not None else None
+    is_live = lag is not None and (str(log) == "-" or log.is_fifo())  # is read once, and may be written while it is
+    (primitive_map, reading), lost = map_of(map_file, reading), Losses()
     filtering, association = read_filter(config, settings, Own, n_particles=particles, noise_m=noise)
     stream = reading.detections(log, motion=own.measured_motion, live=is_live)
     coverage = Coverage(primitive_map, map_file, log, is_needed=is_learned and not own.without_map)
@@ -173,10 +173,9 @@ def track(
 
             viewer = files.enter_context(open_viewer(
                 (map_file or log).stem, lost, maps=[primitive_map] if primitive_map else [], save=save, spawn=spawn,
-                connect=connect, force=force, n_particles=own.particles_out, truth=truth,
+                connect=connect, force=force, n_particles=own.particles_out, truth=truth, run=said,
                 reading=reading.of_truth(truth, *["group"] * (own.truth == str(log))) if truth else None,
             ))  # fmt: skip
-            viewer.log_run(said)
             outputs.append(viewer)
             failures = viewer.stream.failures
         sinks: list[EstimateSink] = [*outputs, coverage]
@@ -196,8 +195,3 @@ def track(
         share_true=own_tracks.n_true / len(own_tracks.seen) if own_tracks else 1.0,
     )  # fmt: skip
     return exit_codes.of_losses(stream.losses, lost, is_lost=is_poor, failures=failures)
-
-
-def is_pipe(log: Path) -> bool:
-    """Whether it can be read once, and may be written while it is."""
-    return str(log) == "-" or log.is_fifo()

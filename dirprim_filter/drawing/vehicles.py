@@ -74,14 +74,12 @@ class Trails:
 
     def lead_on(self, names: Sequence[str], places: Iterable[Any], time_ns: int) -> list[list[Any]]:
         """For each vehicle of an instant where it was at even times, oldest first, and is; others are forgotten."""
-        self._of = {name: self._led_on(name, place, time_ns) for name, place in zip(names, places, strict=True)}
+        before, self._of = self._of, {}
+        for name, place in zip(names, places, strict=True):
+            self._of[name] = trail = before.get(name) or [(time_ns, place)]
+            if len(trail) > 1 and trail[-1][0] - trail[-2][0] < TRAIL_NS // TRAIL_POINTS:
+                trail.pop()
+            while trail and time_ns - trail[0][0] > TRAIL_NS:
+                trail.pop(0)
+            trail.append((time_ns, place))
         return [[place for _, place in self._of[name]] for name in names]
-
-    def _led_on(self, name: str, place: Any, time_ns: int) -> list[tuple[int, Any]]:
-        trail = self._of.get(name) or [(time_ns, place)]
-        if len(trail) > 1 and trail[-1][0] - trail[-2][0] < TRAIL_NS // TRAIL_POINTS:
-            trail.pop()
-        while trail and time_ns - trail[0][0] > TRAIL_NS:
-            trail.pop(0)
-        trail.append((time_ns, place))
-        return trail

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import os
+import re
 import shlex
 import shutil
 import signal
@@ -27,10 +28,6 @@ if TYPE_CHECKING:
 
 DETECTIONS, INSTANTS, ESTIMATES, SEED = "{detections}", "{instants}", "{estimates}", "{seed}"
 """What stands in a command for its files, and in either for the seed of the run."""
-BEGINS = {b"\x89MCAP": ".mcap", b"PAR1": ".parquet"}
-"""Of files that are no .csv, whatever name the command was given for them."""
-LAST_BYTES = 4096
-"""Of what a command reports, where its last line is."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,13 +61,14 @@ class Command:
             _write(files[DETECTIONS], _detections(scenes, self.noise_m))
             _write(files[INSTANTS], _instants(scenes, [np.unique(scene.truth.time_ns) for scene in scenes]))
             stands_for = {what: str(path) for what, path in files.items()} | {SEED: str(seed)}
-            self._run([_filled(word, stands_for) for word in self.words], Path(folder) / "reported", seed)
+            names = re.compile("|".join(map(re.escape, stands_for)))
+            words = [names.sub(lambda found: stands_for[found[0]], word) for word in self.words]
+            self._run(words, Path(folder) / "reported", seed)
             written = files[ESTIMATES]
             if not written.is_file():
                 self._fail(seed, f"ended well and wrote no {ESTIMATES}")
-            with written.open("rb") as file:
-                begin = file.read(5)
-            suffix = next((of for magic, of in BEGINS.items() if begin.startswith(magic)), ".csv")
+            with written.open("rb") as file:  # what it is, whatever name the command was given for it
+                suffix = {b"\x89MCA": ".mcap", b"PAR1": ".parquet"}.get(file.read(4), ".csv")
             try:
                 return _read(written.rename(written.with_suffix(suffix)), scenes)
             except (RecordingError, ValueError, OSError) as error:
@@ -95,7 +93,7 @@ class Command:
                 process.wait()
         if code:
             with reported.open("rb") as file:
-                file.seek(max(reported.stat().st_size - LAST_BYTES, 0))
+                file.seek(max(reported.stat().st_size - 4096, 0))  # where the last line is
                 lines = file.read().decode(errors="replace").strip().splitlines()
             self._fail(seed, f"ended with {code}: {lines[-1] if lines else 'it reported nothing'}")
 
@@ -170,12 +168,6 @@ def _words(name: str, line: str) -> tuple[str, ...]:
 
 def _refuse(option: str, why: str) -> NoReturn:
     raise typer.BadParameter(why, param_hint=option)
-
-
-def _filled(word: str, stands_for: dict[str, str]) -> str:
-    for what, text in stands_for.items():
-        word = word.replace(what, text)
-    return word
 
 
 def _read(path: Path, scenes: Sequence[Scene]) -> TrackedRows:
