@@ -9,8 +9,8 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence, Sized
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain, compress
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
@@ -77,9 +77,7 @@ class RerunSink:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         self.close(whole=kind is None or issubclass(kind, KeyboardInterrupt))
 
     def flush(self) -> None:
@@ -96,13 +94,12 @@ class RerunSink:
 
     def close(self, *, whole: bool = True) -> None:
         """Send what is left and close; a file gets its name if it is whole, else keeps its temporary one."""
+        is_sent = False
         try:
             self.flush()
-        except BaseException:
-            whole = False
-            raise
+            is_sent = True
         finally:
-            self.stream.close(whole=whole)
+            self.stream.close(whole=whole and is_sent)
 
     # --- What holds for the whole log -----------------------------------------------------------------------
 
@@ -166,7 +163,9 @@ class RerunSink:
         if self._forecast_ns is not None and frame.time_ns > self._forecast_ns + 1_200_000_000:  # no other came since
             self._send(marks.forecasts([], np.empty((0, 0, 0, 2)), []), [frame.time_ns])
             self._forecast_ns = None
-        self._shown.append(replace(frame, particles=self._particles(frame)))
+        stride = max(len(frame.particles) // max(len(frame.estimates), 1) // max(self._n_particles, 1), 1)
+        some = frame.particles.thinned(stride) if self._n_particles else Particles.none()  # a copy
+        self._shown.append(replace(frame, particles=some))
         self._not_forecast = set(compress(frame.names, has_no_forecast(frame.estimates).tolist()))
         if self._is_due(self._shown):
             self._send_shown()
@@ -187,13 +186,6 @@ class RerunSink:
         names, regions = [forecasts.track_id[row] for row in shown], [forecasts.regions[row] for row in shown]
         self._send(marks.forecasts(names, forecasts.coarse_paths()[shown], regions), [forecasts.time_ns])
         self._forecast_ns = forecasts.time_ns
-
-    def _particles(self, frame: TrackedFrame) -> Particles:
-        """A copy of so many of each vehicle."""
-        if not self._n_particles:
-            return Particles.none()
-        of_each = len(frame.particles) // max(len(frame.estimates), 1)
-        return frame.particles.thinned(max(of_each // self._n_particles, 1))
 
     # --- The stream -----------------------------------------------------------------------------------------
 
@@ -226,8 +218,8 @@ class RerunSink:
         self._sent_s = time.monotonic()
         times = [frame.time_ns for frame in frames]
         self._send_waiting(times[-1])
-        estimates, instant, names, strips = self._joined("/tracks", frames)
-        self._send_each("/tracks", names, instant, times, marks.vehicles(estimates, strips, depth=self._depth()))
+        depth = 100.0 if self._box is None else float(np.ptp(self._box[:, 1]))
+        self._send_estimates("/tracks", frames, partial(marks.vehicles, depth=depth))
         clouds = [frame.particles.thinned(1) for frame in frames]
         self._send([marks.assigned(frames), marks.particles(clouds)], times)
         if not self._sensors:
@@ -267,8 +259,10 @@ class RerunSink:
                 self._send([("/events", lines)], [frame.time_ns] * len(found))
         self._send([marks.event_marks(drawn)], times)
 
-    def _joined(self, root: str, frames: list[TrackedFrame]) -> tuple[Estimates, IntArray, list[str], AnyArray]:
-        """The estimates of frames, the frame and the name of each, and the trail to it."""
+    def _send_estimates(
+        self, root: str, frames: list[TrackedFrame], draw: Callable[[Estimates, AnyArray], Iterable[marks.Part]]
+    ) -> None:
+        """Those of frames, with the trails to them."""
         estimates = Estimates.concatenate([frame.estimates for frame in frames])
         trails = [
             trail
@@ -276,14 +270,13 @@ class RerunSink:
             for trail in self._trails[root].lead_on(frame.names, frame.estimates.position, frame.time_ns)
         ]
         instant = np.repeat(np.arange(len(frames)), [len(frame.estimates) for frame in frames])
-        return estimates, instant, [name for frame in frames for name in frame.names], marks.strips_of(trails)
+        names, times = [name for frame in frames for name in frame.names], [frame.time_ns for frame in frames]
+        self._send_each(root, names, instant, times, draw(estimates, marks.strips_of(trails)))
 
     def _send_smoothed(self) -> None:
-        frames, self._smoothed = self._smoothed, []
-        if frames:
-            estimates, instant, names, strips = self._joined("/smoothed", frames)
-            times = [frame.time_ns for frame in frames]
-            self._send_each("/smoothed", names, instant, times, marks.smoothed(estimates, strips))
+        if self._smoothed:
+            self._send_estimates("/smoothed", self._smoothed, marks.smoothed)
+        self._smoothed = []
 
     def _send_waiting(self, until_ns: int, *, is_last: bool = False) -> None:
         """Truth and detections up to a time; at the last one more instant without any: else they would stay."""
@@ -301,10 +294,6 @@ class RerunSink:
         for time_ns, first, end in zip(times_ns, ends, ends[1:], strict=False):
             trails += self._trails["/truth"].lead_on(names[first:end], rows.position[first:end], time_ns)
         self._send_each("/truth", names, instant, times_ns, marks.truth(rows, marks.strips_of(trails)))
-
-    def _depth(self) -> float:
-        """Metres of ground in view, from south to north."""
-        return 100.0 if self._box is None else float(np.ptp(self._box[:, 1]))
 
     def _lay_out(self, *, tracked: bool) -> None:
         box = shapes.extent(np.empty((0, 2))) if self._box is None else self._box

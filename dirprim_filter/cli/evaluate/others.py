@@ -15,16 +15,20 @@ from contextlib import suppress
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import Any, NoReturn
 
+import numpy as np
 import typer
 
-if TYPE_CHECKING:
-    from dirprim_filter.arrays import IntArray
-    from dirprim_filter.evaluation.scenes import Scene
-    from dirprim_filter.evaluation.tracked_rows import TrackedRows
-    from dirprim_filter.evaluation.tracking import Other
-    from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
+from dirprim_filter.arrays import IntArray
+from dirprim_filter.detections import NO_ID, Detections
+from dirprim_filter.evaluation.scenes import Scene
+from dirprim_filter.evaluation.tracked_rows import TrackedRows
+from dirprim_filter.evaluation.tracking import Other
+from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
+from dirprim_filter.recording.errors import RecordingError
+from dirprim_filter.recording.estimate_tables import read_tracked_rows
+from dirprim_filter.tracks import Tracks
 
 DETECTIONS, INSTANTS, ESTIMATES, SEED = "{detections}", "{instants}", "{estimates}", "{seed}"
 """What stands in a command for its files, and in either for the seed of the run."""
@@ -52,10 +56,6 @@ class Command:
         Raises:
             ValueError: it cannot be started, fails, takes too long, or writes no estimates.
         """
-        import numpy as np
-
-        from dirprim_filter.recording.errors import RecordingError
-
         with tempfile.TemporaryDirectory(prefix="dirprim-") as folder:
             files = {what: Path(folder) / f"{what[1:-1]}.csv" for what in (DETECTIONS, INSTANTS, ESTIMATES)}
             _write(files[DETECTIONS], _detections(scenes, self.noise_m))
@@ -63,30 +63,29 @@ class Command:
             stands_for = {what: str(path) for what, path in files.items()} | {SEED: str(seed)}
             names = re.compile("|".join(map(re.escape, stands_for)))
             words = [names.sub(lambda found: stands_for[found[0]], word) for word in self.words]
-            self._run(words, Path(folder) / "reported", seed)
             written = files[ESTIMATES]
-            if not written.is_file():
-                self._fail(seed, f"ended well and wrote no {ESTIMATES}")
-            with written.open("rb") as file:  # what it is, whatever name the command was given for it
-                suffix = {b"\x89MCA": ".mcap", b"PAR1": ".parquet"}.get(file.read(4), ".csv")
             try:
-                return _read(written.rename(written.with_suffix(suffix)), scenes)
+                self._run(words, written)
+                with written.open("rb") as file:  # what it is, whatever name the command was given for it
+                    suffix = {b"\x89MCA": ".mcap", b"PAR1": ".parquet"}.get(file.read(4), ".csv")
+                written = written.rename(written.with_suffix(suffix))
+                return _read(written, scenes)
             except (RecordingError, ValueError, OSError) as error:
-                said = str(error).replace(str(written.with_suffix(suffix)), ESTIMATES)
+                said = str(error).replace(str(written), ESTIMATES)
                 raise ValueError(f"{self.name}, seed {seed}: {said}") from error
 
-    def _run(self, words: list[str], reported: Path, seed: int) -> None:
-        with reported.open("wb") as errors:
+    def _run(self, words: list[str], written: Path) -> None:
+        with (reported := written.with_name("reported")).open("wb") as errors:
             try:
                 process = subprocess.Popen(  # noqa: S603  the user's own command, a list, no shell
                     words, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=errors, start_new_session=True
                 )
             except OSError as error:
-                self._fail(seed, f"cannot start {words[0]}: {error.strerror}")
+                raise ValueError(f"cannot start {words[0]}: {error.strerror}") from error
             try:
                 code = process.wait(self.limit_s)
-            except subprocess.TimeoutExpired:
-                self._fail(seed, f"stopped after {self.limit_s:g} s; --set time_limit_s=... allows more")
+            except subprocess.TimeoutExpired as error:
+                raise ValueError(f"stopped after {self.limit_s:g} s; --set time_limit_s=... allows more") from error
             finally:
                 with suppress(ProcessLookupError):
                     os.killpg(process.pid, signal.SIGKILL)
@@ -95,10 +94,9 @@ class Command:
             with reported.open("rb") as file:
                 file.seek(max(reported.stat().st_size - 4096, 0))  # where the last line is
                 lines = file.read().decode(errors="replace").strip().splitlines()
-            self._fail(seed, f"ended with {code}: {lines[-1] if lines else 'it reported nothing'}")
-
-    def _fail(self, seed: int, why: str) -> NoReturn:
-        raise ValueError(f"{self.name}, seed {seed}: {why}")
+            raise ValueError(f"ended with {code}: {lines[-1] if lines else 'it reported nothing'}")
+        if not written.is_file():
+            raise ValueError(f"ended well and wrote no {ESTIMATES}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,9 +169,6 @@ def _refuse(option: str, why: str) -> NoReturn:
 
 
 def _read(path: Path, scenes: Sequence[Scene]) -> TrackedRows:
-    from dirprim_filter.recording.estimate_tables import read_tracked_rows
-    from dirprim_filter.tracks import Tracks
-
     return read_tracked_rows(path, truth=Tracks.concatenate(scene.truth for scene in scenes))
 
 
@@ -186,10 +181,6 @@ def _write(path: Path, columns: dict[str, list[Any]]) -> None:
 
 def _detections(scenes: Sequence[Scene], noise_m: float) -> dict[str, list[Any]]:
     """Rows of all scenes, one after the other; ids where the sensor states them."""
-    import numpy as np
-
-    from dirprim_filter.detections import NO_ID, Detections
-
     seen = Detections.concatenate(scene.seen for scene in scenes)
     covariance = np.where(np.isnan(seen.covariance), noise_m**2 * np.eye(2), seen.covariance)
     columns = _instants(scenes, [scene.seen.time_ns for scene in scenes])

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dirprim_filter.cli.commands import check_outputs
-from dirprim_filter.cli.evaluate.others import files_of, others_of
 from dirprim_filter.cli.options import FILE, PICTURES, WRITTEN, Config, Force, Json, Logs
 from dirprim_filter.cli.reading import Reading
 from dirprim_filter.cli.settings import Settings, deal, taken
@@ -78,6 +77,7 @@ def tracking(
     Example: dirprim evaluate tracking recordings/roundabout_learn.mcap --gap 3 --seeds 2
     """
     from dirprim_filter.cli.coverage import Coverage
+    from dirprim_filter.cli.evaluate.others import files_of, others_of
     from dirprim_filter.cli.motion import map_of
     from dirprim_filter.cli.progress import step_progress
     from dirprim_filter.cli.results import report
