@@ -8,6 +8,8 @@ import pickle
 import sys
 from pathlib import Path
 
+import dirprim_filter as dp
+
 
 def quiet_unless_watched() -> None:
     """That kernels are compiled is said on a terminal only."""
@@ -51,29 +53,23 @@ def warm_up() -> None:
     """Track and forecast one vehicle on a map of one cell: every kernel on the way is compiled, and cached."""
     import numpy as np
 
-    from dirprim_filter.config import FilterConfig
-    from dirprim_filter.detections import Detections
     from dirprim_filter.distributions.highest_density import highest_density_regions
-    from dirprim_filter.filtering import Tracker
-    from dirprim_filter.forecasting import forecast
     from dirprim_filter.primitives._modes import Modes
-    from dirprim_filter.primitives.primitive_map import PrimitiveMap
     from tessellation import GridTessellation
 
-    two_rows = np.ones((2, 1))
-    anywhere = PrimitiveMap(
+    two_rows, rng = np.ones((2, 1)), np.random.default_rng(0)
+    anywhere = dp.PrimitiveMap(
         tessellation=GridTessellation.covering(np.zeros((1, 2)), cell_size=1.0),
         modes=Modes.flat(two_rows, 0.0 * two_rows, two_rows, two_rows, two_rows),
-        n_rows=np.ones(2, np.int64),
-        n_background_modes=0,
-    )
-    tracker = Tracker(anywhere, config=FilterConfig(n_particles=10), rng=np.random.default_rng(0))
-    reported = Detections(
+        n_rows=np.ones(2, np.int64), n_background_modes=0,
+    )  # fmt: skip
+    tracker = dp.Tracker(anywhere, config=dp.FilterConfig(n_particles=10), rng=rng)
+    reported = dp.Detections(
         track_id=np.array(["a", "a", "a"]),
         time_ns=np.array([0, 1, 2], np.int64) * 10**8,  # the third frame resamples
         position=np.array([[0.0, 0.0], [1.5, 0.0], [1.5, 0.0]]),  # where few particles come near: it has its kernel
     )
     for frame in reported.frames():
         tracker.step(frame)
-    paths = forecast(anywhere, position=(0.0, 0.0), direction=0.0, speed=1.0, n_samples=2, rng=np.random.default_rng(0))
+    paths = dp.forecast(anywhere, position=(0.0, 0.0), direction=0.0, speed=1.0, n_samples=2, rng=rng)
     highest_density_regions(paths, (0.5,))

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+import dirprim_filter as dp
 from dirprim_filter.cli import exit_codes
 from dirprim_filter.cli.compiling import warm_up
 from dirprim_filter.cli.learn import learn
@@ -31,10 +32,7 @@ from dirprim_filter.partial_file import PartialFile
 
 if TYPE_CHECKING:
     from dirprim_filter.arrays import BoolArray, FloatArray
-    from dirprim_filter.detections import Detections
-    from dirprim_filter.estimates import Estimates
     from dirprim_filter.evaluation.tracking_report import TrackingReport
-    from dirprim_filter.tracks import Tracks
 
 WITH_MAP, WITHOUT_MAP, CONSTANT_VELOCITY = "with the map", "without the map", "constant velocity"
 """The ways that are compared."""
@@ -58,12 +56,12 @@ def in_ring(position: FloatArray) -> BoolArray:
     return within
 
 
-def with_blind_ring(seen: Detections) -> Detections:
+def with_blind_ring(seen: dp.Detections) -> dp.Detections:
     """What is detected outside of the ring, without ids."""
     return seen[~in_ring(seen.position)].without_ids()
 
 
-def departure_rate(tracks: Tracks) -> float:
+def departure_rate(tracks: dp.Tracks) -> float:
     """1/s, how often a vehicle leaves: one time each in all the time that they are watched.
 
     Where they leave is what a map knows; a tracker without one is given how often.
@@ -104,12 +102,10 @@ def demo(
     ):
         compiled = second.apply_async(warm_up)
 
-        from dirprim_filter.recording import read_estimates, read_tracks
-
         is_blind, place = scene == "blind", "intersection" if scene == "blind" else scene
         learning, tracking = (recordings_folder() / f"{place}_{what}.mcap" for what in ("learn", "track"))
         seen = _seen_blind(tracking, Path(work)) if is_blind else tracking
-        truth, known = read_tracks(tracking), read_tracks(learning)
+        truth, known = dp.read_tracks(tracking), dp.read_tracks(learning)
         ways = {WITH_MAP: estimates, **{way: Path(work) / f"{way}.mcap" for way in (WITHOUT_MAP, CONSTANT_VELOCITY)}}
         common: dict[str, Any] = {"log": seen, "seed": seed, "noise": 0.5, "force": True, "reading": Reading()}
         leaving = {"departure_rate": str(departure_rate(known))} if is_blind else {}
@@ -131,7 +127,7 @@ def demo(
         for task in (*rivals, drawn):
             task.get(LONGEST_S)
         figures = ("hota idf1 mota switches seen_rmse" if is_blind else "rmse direction_rmse speed_rmse nees").split()
-        reports = {way: report(read_estimates(path), truth, is_blind=is_blind) for way, path in ways.items()}
+        reports = {way: report(dp.read_estimates(path), truth, is_blind=is_blind) for way, path in ways.items()}
     table = [(name, *(number(getattr(of, figure)) for figure in figures)) for name, of in reports.items()]
     typer.echo("\n".join(["", *columns([("tracking", *(FIGURES[figure] for figure in figures)), *table])]))
     typer.echo(f"\nnext: open {picture}; `dirprim view {shown}` plays it in rerun;")
@@ -147,12 +143,10 @@ def _draw(map_file: Path, picture: Path, estimates: Path) -> None:
 
 def _seen_blind(log: Path, folder: Path) -> Path:
     """A log of what is detected of a recording in the blind scene."""
-    from dirprim_filter.detections import Detections
-    from dirprim_filter.recording import read_tracks, write_tracks
     from dirprim_filter.recording.reader import stream_detections
 
-    seen = with_blind_ring(Detections.concatenate(list(stream_detections(log))))
-    write_tracks(read_tracks(log)[:0], folder / "seen.mcap", detections=seen)
+    seen = with_blind_ring(dp.Detections.concatenate(list(stream_detections(log))))
+    dp.write_tracks(dp.read_tracks(log)[:0], folder / "seen.mcap", detections=seen)
     return folder / "seen.mcap"
 
 
@@ -162,22 +156,20 @@ def _track(way: dict[str, Any]) -> None:
         track_log(**way)
 
 
-def _track_straight(way: dict[str, Any], known: Tracks) -> None:
+def _track_straight(way: dict[str, Any], known: dp.Tracks) -> None:
     """By the Kalman filter under which noisy positions of some of the known vehicles are most likely."""
     import numpy as np
 
-    from dirprim_filter.config import FilterConfig
-    from dirprim_filter.detections import Detections
     from dirprim_filter.evaluation.rivals import fitted_acceleration
 
-    config, rng = FilterConfig(), np.random.default_rng(0)
+    config, rng = dp.FilterConfig(), np.random.default_rng(0)
     some = known[np.isin(known.vehicle, rng.permutation(known.n_tracks)[:20])]
     noise = config.noise_m * rng.standard_normal(some.position.shape)
-    fitted = fitted_acceleration(replace(Detections.of(some), position=some.position + noise), known, config)
+    fitted = fitted_acceleration(replace(dp.Detections.of(some), position=some.position + noise), known, config)
     _track(way | {"settings": way["settings"] | {"acceleration_density": str(fitted.chosen)}})
 
 
-def report(estimates: Estimates, truth: Tracks, *, is_blind: bool) -> TrackingReport:
+def report(estimates: dp.Estimates, truth: dp.Tracks, *, is_blind: bool) -> TrackingReport:
     """The figures of a tracker; in the blind scene it knows no ids."""
     from dirprim_filter.evaluation.tracked_rows import TrackedRows
     from dirprim_filter.evaluation.tracking_report import report_of

@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+import dirprim_filter as dp
 from dirprim_filter.cli.compiling import cache_folders, warm_up
 
 PACKAGES = ("dirprim-filter", "numpy", "scipy", "numba", "mcap", "rerun-sdk", "pyarrow", "protobuf", "matplotlib")
@@ -37,13 +38,12 @@ def _compile() -> None:
     """Learn, track and forecast as commands do by default: each kernel on the way is kept."""
     import numpy as np
 
-    from dirprim_filter import Tracker, learn_primitives, read_tracks
     from dirprim_filter.cli.demo import recordings_folder
     from dirprim_filter.recording.reader import stream_detections
 
     warm_up()
     rng, folder = np.random.default_rng(0), recordings_folder()
-    learned = learn_primitives(read_tracks(folder / "roundabout_learn.mcap", end_ns=120 * 10**9), rng=rng)
-    tracker = Tracker(learned, rng=rng)
+    learned = dp.learn_primitives(dp.read_tracks(folder / "roundabout_learn.mcap", end_ns=120 * 10**9), rng=rng)
+    tracker = dp.Tracker(learned, rng=rng)
     for frame in stream_detections(folder / "roundabout_track.mcap", end_ns=15 * 10**9):
         tracker.step(frame)

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
+import dirprim_filter as dp
 from dirprim_filter.cli.options import Force, Map, MaybePicture, Seed
 from dirprim_filter.cli.texts import columns
-
-if TYPE_CHECKING:
-    from dirprim_filter.primitives.primitive_map import PrimitiveMap
 
 FASTEST = 1e4
 """m/s: nothing that drives is faster."""
@@ -39,8 +37,6 @@ def forecast(
     """
     import numpy as np
 
-    from dirprim_filter.forecasting import forecast as sample_paths
-    from dirprim_filter.recording import load_map
     from dirprim_filter.recording.transforms.geodesy import FARTHEST_M
 
     if not (np.abs(at).max() <= FARTHEST_M and 0 <= speed <= FASTEST and np.isfinite(direction_deg)):
@@ -49,9 +45,9 @@ def forecast(
         raise ValueError(f"--at, --speed, --direction-deg: expected {expected}, got {got}")
     if dt > horizon:
         raise ValueError(f"--dt: expected at most --horizon, {horizon:g} s, got {dt:g}")
-    learned = load_map(map_file)
+    learned = dp.load_map(map_file)
     _say_if_outside(learned, at)
-    paths = sample_paths(
+    paths = dp.forecast(
         learned, position=at, direction=np.deg2rad(direction_deg), speed=speed, horizon_s=horizon, dt_s=dt,
         n_samples=samples, rng=np.random.default_rng(seed),
     )  # fmt: skip
@@ -67,7 +63,7 @@ def forecast(
     typer.echo("\n".join(columns([heads, *([f"{figure:.2f}" for figure in step] for step in steps)], n_left=0)))
 
 
-def _say_if_outside(learned: PrimitiveMap, at: tuple[float, float]) -> None:
+def _say_if_outside(learned: dp.PrimitiveMap, at: tuple[float, float]) -> None:
     """On stderr, that no cell of the map covers a place, and how far the map is."""
     import numpy as np
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import dirprim_filter as dp
 from dirprim_filter.cli import exit_codes, options
 from dirprim_filter.cli.reading import Reading
 from dirprim_filter.cli.texts import counted
@@ -44,7 +45,6 @@ def learn(
 
     from dirprim_filter.cli.progress import learning_progress
     from dirprim_filter.cli.results import save_learned
-    from dirprim_filter.primitives.learning import learn_primitives
     from dirprim_filter.recording.sensor_file import load_sensor
     from dirprim_filter.sensor import without_bias
 
@@ -55,7 +55,7 @@ def learn(
     log = reading.tracks(logs)
     tracks = log.tracks if sensing is None else without_bias(log.tracks, sensing)
     with learning_progress() as bars:
-        learned = learn_primitives(
+        learned = dp.learn_primitives(
             tracks, progress=bars.progress, stage=bars.stage, rng=np.random.default_rng(seed), **how
         )  # fmt: skip
     said = {"seed": seed, **how, "sensor": None if sensing is None else repr(sensing), **reading.said()}

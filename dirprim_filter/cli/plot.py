@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+import dirprim_filter as dp
 from dirprim_filter.cli import exit_codes
 from dirprim_filter.cli.options import FILE, Force, MapFile, Picture, existing_log
 from dirprim_filter.cli.reading import Reading
@@ -40,7 +41,6 @@ def plot(
     """
     import numpy as np
 
-    from dirprim_filter.recording import load_map, read_estimates
     from dirprim_filter.recording.losses import Losses
     from dirprim_filter.recording.reader import origin_of_estimates
     from dirprim_filter.recording.transforms.geodesy import FARTHEST_M
@@ -54,14 +54,14 @@ def plot(
             raise typer.BadParameter(f"expected {expected}, got {extent}", param_hint="--extent")
     if log is None:
         reading.require_acting()
-    learned, lost = load_map(map_file), Losses()
+    learned, lost = dp.load_map(map_file), Losses()
     plane = reading.on_plane_of(map_file, learned.origin)
     read = None if log is None else plane.tracks([log])
     if estimates is not None:
         plane.on_plane_of(estimates, origin_of_estimates(estimates))
     drawn = map_figure(
         learned, tracks=read.tracks if read else None, extent=box,
-        estimates=None if estimates is None else read_estimates(estimates, losses=lost),
+        estimates=None if estimates is None else dp.read_estimates(estimates, losses=lost),
     )  # fmt: skip
     save_figure(drawn, output, force=force)
     typer.echo(f"{output}")

@@ -10,10 +10,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import typer
 
+import dirprim_filter as dp
 from dirprim_filter.cli import exit_codes
 from dirprim_filter.cli.reading import Reading
 from dirprim_filter.cli.settings import Settings, deal
@@ -24,9 +25,6 @@ from dirprim_filter.recording.container.source import open_files
 from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.losses import Losses
 from dirprim_filter.recording.scan import scan
-
-if TYPE_CHECKING:
-    from dirprim_filter.primitives.primitive_map import PrimitiveMap
 
 CONFIG_KEY = "experiment"
 """Of the metadata record and the JSON object that hold an experiment."""
@@ -45,12 +43,12 @@ def provenance(command: str, *, inputs: Sequence[Path], config: Any = None, **op
 
 
 def save_learned(
-    learned: PrimitiveMap, output: Path, *, said: dict[str, Any], counts: str, force: bool, inputs: Sequence[Path] = ()
-) -> None:
+    learned: dp.PrimitiveMap, output: Path, *, said: dict[str, Any], counts: str, force: bool,
+    inputs: Sequence[Path] = (),
+) -> None:  # fmt: skip
     """Write a map with what its metadata says, and say what it is; `counts`: of what it was learned from."""
-    from dirprim_filter.recording import save_map
-
-    save_map(learned, output, metadata=provenance("learn", inputs=inputs, config=LearningConfig(), **said), force=force)
+    what = provenance("learn", inputs=inputs, config=LearningConfig(), **said)
+    dp.save_map(learned, output, metadata=what, force=force)
     size_m, n_modes = learned.tessellation.area.mean() ** 0.5, (learned.own_weight > 0).sum(axis=1).mean()
     origin = "" if learned.origin is None else f", origin {learned.origin}"
     cells = f"{counted(learned.tessellation.n_cells, 'cell')} of {size_m:.3g} m, {n_modes:.1f} modes each"

@@ -5,20 +5,17 @@ from __future__ import annotations
 import json
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
+import dirprim_filter as dp
 from dirprim_filter.cli import exit_codes
 from dirprim_filter.cli.options import Force, Log, MapOrNone, MaybeTruth, Motion, Output, Particles, Rate, Seed
 from dirprim_filter.cli.reading import Reading
 from dirprim_filter.cli.settings import Settings
 from dirprim_filter.cli.tables import score_text
 from dirprim_filter.cli.texts import counted
-
-if TYPE_CHECKING:
-    from dirprim_filter.detections import Detections
-    from dirprim_filter.tracks import Tracks
 
 
 def smooth(
@@ -51,8 +48,7 @@ def smooth(
     from dirprim_filter.cli.motion import map_of, motion_of
     from dirprim_filter.cli.progress import working
     from dirprim_filter.cli.results import provenance, read_filter
-    from dirprim_filter.detections import NO_ID, Detections
-    from dirprim_filter.estimates import Estimates
+    from dirprim_filter.detections import NO_ID
     from dirprim_filter.recording.errors import RecordingError
     from dirprim_filter.recording.writer import EstimateWriter
     from dirprim_filter.refining import is_measured, refine
@@ -60,7 +56,7 @@ def smooth(
     primitive_map, reading = map_of(map_file, reading)
     config, tracking = read_filter(None, settings, n_particles=particles, noise_m=noise)
     stream = reading.detections(estimates)
-    rows = Detections.concatenate(list(stream))
+    rows = dp.Detections.concatenate(list(stream))
     reading.require_frames(len(rows), estimates, stream.losses)
     if (rows.track_id == NO_ID).any():
         raise RecordingError(f"{estimates}: expected tracks with ids, got detections; `dirprim track` makes tracks")
@@ -83,7 +79,7 @@ def smooth(
         )  # fmt: skip
         for frame in frames:
             writer.write(frame)
-    after, n_measured = Estimates.concatenate(frame.estimates for frame in frames), int(is_measured(rows).sum())
+    after, n_measured = dp.Estimates.concatenate(frame.estimates for frame in frames), int(is_measured(rows).sum())
     typer.echo(
         f"{output}: {counted(len(after), 'row')} of {counted(np.unique(after.track_id).size, 'track')}, from "
         f"{counted(n_measured, 'measured row')} of {len(rows)}"
@@ -94,7 +90,7 @@ def smooth(
     return exit_codes.of_losses(stream.losses, known.losses)
 
 
-def _scored(before: Detections, output: Path, truth: Path, known: Tracks) -> str:
+def _scored(before: dp.Detections, output: Path, truth: Path, known: dp.Tracks) -> str:
     """A table of both, as `dirprim score` prints it."""
     from dirprim_filter.evaluation.scores import score_rows
     from dirprim_filter.evaluation.tracked_rows import TrackedRows
