@@ -2,17 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-import typer
-
 from dirprim_filter.cli import exit_codes
 from dirprim_filter.cli.options import Force, Log, Output, Truth
 from dirprim_filter.cli.reading import Reading
-from dirprim_filter.cli.texts import counted
-
-if TYPE_CHECKING:
-    from dirprim_filter.evaluation.calibration.calibrating import Calibration
+from dirprim_filter.cli.texts import counted, say
 
 
 def calibrate(
@@ -32,6 +25,7 @@ def calibrate(
     Example: dirprim calibrate detections.mcap --truth truth.mcap -o sensor.toml
     """
     from dirprim_filter.cli.progress import working
+    from dirprim_filter.cli.sensing import number_lines
     from dirprim_filter.detections import Detections
     from dirprim_filter.evaluation.calibration.calibrating import calibrate as measure
     from dirprim_filter.recording.sensor_file import save_sensor
@@ -44,14 +38,6 @@ def calibrate(
     with working(f"measuring {log.name}"):
         measured = measure(seen, known.tracks)
     save_sensor(measured.sensor, output, force=force)
-    typer.echo("\n".join(_lines(measured)))
-    return exit_codes.of_losses(stream.losses, known.losses)
-
-
-def _lines(measured: Calibration) -> list[str]:
-    """A line for each number, what is not known, and what it was learned from."""
-    from dirprim_filter.cli.sensing import number_lines
-
     head = (
         f"{counted(measured.n_pairs, 'detection')} of {counted(measured.n_vehicles, 'true vehicle')}, of "
         f"{measured.n_detections} in all; +- half a 99 % interval"
@@ -59,4 +45,5 @@ def _lines(measured: Calibration) -> list[str]:
     offset = f"the detections' clock is {measured.clock_offset_s:+.3f} s ahead of the truth's, latency included"
     numbers = number_lines(measured.sensor.numbers(), measured.sensor.uncertainty)
     unknown = [f"not known: {line}" for line in measured.unknown]
-    return [head, *[offset] * bool(measured.clock_offset_s), *numbers, *unknown]
+    say(head, *[offset] * bool(measured.clock_offset_s), *numbers, *unknown)
+    return exit_codes.of_losses(stream.losses, known.losses)

@@ -24,26 +24,21 @@ def doctor(
 
     Example: dirprim doctor --compile
     """
-    if compiles:
-        _compile()
+    if compiles:  # learns and tracks as commands do by default: each kernel on the way is kept
+        import numpy as np
+
+        from dirprim_filter.cli.demo import recordings_folder
+        from dirprim_filter.recording.reader import stream_detections
+
+        warm_up()
+        rng, recordings = np.random.default_rng(0), recordings_folder()
+        learned = dp.learn_primitives(dp.read_tracks(recordings / "roundabout_learn.mcap", end_ns=120 * 10**9), rng=rng)
+        tracker = dp.Tracker(learned, rng=rng)
+        for frame in stream_detections(recordings / "roundabout_track.mcap", end_ns=15 * 10**9):
+            tracker.step(frame)
     folder = cache_folders()[0]
     typer.echo(
         f"python {platform.python_version()} on {platform.system()} {platform.machine()}, {os.cpu_count()} cores\n"
         f"{', '.join(f'{name} {version(name)}' for name in PACKAGES)}\n"
         f"{folder}: {sum(1 for _ in folder.rglob('*.nbi'))} kernels are compiled"
     )
-
-
-def _compile() -> None:
-    """Learn, track and forecast as commands do by default: each kernel on the way is kept."""
-    import numpy as np
-
-    from dirprim_filter.cli.demo import recordings_folder
-    from dirprim_filter.recording.reader import stream_detections
-
-    warm_up()
-    rng, folder = np.random.default_rng(0), recordings_folder()
-    learned = dp.learn_primitives(dp.read_tracks(folder / "roundabout_learn.mcap", end_ns=120 * 10**9), rng=rng)
-    tracker = dp.Tracker(learned, rng=rng)
-    for frame in stream_detections(folder / "roundabout_track.mcap", end_ns=15 * 10**9):
-        tracker.step(frame)

@@ -38,6 +38,7 @@ def forecast(
     import numpy as np
 
     from dirprim_filter.recording.transforms.geodesy import FARTHEST_M
+    from tessellation import OUTSIDE
 
     if not (np.abs(at).max() <= FARTHEST_M and 0 <= speed <= FASTEST and np.isfinite(direction_deg)):
         expected = f"a place within {FARTHEST_M:g} m, a speed of 0 to {FASTEST:g} m/s and a course"
@@ -46,7 +47,11 @@ def forecast(
     if dt > horizon:
         raise ValueError(f"--dt: expected at most --horizon, {horizon:g} s, got {dt:g}")
     learned = dp.load_map(map_file)
-    _say_if_outside(learned, at)
+    cells = learned.tessellation
+    if cells.cell_of(np.array(at)) == OUTSIDE:
+        away = float(np.hypot(*(cells.centers - at).T).min(initial=np.inf))
+        nearest = f"{away:.0f} m from the centre of the nearest: the background model answers"
+        typer.echo(f"({at[0]:g}, {at[1]:g}) is outside of every cell of the map, {nearest}", err=True)
     paths = dp.forecast(
         learned, position=at, direction=np.deg2rad(direction_deg), speed=speed, horizon_s=horizon, dt_s=dt,
         n_samples=samples, rng=np.random.default_rng(seed),
@@ -61,18 +66,3 @@ def forecast(
     steps = np.column_stack([dt * np.arange(1, paths.shape[1] + 1), paths.mean(axis=0), paths.std(axis=0)])
     heads = ["time_s", "mean_x_m", "mean_y_m", "std_x_m", "std_y_m"]
     typer.echo("\n".join(columns([heads, *([f"{figure:.2f}" for figure in step] for step in steps)], n_left=0)))
-
-
-def _say_if_outside(learned: dp.PrimitiveMap, at: tuple[float, float]) -> None:
-    """On stderr, that no cell of the map covers a place, and how far the map is."""
-    import numpy as np
-
-    from tessellation import OUTSIDE
-
-    cells = learned.tessellation
-    if cells.cell_of(np.array(at)) == OUTSIDE:
-        away = float(np.hypot(*(cells.centers - at).T).min(initial=np.inf))
-        typer.echo(
-            f"({at[0]:g}, {at[1]:g}) is outside of every cell of the map, {away:.0f} m from the centre of the nearest: "
-            "the background model answers", err=True,
-        )  # fmt: skip

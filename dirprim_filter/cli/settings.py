@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import fields
 from typing import Any, TypeVar
 
@@ -49,7 +50,10 @@ def deal(settings: Settings, *kinds: type) -> list[dict[str, Any]]:
         if number is None:
             known = ", ".join([*READING, *(name for of in types for name in of)])
             raise typer.BadParameter(f"{name}: expected one of {known}", param_hint="--set")
-        dealt[number][name] = text if types[number][name] == "str" else _value(text)
+        dealt[number][name] = text
+        if types[number][name] != "str":
+            with suppress(tomllib.TOMLDecodeError, RecursionError):
+                dealt[number][name] = tomllib.loads(f"value = {text}")["value"]
     return dealt
 
 
@@ -67,10 +71,3 @@ def taken(kind: type[Own], settings: Settings) -> Own:
         return from_table(kind, own)
     except ValueError as error:
         raise typer.BadParameter(str(error), param_hint="--set") from error
-
-
-def _value(text: str) -> Any:
-    try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except (tomllib.TOMLDecodeError, RecursionError):
-        return text

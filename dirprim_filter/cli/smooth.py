@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -49,7 +48,10 @@ def smooth(
     from dirprim_filter.cli.progress import working
     from dirprim_filter.cli.results import provenance, read_filter
     from dirprim_filter.detections import NO_ID
+    from dirprim_filter.evaluation.scores import score_rows
+    from dirprim_filter.evaluation.tracked_rows import TrackedRows
     from dirprim_filter.recording.errors import RecordingError
+    from dirprim_filter.recording.estimate_tables import read_tracked_rows
     from dirprim_filter.recording.writer import EstimateWriter
     from dirprim_filter.refining import is_measured, refine
 
@@ -86,20 +88,7 @@ def smooth(
     )
     if truth is None or known is None:
         return exit_codes.of_losses(stream.losses)
-    typer.echo(_scored(rows, output, truth, known.tracks))
+    before = TrackedRows(track_id=rows.track_id, time_ns=rows.time_ns, position=rows.position, group=rows.group)
+    both = {"before": before, "after": read_tracked_rows(output, truth=known.tracks)}
+    typer.echo(score_text(score_rows(both, known.tracks, with_ids=False), truth.name))
     return exit_codes.of_losses(stream.losses, known.losses)
-
-
-def _scored(before: dp.Detections, output: Path, truth: Path, known: dp.Tracks) -> str:
-    """A table of both, as `dirprim score` prints it."""
-    from dirprim_filter.evaluation.scores import score_rows
-    from dirprim_filter.evaluation.tracked_rows import TrackedRows
-    from dirprim_filter.recording.estimate_tables import read_tracked_rows
-
-    rows = {
-        "before": TrackedRows(
-            track_id=before.track_id, time_ns=before.time_ns, position=before.position, group=before.group
-        ),
-        "after": read_tracked_rows(output, truth=known),
-    }
-    return score_text(score_rows(rows, known, with_ids=False), truth.name)

@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from dirprim_filter.evaluation.forecasting import ForecastTable
     from dirprim_filter.evaluation.intervals import Interval
     from dirprim_filter.evaluation.scores import ScoreTable
-    from dirprim_filter.evaluation.settings import Choice
     from dirprim_filter.evaluation.tracking import MethodResult, TrackingTable
 
 FIGURES = {
@@ -88,22 +87,19 @@ def density_text(table: DensityTable) -> str:
         lines += ["", *columns(rows)]
     rivals = [row for row in table.methods if row.settings]
     lines += ["", "chosen by held-out training vehicles, fold by fold:"] if rivals else []
-    lines += [f"{row.name}: {settings_text(row.settings)}" for row in rivals]
+    for row in rivals:  # of all folds: the values chosen, and the range that was searched
+        chosen = "; ".join(
+            f"{of_folds[0].name} {', '.join(f'{choice.chosen:.3g}' for choice in of_folds)} "
+            f"(of {min(choice.low for choice in of_folds):.3g} to {max(choice.high for choice in of_folds):.3g})"
+            for of_folds in zip(*row.settings, strict=True)
+        )
+        lines.append(f"{row.name}: {chosen}")
     return "\n".join([*lines, "", conclusion(table)])
 
 
 def interval_text(found: Interval) -> str:
     """A figure with its interval."""
     return f"{found.value:.3f} ({found.low:.3f} to {found.high:.3f})"
-
-
-def settings_text(settings: tuple[tuple[Choice, ...], ...]) -> str:
-    """Settings of all folds: each with its name, the values chosen, and the range that was searched."""
-    return "; ".join(
-        f"{of_folds[0].name} {', '.join(f'{choice.chosen:.3g}' for choice in of_folds)} "
-        f"(of {min(choice.low for choice in of_folds):.3g} to {max(choice.high for choice in of_folds):.3g})"
-        for of_folds in zip(*settings, strict=True)
-    )
 
 
 def cues_text(table: CueTable) -> str:

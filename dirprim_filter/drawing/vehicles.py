@@ -45,16 +45,16 @@ def has_no_forecast(estimates: Estimates) -> BoolArray:
 
 def drawn_sizes(tracks: Tracks, labels: Mapping[str, str]) -> Tracks:
     """The same with the usual size of their class, to be drawn, of vehicles of unknown size; `labels` are by id."""
-    known = {name: size for name, label in labels.items() if (size := _size_of(label)) is not None}
+    sizes = {
+        name: [size for words, size in CLASS_SIZES.items() if re.search(words, label.lower())]
+        for name, label in labels.items()
+    }
+    known = {name: fits[0] for name, fits in sizes.items() if fits}
     if not known:
         return tracks
     names, number = numbered(tracks.track_id)
     usual = np.array([known.get(name, (np.nan,) * 3) for name in names])[number]
     return replace(tracks, size=np.where(np.isnan(tracks.size), usual, tracks.size))
-
-
-def _size_of(label: str) -> tuple[float, float, float] | None:
-    return next((size for words, size in CLASS_SIZES.items() if re.search(words, label.lower())), None)
 
 
 def short_name(name: str) -> str:

@@ -38,7 +38,16 @@ def blueprint(
         on_earth: it is known where the plane lies on the Earth.
     """
     legend = rrb.TextDocumentView(origin="/legend", name="Legend")
-    above: rrb.View | rrb.Container = _above(box)
+    (x, y), (width, depth) = box.mean(axis=0), box[1] - box[0]
+    height = 1.02 * float(np.maximum(width / 1.15, depth))  # the view's opening angle is fixed, its common shape so
+    above: rrb.View | rrb.Container = rrb.Spatial3DView(
+        origin="/",
+        contents=[f"+ {layer}" for layer in LAYERS],
+        name="Map, north up",
+        background=rrb.Background(color=(16, 19, 26)),
+        line_grid=False,
+        eye_controls=rrb.EyeControls3D(position=(x, y, height), look_target=(x, y, 0.0), eye_up=(0.0, 1.0, 0.0)),
+    )
     if on_earth:
         earth = rrb.MapView(origin="/", contents=[f"+ {layer}" for layer in ON_EARTH], name="On the Earth")
         above = rrb.Vertical(above, earth, row_shares=[2, 1])
@@ -57,21 +66,6 @@ def blueprint(
         rrb.BlueprintPanel(state="collapsed"),
         auto_views=False,
         auto_layout=False,
-    )
-
-
-def _above(box: FloatArray) -> rrb.View:
-    """An eye that looks straight down on the box, of a view that is as a rule 1.15 times as wide as high."""
-    x, y = box.mean(axis=0)
-    width, depth = box[1] - box[0]
-    height = 1.02 * float(np.maximum(width / 1.15, depth))  # the view's opening angle is fixed
-    return rrb.Spatial3DView(
-        origin="/",
-        contents=[f"+ {layer}" for layer in LAYERS],
-        name="Map, north up",
-        background=rrb.Background(color=(16, 19, 26)),
-        line_grid=False,
-        eye_controls=rrb.EyeControls3D(position=(x, y, height), look_target=(x, y, 0.0), eye_up=(0.0, 1.0, 0.0)),
     )
 
 

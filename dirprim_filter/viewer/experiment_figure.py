@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from dirprim_filter.arrays import FloatArray
@@ -29,7 +28,11 @@ def experiment_figure(table: TrackingTable) -> Figure:
     """
     figure = Figure(figsize=(14.0, 3.4))
     times, reliable, places, methods = figure.subplots(1, 4)
-    data, styles = _by_curve(table), _styles([method.name for method in table.methods])
+    rows: dict[tuple[str, str], list[Sequence[Any]]] = {}
+    for panel, name, *numbers in curves(table):
+        rows.setdefault((str(panel), str(name)), []).append(numbers)
+    data = {of: np.array(numbers, np.float64).T for of, numbers in rows.items()}  # (5, k) x, y, value, low and high
+    styles = _styles([method.name for method in table.methods])
     where, names = "in gaps" if table.n_gaps else "in sight", list(styles)
     reliable.plot([0.0, 1.0], [0.0, 1.0], color=FAINT, linewidth=0.8)
     for row, (name, style) in enumerate(styles.items()):
@@ -48,7 +51,12 @@ def experiment_figure(table: TrackingTable) -> Figure:
     times.set(xlabel="time since last seen [s]", ylabel="RMSE [m]")
     reliable.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0), aspect="equal", ylabel="share of true positions in it")
     reliable.set_xlabel(f"share that a region should hold, {where}")
-    _draw_places(figure, places, data.get(("map", names[0]), np.empty((5, 0))), f"{names[0].lstrip('_')}, {where}")
+    east, north, error, *_ = data.get(("map", names[0]), np.empty((5, 0)))
+    most = float(np.quantile(error, 0.95)) if error.size else 1.0
+    shown = places.scatter(east, north, c=error, s=14, marker="s", linewidths=0, cmap="viridis", vmin=0.0, vmax=most)
+    places.set(aspect="equal", xlabel="east [m]", ylabel="north [m]")
+    what = f"RMSE of {names[0].lstrip('_')}, {where} [m]"
+    figure.colorbar(shown, ax=places, extend="max", shrink=0.8).set_label(what, fontsize=SMALL)
     methods.set_yticks(range(len(names)), [style["label"] for style in styles.values()])
     methods.set_ylim(len(names) - 0.4, -0.6)
     text = "RMSE [m], hollow in sight, full in gaps" if table.experiment.with_ids else "HOTA"
@@ -56,22 +64,6 @@ def experiment_figure(table: TrackingTable) -> Figure:
     handles, labels = times.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 6))
     return figure
-
-
-def _draw_places(figure: Figure, axes: Axes, of: FloatArray, what: str) -> None:
-    east, north, error, *_ = of
-    most = float(np.quantile(error, 0.95)) if error.size else 1.0
-    shown = axes.scatter(east, north, c=error, s=14, marker="s", linewidths=0, cmap="viridis", vmin=0.0, vmax=most)
-    axes.set(aspect="equal", xlabel="east [m]", ylabel="north [m]")
-    figure.colorbar(shown, ax=axes, extend="max", shrink=0.8).set_label(f"RMSE of {what} [m]", fontsize=SMALL)
-
-
-def _by_curve(table: TrackingTable) -> dict[tuple[str, str], FloatArray]:
-    """By panel and method, (5, k) what `curves` says: x, y, value, low and high."""
-    rows: dict[tuple[str, str], list[Sequence[Any]]] = {}
-    for panel, name, *numbers in curves(table):
-        rows.setdefault((str(panel), str(name)), []).append(numbers)
-    return {of: np.array(numbers, np.float64).T for of, numbers in rows.items()}
 
 
 def _styles(names: Sequence[str]) -> dict[str, dict[str, Any]]:
