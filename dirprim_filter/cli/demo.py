@@ -26,13 +26,12 @@ from dirprim_filter.cli.options import Force, Seed
 from dirprim_filter.cli.plot import plot
 from dirprim_filter.cli.reading import Reading
 from dirprim_filter.cli.tables import FIGURES
-from dirprim_filter.cli.texts import Shown, columns, number
+from dirprim_filter.cli.texts import Shown, columns, number, say
 from dirprim_filter.cli.track import track as track_log
 from dirprim_filter.partial_file import PartialFile
 
 if TYPE_CHECKING:
     from dirprim_filter.arrays import BoolArray, FloatArray
-    from dirprim_filter.evaluation.tracking_report import TrackingReport
 
 WITH_MAP, WITHOUT_MAP, CONSTANT_VELOCITY = "with the map", "without the map", "constant velocity"
 """The ways that are compared."""
@@ -102,52 +101,50 @@ def demo(
     ):
         compiled = second.apply_async(warm_up)
 
+        from dirprim_filter.evaluation.tracked_rows import TrackedRows
+        from dirprim_filter.evaluation.tracking_report import report_of
+        from dirprim_filter.recording.reader import stream_detections
+
         is_blind, place = scene == "blind", "intersection" if scene == "blind" else scene
         learning, tracking = (recordings_folder() / f"{place}_{what}.mcap" for what in ("learn", "track"))
-        seen = _seen_blind(tracking, Path(work)) if is_blind else tracking
-        truth, known = dp.read_tracks(tracking), dp.read_tracks(learning)
+        truth, known, seen = dp.read_tracks(tracking), dp.read_tracks(learning), tracking
+        if is_blind:
+            whole, seen = dp.Detections.concatenate(list(stream_detections(tracking))), Path(work) / "seen.mcap"
+            dp.write_tracks(truth[:0], seen, detections=with_blind_ring(whole))
         ways = {WITH_MAP: estimates, **{way: Path(work) / f"{way}.mcap" for way in (WITHOUT_MAP, CONSTANT_VELOCITY)}}
         common: dict[str, Any] = {"log": seen, "seed": seed, "noise": 0.5, "force": True, "reading": Reading()}
         leaving = {"departure_rate": str(departure_rate(known))} if is_blind else {}
         straight = common | {"output": ways[CONSTANT_VELOCITY], "motion": "constant-velocity", "settings": leaving}
         rivals = [second.apply_async(_track_straight, (straight, known))]
         learn(logs=[learning], output=map_file, seed=seed, force=True, reading=Reading())
-        without = common | {
-            "output": ways[WITHOUT_MAP], "map_file": map_file, "settings": {"without_map": "true", **leaving},
-        }  # fmt: skip
+        by_map = common | {"map_file": map_file}
+        without = by_map | {"output": ways[WITHOUT_MAP], "settings": {"without_map": "true", **leaving}}
         rivals.append(second.apply_async(_track, (without,)))
         compiled.wait(LONGEST_S)
-        code = track_log(
-            **common, map_file=map_file, output=estimates, save=shown, forecast=5.0,
-            settings={"truth": str(tracking)},
-        )  # fmt: skip
+        code = track_log(**by_map, output=estimates, save=shown, forecast=5.0, settings={"truth": str(tracking)})
         if code not in (exit_codes.DONE, exit_codes.INPUT_LOST):
             raise typer.Exit(code)
         drawn = second.apply_async(_draw, (map_file, picture, estimates))
         for task in (*rivals, drawn):
             task.get(LONGEST_S)
         figures = ("hota idf1 mota switches seen_rmse" if is_blind else "rmse direction_rmse speed_rmse nees").split()
-        reports = {way: report(dp.read_estimates(path), truth, is_blind=is_blind) for way, path in ways.items()}
-    table = [(name, *(number(getattr(of, figure)) for figure in figures)) for name, of in reports.items()]
-    typer.echo("\n".join(["", *columns([("tracking", *(FIGURES[figure] for figure in figures)), *table])]))
-    typer.echo(f"\nnext: open {picture}; `dirprim view {shown}` plays it in rerun;")
-    typer.echo(f"      {estimates} opens in Foxglove, with the layout in docs/guides;")
-    typer.echo("      `dirprim info LOG` summarises a log of yours")
+        table = [("tracking", *(FIGURES[figure] for figure in figures))]
+        is_hidden = in_ring(truth.position) if is_blind else None
+        for way, path in ways.items():
+            rows = TrackedRows.of(dp.read_estimates(path))
+            found = report_of(rows, truth, is_hidden=is_hidden, with_ids=not is_blind).report
+            table.append((way, *(number(getattr(found, figure)) for figure in figures)))
+    say(
+        "", *columns(table), "", f"next: open {picture}; `dirprim view {shown}` plays it in rerun;",
+        f"      {estimates} opens in Foxglove, with the layout in docs/guides;",
+        "      `dirprim info LOG` summarises a log of yours",
+    )  # fmt: skip
 
 
 def _draw(map_file: Path, picture: Path, estimates: Path) -> None:
     """In the second process; who reads what it says may leave."""
     with redirect_stdout(Shown(sys.stdout)):
         plot(map_file=map_file, output=picture, estimates=estimates, force=True, reading=Reading())
-
-
-def _seen_blind(log: Path, folder: Path) -> Path:
-    """A log of what is detected of a recording in the blind scene."""
-    from dirprim_filter.recording.reader import stream_detections
-
-    seen = with_blind_ring(dp.Detections.concatenate(list(stream_detections(log))))
-    dp.write_tracks(dp.read_tracks(log)[:0], folder / "seen.mcap", detections=seen)
-    return folder / "seen.mcap"
 
 
 def _track(way: dict[str, Any]) -> None:
@@ -167,12 +164,3 @@ def _track_straight(way: dict[str, Any], known: dp.Tracks) -> None:
     noise = config.noise_m * rng.standard_normal(some.position.shape)
     fitted = fitted_acceleration(replace(dp.Detections.of(some), position=some.position + noise), known, config)
     _track(way | {"settings": way["settings"] | {"acceleration_density": str(fitted.chosen)}})
-
-
-def report(estimates: dp.Estimates, truth: dp.Tracks, *, is_blind: bool) -> TrackingReport:
-    """The figures of a tracker; in the blind scene it knows no ids."""
-    from dirprim_filter.evaluation.tracked_rows import TrackedRows
-    from dirprim_filter.evaluation.tracking_report import report_of
-
-    is_hidden = in_ring(truth.position) if is_blind else None
-    return report_of(TrackedRows.of(estimates), truth, is_hidden=is_hidden, with_ids=not is_blind).report

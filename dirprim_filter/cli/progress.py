@@ -6,14 +6,9 @@ import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
-if TYPE_CHECKING:
-    from dirprim_filter.detections import Detections
-    from dirprim_filter.estimates import TrackedFrame
-
-NS_PER_S = 1e9
-Frame = TypeVar("Frame", "Detections", "TrackedFrame")
+import dirprim_filter as dp
 
 
 class LearningProgress(NamedTuple):
@@ -48,7 +43,7 @@ def working(what: str) -> Iterator[Callable[..., None] | None]:
         yield partial(progress.update, progress.add_task(one_line(what), total=None, text=""))
 
 
-def with_progress(frames: Iterable[Frame], *, what: str, end_ns: int | None = None) -> Iterator[Frame]:
+def with_progress(frames: Iterable[dp.Detections], *, what: str, end_ns: int | None = None) -> Iterator[dp.Detections]:
     """The frames as they are; on a terminal, with a bar over the log's time.
 
     Args:
@@ -62,12 +57,12 @@ def with_progress(frames: Iterable[Frame], *, what: str, end_ns: int | None = No
             yield frame
             if show is None:
                 continue
-            now_ns = frame.time_ns if isinstance(frame.time_ns, int) else int(frame.time_ns[0])
+            now_ns = int(frame.time_ns[0])
             if first_ns is None:
                 first_ns = now_ns
-            passed = (now_ns - first_ns) / NS_PER_S
+            passed = (now_ns - first_ns) * 1e-9
             # A log of one instant, or with a wrong end time, must not appear done early.
-            total = None if end_ns is None or end_ns <= first_ns else (end_ns - first_ns) / NS_PER_S
+            total = None if end_ns is None or end_ns <= first_ns else (end_ns - first_ns) * 1e-9
             of = "s" if total is None else f"of {total:.1f} s"
             show(completed=passed, total=total, text=f"{passed:.1f} {of} of the log, {done} frames")
 

@@ -66,29 +66,17 @@ class Petals(NamedTuple):
 
 
 class _Modes(NamedTuple):
-    """What roses are made of: (m,) modes, each of a rose, and (r,) roses.
+    """What roses are made of: (m,) modes, each of a rose, and (r,) roses."""
 
-    Attributes:
-        rose: (m,) of the mode.
-        weight: (m,) share of the rose's rows.
-        mean: (m,) radians.
-        concentration: (m,).
-        speed: (m,) mean, m/s.
-        bend: (m, 2) rad/m.
-        n_rows: (r,).
-        area: (r,) square metres, of the rose's ground.
-        root: (r, 2) metres.
-    """
-
-    rose: IntArray
-    weight: FloatArray
-    mean: FloatArray
-    concentration: FloatArray
-    speed: FloatArray
-    bend: FloatArray
-    n_rows: IntArray
-    area: FloatArray
-    root: FloatArray
+    rose: IntArray  # (m,) of the mode
+    weight: FloatArray  # (m,) share of the rose's rows
+    mean: FloatArray  # (m,) radians
+    concentration: FloatArray  # (m,)
+    speed: FloatArray  # (m,) mean, m/s
+    bend: FloatArray  # (m, 2) rad/m
+    n_rows: IntArray  # (r,)
+    area: FloatArray  # (r,) square metres, of the rose's ground
+    root: FloatArray  # (r, 2) metres
 
 
 def rose_petals(primitives: PrimitiveMap, *, spacing: float | None = None) -> Petals:

@@ -97,20 +97,23 @@ def map_figure(
     figure, axes, inches = _page(box, n_panels=1 + (estimates is not None) + (paths is not None))
     apart = 0.27 / inches  # of nearer roses the directions could not be read
     colors = _draw_map(axes[0], primitives, spacing=float(np.ptp(box[:, 0])) * apart)
-    if tracks is not None:
-        _draw_tracks(axes[0], tracks)
+    if tracks is not None:  # observed motion, under the roses, fainter the more there is: it lies over each other
+        lines = _paths(tracks.vehicle, tracks.time_ns, tracks.position)
+        faint = float(np.clip(30.0 / max(len(lines), 1), 0.12, 0.5))
+        axes[0].add_collection(LineCollection(lines, colors=TRACK_GREY, linewidths=0.4, alpha=faint, zorder=2))
     if estimates is not None:
         _draw_cells(axes[1], primitives)
         _draw_estimates(axes[1], estimates)
-    if paths is not None:
-        _draw_forecast(axes[0], paths)
+    if paths is not None:  # thin lines with a dot at their ends
+        axes[0].add_collection(LineCollection(list(paths), colors=FORECAST_COLOR, linewidths=0.7, alpha=0.4, zorder=5))
+        axes[0].plot(*paths[:, -1].T, ".", color=FORECAST_COLOR, markersize=3.5, alpha=0.8, markeredgewidth=0, zorder=5)
         _draw_polar(axes[0], axes[-1], primitives, paths, box)
     bar = figure.colorbar(colors, ax=list(axes), extend="max", shrink=0.6, aspect=25, label="mean speed [m/s]")
     bar.outline.set_visible(False)
     shown = (True, True, tracks is not None, estimates is not None, paths is not None)
-    lines = [Line2D([], [], label=name, **style) for name, style in compress(KEY.items(), shown)]
-    n_rows = -(-len(lines) // max(int(figure.get_figwidth() / 1.6), 2))  # inches, of an entry
-    figure.legend(handles=lines, loc="outside lower center", ncols=-(-len(lines) // n_rows))
+    keys = [Line2D([], [], label=name, **style) for name, style in compress(KEY.items(), shown)]
+    n_rows = -(-len(keys) // max(int(figure.get_figwidth() / 1.6), 2))  # inches, of an entry
+    figure.legend(handles=keys, loc="outside lower center", ncols=-(-len(keys) // n_rows))
     return figure
 
 
@@ -179,13 +182,6 @@ def _draw_map(axes: Axes, primitives: PrimitiveMap, *, spacing: float) -> Scalar
     return ScalarMappable(Normalize(0.0, fastest), ListedColormap(steps))
 
 
-def _draw_tracks(axes: Axes, tracks: Tracks) -> None:
-    """Observed motion, as thin lines under the roses, fainter the more there are: they lie over each other."""
-    paths = _paths(tracks.vehicle, tracks.time_ns, tracks.position)
-    opacity = float(np.clip(30.0 / max(len(paths), 1), 0.12, 0.5))
-    axes.add_collection(LineCollection(paths, colors=TRACK_GREY, linewidths=0.4, alpha=opacity, zorder=2))
-
-
 def _draw_estimates(axes: Axes, estimates: Estimates) -> None:
     """The path of each vehicle; thin and faint where it coasts."""
     usual = 1.6 if np.unique(estimates.track_id).size <= 12 else 0.8
@@ -197,12 +193,6 @@ def _draw_estimates(axes: Axes, estimates: Estimates) -> None:
                 alpha=opacity, capstyle="round", zorder=6,
             )
         )  # fmt: skip
-
-
-def _draw_forecast(axes: Axes, paths: FloatArray) -> None:
-    """Rollouts of one vehicle, (n_samples, n_steps, 2) metres, as thin lines with a dot at their ends."""
-    axes.add_collection(LineCollection(list(paths), colors=FORECAST_COLOR, linewidths=0.7, alpha=0.4, zorder=5))
-    axes.plot(*paths[:, -1].T, ".", color=FORECAST_COLOR, markersize=3.5, alpha=0.8, markeredgewidth=0, zorder=5)
 
 
 def _draw_polar(axes: Axes, panel: Axes, primitives: PrimitiveMap, paths: FloatArray, box: FloatArray) -> None:

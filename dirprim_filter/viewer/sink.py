@@ -101,8 +101,6 @@ class RerunSink:
         finally:
             self.stream.close(whole=whole and is_sent)
 
-    # --- What holds for the whole log -----------------------------------------------------------------------
-
     def log_map(self, primitives: PrimitiveMap) -> None:
         """The cells, their roses coloured by mean speed, and the legend; the view is fitted to them."""
         petals = shapes.rose_petals(primitives)
@@ -148,8 +146,6 @@ class RerunSink:
             properties = rr.DynamicArchetype("run", components=named)
             self.stream.to_each(lambda place: place.send_property("run", properties))
 
-    # --- What changes with time -----------------------------------------------------------------------------
-
     def write(self, frame: TrackedFrame) -> None:
         """Show one frame; vehicles that it does not name vanish."""
         if self._box is None:
@@ -186,8 +182,6 @@ class RerunSink:
         names, regions = [forecasts.track_id[row] for row in shown], [forecasts.regions[row] for row in shown]
         self._send(marks.forecasts(names, forecasts.coarse_paths()[shown], regions), [forecasts.time_ns])
         self._forecast_ns = forecasts.time_ns
-
-    # --- The stream -----------------------------------------------------------------------------------------
 
     def _send(self, drawn: Iterable[marks.Columns], times_ns: list[int]) -> None:
         for entity, columns in drawn:

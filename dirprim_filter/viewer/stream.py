@@ -143,8 +143,11 @@ class Stream:
         if file is None:
             return
         name = str(file.path)
-        if name in self._places and not _is_whole(file.partial):
-            self._fail(name, "was not written to its end")
+        if name in self._places:
+            with file.partial.open("rb") as written:
+                written.seek(max(file.partial.stat().st_size - 256, 0))  # where the footer is
+                if b"RRF2FOOT" not in written.read():
+                    self._fail(name, "was not written to its end")
         try:
             file.close(whole=whole and name in self._places)
         except OutputExistsError as error:
@@ -177,10 +180,3 @@ def _disconnect(stream: rr.RecordingStream) -> None:
     ending.join(FROZEN_S)
     if ending.is_alive():
         atexit.unregister(rr.rerun_shutdown)  # it would wait too
-
-
-def _is_whole(path: Path) -> bool:
-    """Whether the footer is near the end of an .rrd."""
-    with path.open("rb") as file:
-        file.seek(max(path.stat().st_size - 256, 0))
-        return b"RRF2FOOT" in file.read()
