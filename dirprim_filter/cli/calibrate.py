@@ -8,14 +8,7 @@ from dirprim_filter.cli.reading import Reading
 from dirprim_filter.cli.texts import counted, say
 
 
-def calibrate(
-    log: Log,
-    truth: Truth,
-    output: Output,
-    force: Force = False,
-    *,
-    reading: Reading,
-) -> int:
+def calibrate(log: Log, truth: Truth, output: Output, force: Force = False, *, reading: Reading) -> int:
     """Measure how a sensor errs, against the truth.
 
     Latency, bias, spread, correlation, misses and false detections are written as TOML, for `dirprim track --sensor`.

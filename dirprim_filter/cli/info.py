@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import logging
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -12,12 +14,10 @@ import typer
 from dirprim_filter.cli import exit_codes
 from dirprim_filter.cli.options import Logs
 from dirprim_filter.cli.reading import Reading
-from dirprim_filter.cli.texts import columns, counted, say
+from dirprim_filter.cli.texts import columns as in_columns
+from dirprim_filter.cli.texts import counted, say
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
     from dirprim_filter.recording.container.source import Files
     from dirprim_filter.recording.summary import LogSummary
 
@@ -51,38 +51,28 @@ def info(
     reading.require_acting_on(logs)
     worst = exit_codes.DONE
     for path in logs:
-        if is_table(path):
-            worst = max(worst, _table(path, reading, as_json=as_json))
-            continue
-        faults: list[str] = []
-        files = log_files(path)
-        summary = summarise_by_index(files, topics=reading.given.get("topics")) if by_index else None
-        if summary is None:
-            summary, faults = _whole(path, files, reading)
-        if as_json:
-            typer.echo(json.dumps(summary.as_json() | {"faults": faults}))
+        more: dict[str, list[str]] = {}
+        if is_table(path):  # whose rows are what a log's messages are
+            from dirprim_filter.recording.tables import read_table, summary_of
+
+            table = read_table(path, reading.options())
+            summary, faults = summary_of(table), [*table.losses.remarks]
+            faults += [f"left out {table.losses}"] if table.losses.dropped else []
+            more = {"columns": list(table.used), "unused": list(table.unused)}
+            code = exit_codes.of_losses(table.losses)
         else:
-            say(f"{path}: {counted(summary.messages, 'message')}{_span(summary)}", *_lines(summary, faults))
-        is_lost = summary.damage or any(topic.undecodable for topic in summary.topics)
-        worst = max(worst, exit_codes.INPUT_LOST if is_lost else exit_codes.DONE)
+            files = log_files(path)
+            indexed = summarise_by_index(files, topics=reading.given.get("topics")) if by_index else None
+            summary, faults = (indexed, []) if indexed else _whole(path, files, reading)
+            is_lost = summary.damage or any(topic.undecodable for topic in summary.topics)
+            code = exit_codes.INPUT_LOST if is_lost else exit_codes.DONE
+        if as_json:
+            typer.echo(json.dumps(summary.as_json() | more | {"faults": faults}))
+        else:
+            what = counted(summary.messages, "row" if more else "message")
+            say(f"{path}: {what}{_span(summary)}", *_lines(summary, faults, **more))
+        worst = max(worst, code)
     return worst
-
-
-def _table(path: Path, reading: Reading, *, as_json: bool) -> int:
-    """The same of a table, whose rows are what a log's messages are; 3 where some cannot be used."""
-    from dirprim_filter.recording.tables import read_table, summary_of
-
-    table = read_table(path, reading.options())
-    summary, faults = summary_of(table), table.losses.remarks
-    faults += [f"left out {table.losses}"] if table.losses.dropped else []
-    if as_json:
-        columns_of = {"columns": list(table.used), "unused": list(table.unused)}
-        typer.echo(json.dumps(summary.as_json() | columns_of | {"faults": faults}))
-    else:
-        used, unused = ", ".join(table.used), f"; not used: {', '.join(table.unused)}" * bool(table.unused)
-        say(f"{path}: {counted(summary.messages, 'row')}{_span(summary)}", f"  columns: {used}{unused}",
-            *_lines(summary, faults, of_table=True))  # fmt: skip
-    return exit_codes.of_losses(table.losses)
 
 
 def _whole(path: Path, files: Files, reading: Reading) -> tuple[LogSummary, list[str]]:
@@ -106,16 +96,19 @@ def _whole(path: Path, files: Files, reading: Reading) -> tuple[LogSummary, list
             return summary, []
 
 
-def _lines(summary: LogSummary, faults: list[str], *, of_table: bool = False) -> list[str]:
-    lines = []
+def _lines(
+    summary: LogSummary, faults: list[str], *, columns: Sequence[str] = (), unused: Sequence[str] = ()
+) -> list[str]:
+    """What there is, of a table with its columns."""
+    lines = [f"columns: {', '.join(columns)}{'; not used: ' * bool(unused)}{', '.join(unused)}"] * bool(columns)
     if not summary.is_checked:
         lines.append("by the log's index alone; its chunks were not checked, and tracks not counted: --check does both")
     rows = [
         [t.name, t.schema or "-", t.encoding or "-", str(t.messages), "-" if t.tracks is None else str(t.tracks)]
         for t in summary.topics
     ]
-    lines += columns([["topic", "schema", "encoding", "rows" if of_table else "messages", "tracks"], *rows], n_left=3)
-    if summary.is_checked and not of_table:
+    lines += in_columns([["topic", "schema", "encoding", "rows" if columns else "messages", "tracks"], *rows], n_left=3)
+    if summary.is_checked and not columns:
         carrying = ", ".join(t.name for t in summary.topics if t.tracks)
         seen = ", ".join(f"{t.name} ({t.detections})" for t in summary.topics if t.detections)
         lines += [f"tracks in: {carrying}" if carrying else "no topic carries tracks"] * bool(carrying or not seen)

@@ -7,11 +7,7 @@ from dirprim_filter.cli.options import Force, Log, Output
 from dirprim_filter.cli.texts import counted, say
 
 
-def recover(
-    log: Log,
-    output: Output,
-    force: Force = False,
-) -> int:
+def recover(log: Log, output: Output, force: Force = False) -> int:
     """Write the intact part of a damaged log; say what was lost.
 
     A command that was killed leaves its output beside where it belongs, as NAME.PID.partial: all but its last chunk

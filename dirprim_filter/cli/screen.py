@@ -12,14 +12,14 @@ from dirprim_filter.cli.reading import Reading
 from dirprim_filter.detections import Detections
 from dirprim_filter.drawing.vehicles import drawn_sizes
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.recording import load_map, topic_names
+from dirprim_filter.recording import topic_names
 from dirprim_filter.recording.container.log import Log, Scan
 from dirprim_filter.recording.losses import Losses
 from dirprim_filter.recording.map_file import MAP
 from dirprim_filter.recording.name_patterns import is_table
 from dirprim_filter.recording.plausibility import DetectionsAloneError
 from dirprim_filter.recording.playback import Playback
-from dirprim_filter.recording.reader import has_estimates, origin_of_estimates
+from dirprim_filter.recording.reader import has_estimates
 from dirprim_filter.recording.scan import scan
 from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
 from dirprim_filter.track_ids import qualified_names
@@ -67,17 +67,6 @@ def by_kind(files: Sequence[Path]) -> tuple[list[Path], list[Path], list[Path]]:
         (runs if is_run else maps if is_map else logs).append(file)
         with_map += [file] * (is_run and is_map)
     return maps or with_map[:1], runs, logs
-
-
-def on_one_plane(
-    maps: Sequence[Path], runs: Sequence[Path], reading: Reading
-) -> tuple[list[PrimitiveMap], Reading]:  # fmt: skip
-    """The maps, and the reading of logs on the plane of these and of the runs."""
-    learned = [load_map(path) for path in maps]
-    for path, origin in [*((path, of.origin) for path, of in zip(maps, learned, strict=True)),
-                         *((path, origin_of_estimates(path)) for path in runs)]:  # fmt: skip
-        reading = reading.on_plane_of(path, origin)
-    return learned, reading
 
 
 def show_together(viewer: sink.RerunSink, logs: Sequence[Path], path: Path | None, reading: Reading) -> Losses:

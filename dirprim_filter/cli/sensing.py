@@ -152,7 +152,8 @@ def _scene(seen: Detections, log: Path, noise_m: float) -> OwnTracks | None:
         except ValueError as error:
             typer.echo(f"misses, clutter and births: the defaults, unless --set states them: {error}")
             return None
-    typer.echo("\n".join([f"scene, learned from {_source(found)}", *number_lines(_rates(found))]))
+    source, rates = _source(found)
+    typer.echo("\n".join([f"scene, learned from {source}", *number_lines(rates)]))
     return found
 
 
@@ -165,8 +166,8 @@ def _lines(found: SelfCalibration) -> list[str]:
              if name != "correlation_s" or numbers[f"{axis}.correlated_share"]}  # fmt: skip
     source = f"{found.n_detections} detections in {counted(found.n_pieces, 'piece')} of track"
     if tracks is not None:
-        source = _source(tracks)
-        shown |= _rates(tracks)
+        source, rates = _source(tracks)
+        shown |= rates
     unknown = [f"not known: {line}" for line in found.unknown]
     return [f"sensor, learned from {source}", *number_lines(shown), *unknown]
 
@@ -188,13 +189,11 @@ def first_minutes(frames: Iterator[Detections], *, n_most: int) -> list[Detectio
     return first
 
 
-def _source(tracks: OwnTracks) -> str:
-    return f"{len(tracks.seen)} detections without ids, {tracks.n_true} of them of vehicles"
-
-
-def _rates(tracks: OwnTracks) -> dict[str, float]:
+def _source(tracks: OwnTracks) -> tuple[str, dict[str, float]]:
+    """What tracks of detections without ids are learned from, and their rates."""
     rates = ("detection_probability", "clutter_density", "birth_density")
-    return {name: getattr(tracks.tracking, name) for name in rates}
+    source = f"{len(tracks.seen)} detections without ids, {tracks.n_true} of them of vehicles"
+    return source, {name: getattr(tracks.tracking, name) for name in rates}
 
 
 def number_lines(numbers: Mapping[str, float | None], width: Mapping[str, float] | None = None) -> list[str]:

@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+import dirprim_filter as dp
 from dirprim_filter.cli import exit_codes
 from dirprim_filter.cli.options import WRITTEN, Connect, Files, Force, MaybeTruth, Save, Spawn
 from dirprim_filter.cli.reading import OF_TRUTH, Reading
@@ -49,6 +50,7 @@ def view(
 
     from dirprim_filter.cli import screen
     from dirprim_filter.recording.losses import Losses
+    from dirprim_filter.recording.reader import origin_of_estimates
 
     maps, runs, logs = screen.by_kind(files)
     if not logs:
@@ -56,8 +58,10 @@ def view(
     if len(runs) > 1 and (save or screenshot):
         shown = ", ".join(map(str, runs))
         raise ValueError(f"view: expected at most one run in a file, got {shown}; without --save they open together")
-    learned, reading = screen.on_one_plane(maps, runs, reading)
-    losses = Losses()
+    learned, losses = [dp.load_map(path) for path in maps], Losses()
+    for path, origin in (*((path, of.origin) for path, of in zip(maps, learned, strict=True)),
+                         *((path, origin_of_estimates(path)) for path in runs)):  # fmt: skip
+        reading = reading.on_plane_of(path, origin)
     with TemporaryDirectory() as work:
         saved, address = save or (Path(work) / "shown.rrd" if screenshot else None), connect
         for run in runs or [files[0]]:

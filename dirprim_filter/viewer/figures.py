@@ -66,13 +66,9 @@ KEY: Mapping[str, dict[str, Any]] = {
 
 @mpl.rc_context(STYLE)
 def map_figure(
-    primitives: PrimitiveMap,
-    *,
-    tracks: Tracks | None = None,
-    estimates: Estimates | None = None,
-    paths: FloatArray | None = None,
-    extent: FloatArray | None = None,
-) -> Figure:
+    primitives: PrimitiveMap, *, tracks: Tracks | None = None, estimates: Estimates | None = None,
+    paths: FloatArray | None = None, extent: FloatArray | None = None,
+) -> Figure:  # fmt: skip
     """The learned map: cells, and petals coloured by mean speed; a legend explains every kind of line.
 
     Where cells are small in the picture, those in a square have one rose together.
