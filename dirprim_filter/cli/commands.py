@@ -27,8 +27,6 @@ from dirprim_filter.cli.reading import OPTIONS, Reading
 from dirprim_filter.cli.settings import READING, assignments, deal
 from dirprim_filter.partial_file import PartialFile
 
-MADE = ("reading", "settings")
-"""Parameters of commands that are made of several options."""
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Say more on stderr; show where errors come from.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Only errors on stderr.")]
 
@@ -46,7 +44,8 @@ def register(app: typer.Typer, command: Callable[..., Any]) -> None:
     `settings` gets, texts by name; for the help it is annotated with their names, or dataclasses that have them.
     """
     hints, named = get_type_hints(command, include_extras=True), inspect.Parameter.KEYWORD_ONLY
-    taken = {name: of.default for name, of in inspect.signature(command).parameters.items() if name not in MADE}
+    made_of = ("reading", "settings")  # several options
+    taken = {name: of.default for name, of in inspect.signature(command).parameters.items() if name not in made_of}
     if "reading" in hints:
         own = [getattr(of, "__dataclass_fields__", [of]) for of in getattr(hints.get("settings"), "__metadata__", ())]
         text = f"NAME=VALUE, again for each: {', '.join([*READING, *chain(*own)])}. See docs/settings.md."

@@ -12,9 +12,6 @@ from dirprim_filter.cli import exit_codes
 from dirprim_filter.cli.options import FILE, Force, MapFile, Picture, existing_log
 from dirprim_filter.cli.reading import Reading
 
-SMALLEST_M, LONGEST_TIMES = 1.0, 100.0
-"""Of what is shown: the least of a side, and the most of one over the other."""
-
 
 def plot(
     map_file: MapFile,
@@ -49,8 +46,8 @@ def plot(
     box = None if extent is None else np.reshape(extent, (2, 2))
     if box is not None:
         short, long = np.sort(box[1] - box[0])
-        if not (SMALLEST_M <= short <= long <= LONGEST_TIMES * short and np.abs(box).max() <= FARTHEST_M):
-            expected = f"west south east north, metres, sides of {SMALLEST_M:g} m or more and alike"
+        if not (1.0 <= short <= long <= 100.0 * short and np.abs(box).max() <= FARTHEST_M):
+            expected = "west south east north, metres, sides of 1 m or more and alike"
             raise typer.BadParameter(f"expected {expected}, got {extent}", param_hint="--extent")
     if log is None:
         reading.require_acting()

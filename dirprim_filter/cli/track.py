@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from dirprim_filter.estimates import EstimateSink
     from dirprim_filter.viewer.sink import RerunSink
 
-LARGEST_DENSITY = 1e9
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Own:
@@ -45,10 +43,8 @@ class Own:
     truth: str = ""
 
     def __post_init__(self) -> None:
-        if not 0 <= self.acceleration_density <= LARGEST_DENSITY:
-            raise ValueError(
-                f"acceleration_density: expected 0 to {LARGEST_DENSITY:g}, got {self.acceleration_density}"
-            )
+        if not 0 <= self.acceleration_density <= 1e9:
+            raise ValueError(f"acceleration_density: expected 0 to 1e+09, got {self.acceleration_density}")
         if self.particles_out < 0:
             raise ValueError(f"particles_out: expected at least 0, got {self.particles_out}")
 

@@ -35,14 +35,10 @@ REACH = 1.5
 border: along a lane it ends before the next cell's petal begins."""
 TRAFFIC = (1.0 / 12.0, 4.0)
 """Times the usual: with less a rose is no smaller, with more no larger."""
-ALIKE = math.radians(40.0)
-"""Modes of a square that differ by less are one petal."""
 HEAD, HEAD_OVER, HEAD_WIDTH = 0.42, 0.35, 0.42
 """An arrowhead's length as a share of its petal's, how much of it lies beyond the tip, and half its width over it."""
 BUSY_SHARE = 0.75
 """Of the traffic: what to look at first. A map reaches far along its roads, where nothing happens."""
-MIDDLING = (4.5, 1.8)
-"""Length and width of a car, metres."""
 
 
 class Petals(NamedTuple):
@@ -145,7 +141,7 @@ def _modes(primitives: PrimitiveMap) -> _Modes:
 def _together(modes: _Modes, spacing: float) -> _Modes:
     """Of the cells in each square `spacing` wide, weighted by their rows; a rose's ground is a square at least.
 
-    Of a rose's modes that move the heaviest takes up all that point within `ALIKE` of it, by the moments of their
+    Of a rose's modes that move the heaviest takes up all that point within 40 degrees of it, by the moments of their
     densities; then of what is left the heaviest, again and again. Those that stand are one.
     """
     square, rose = np.unique(np.floor(modes.root / spacing).astype(np.int64), axis=0, return_inverse=True)
@@ -164,7 +160,7 @@ def _together(modes: _Modes, spacing: float) -> _Modes:
         _, first = np.unique(own[rows], return_index=True)
         heaviest = np.full(n_roses, -1)
         heaviest[own[rows[first]]] = rows[first]
-        near = rows[np.abs(difference(modes.mean[rows], modes.mean[heaviest[own[rows]]])) <= ALIKE]
+        near = rows[np.abs(difference(modes.mean[rows], modes.mean[heaviest[own[rows]]])) <= math.radians(40.0)]
         leader[near] = heaviest[own[near]]
         left[near] = False
     _, kept, merged = np.unique(leader, return_index=True, return_inverse=True)
@@ -277,10 +273,10 @@ def motion_arrow(direction: FloatArray, speed: FloatArray, *, duration_s: float 
 def vehicle_outline(position: FloatArray, heading: FloatArray, size: FloatArray) -> FloatArray:
     """The closed outline of vehicles from above, with a pointed bow. (n, 2), (n,), (n, 3) -> (n, 6, 2) metres.
 
-    Those of unknown size are drawn as a `MIDDLING` car.
+    Those of unknown size are drawn as a middling car.
     """
     body = np.array([[-0.5, -0.5], [0.28, -0.5], [0.5, 0.0], [0.28, 0.5], [-0.5, 0.5], [-0.5, -0.5]])
-    across = np.where(np.isnan(size[:, :2]), MIDDLING, size[:, :2])
+    across = np.where(np.isnan(size[:, :2]), (4.5, 1.8), size[:, :2])
     outline: FloatArray = position[:, None, :] + _turned(body * across[:, None], np.asarray(heading)[:, None])
     return outline
 

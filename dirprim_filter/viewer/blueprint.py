@@ -22,7 +22,6 @@ LAYERS = (
     "/events/marks",
 )  # fmt: skip
 """Entities of the map view: each can be switched off by its path."""
-ON_EARTH = ("/map/earth", "/truth/**", "/tracks/**")
 
 
 def blueprint(
@@ -49,7 +48,7 @@ def blueprint(
         eye_controls=rrb.EyeControls3D(position=(x, y, height), look_target=(x, y, 0.0), eye_up=(0.0, 1.0, 0.0)),
     )
     if on_earth:
-        earth = rrb.MapView(origin="/", contents=[f"+ {layer}" for layer in ON_EARTH], name="On the Earth")
+        earth = rrb.MapView(origin="/", contents=["+ /map/earth", "+ /truth/**", "+ /tracks/**"], name="On the Earth")
         above = rrb.Vertical(above, earth, row_shares=[2, 1])
     if tracked:
         events = rrb.TextLogView(origin="/events", name="Events")

@@ -26,8 +26,6 @@ from tessellation import Tessellation
 
 Columns = tuple[str, rr.ComponentColumnList]
 """An entity, and what it shows at each of some instants."""
-CONFIDENCE = 0.9
-"""Ellipses hold this probability."""
 FANS = tuple(f"/forecasts/region_{100 * share:.0f}" for share in REGION_SHARES)
 """Entities of the fans of forecasts."""
 
@@ -244,8 +242,8 @@ def _apart(values: Sequence[AnyArray] | AnyArray) -> AnyArray:
 
 
 def _covariance(estimates: Estimates, shade: ByteArray) -> Part:
-    """Ellipses that hold `CONFIDENCE`; of no size where the vehicle may be anywhere."""
-    half_axes, angle = shapes.covariance_axes(estimates.covariance, probability=CONFIDENCE)
+    """Ellipses that hold a probability of 0.9; of no size where the vehicle may be anywhere."""
+    half_axes, angle = shapes.covariance_axes(estimates.covariance, probability=0.9)
     half_axes[may_be_anywhere(estimates)] = 0.0
     turn = np.zeros((len(estimates), 4), dtype=np.float32)
     turn[:, 2], turn[:, 3] = np.sin(0.5 * angle), np.cos(0.5 * angle)

@@ -20,11 +20,6 @@ from dirprim_filter.evaluation.truth import INTERVALS, LEAST_GAP_S, interpolated
 from dirprim_filter.track_ids import as_texts
 from dirprim_filter.tracks import Tracks
 
-MATCH_M = (1.0 - MATCH_FROM) * SIMILARITY_M
-"""Metres between a vehicle and its track at most, as `dirprim score` counts exchanges,"""
-GATE = 13.8
-"""or the squared distance in units of the track's covariance: 99.9 % of a Gaussian of the plane."""
-
 
 class Matched(NamedTuple):
     """The true vehicles of one frame, and their tracks.
@@ -88,11 +83,15 @@ class Matcher:
 
 
 def _nearest(position: FloatArray, estimates: Estimates, before: IntArray, is_near: BoolArray) -> IntArray:
-    """(n,) rows of the estimates: those `before` while they are near enough, and of the others the best assignment."""
+    """(n,) rows of the estimates: those `before` while they are near enough, and of the others the best assignment.
+
+    Near is as `dirprim score` counts exchanges, or within 99.9 % of the track's Gaussian of the plane.
+    """
     off = position[:, None] - estimates.position
     precision = np.linalg.inv(estimates.covariance + 1e-12 * np.eye(2))
     distance = np.hypot(off[..., 0], off[..., 1])
-    is_near &= (distance <= MATCH_M) | (np.einsum("vti,tij,vtj->vt", off, precision, off) <= GATE)
+    squared = np.einsum("vti,tij,vtj->vt", off, precision, off)
+    is_near &= (distance <= (1.0 - MATCH_FROM) * SIMILARITY_M) | (squared <= 13.8)
     vehicle, track = np.nonzero(is_near)
     matched = matched_at_once(vehicle, track, 1.0 / (1.0 + distance[vehicle, track]), before)
     row = np.full(len(position), UNMATCHED)

@@ -18,8 +18,8 @@ VIEWER_URL = f"rerun+http://127.0.0.1:{VIEWER_PORT}/proxy"
 THIS_MACHINE = "127.0.0.1"
 SETTLING_S = 1.0
 """In which a viewer without a screen ends: it listens before it knows whether there is one."""
-RESTING_S, MOST_LOOKS = 1.5, 60
-"""Between two looks at a picture that may still change, and how many there are."""
+RESTING_S = 1.5
+"""Between two looks at a picture that may still change."""
 NO_PICTURE = "the viewer draws no picture without a screen; it needs a Vulkan driver (Debian: mesa-vulkan-drivers)"
 WITHOUT_A_SCREEN = "it needs a screen; else use --save FILE.rrd, and `rerun --serve-web --bind 127.0.0.1 FILE.rrd`"
 
@@ -81,7 +81,7 @@ def screenshot(recording: Path, elapsed_s: float) -> bytes:
         time.sleep(2 * RESTING_S)
         client.set_time(ELAPSED, duration=elapsed_s, play_state="paused")
         before = b""
-        for _ in range(MOST_LOOKS):
+        for _ in range(60):
             time.sleep(RESTING_S)
             with suppress(TimeoutError):  # of one look, on a busy machine
                 now = client.take_screenshot()

@@ -10,8 +10,6 @@ from dirprim_filter.arrays import FloatArray
 from dirprim_filter.estimates import TrackedFrame
 from dirprim_filter.viewer.matching import Matched
 
-COASTS, ANEW, MEASURED = "coasts", "reinitialised: its belief did not explain its measurements", "measured again"
-
 ROSES = """\
 **Roses**: how vehicles move in a cell. A petal points and bends in their direction; its area is their share of those
 that move; its colour is their mean speed, from violet (0 m/s) by green ({half:g} m/s) to yellow ({fastest:g} m/s and
@@ -61,11 +59,12 @@ class Events:
         found = [Event("INFO", f"{name} ended") for name in before if name not in now]
         found += [Event("INFO", f"{name} initialised") for name in now if name not in before]
         found += [
-            Event("INFO", f"{name} {COASTS if coasts else MEASURED}")
+            Event("INFO", f"{name} {'coasts' if coasts else 'measured again'}")
             for name, coasts in now.items()
             if coasts != before.get(name, False)
         ]
-        found += [Event("WARN", f"{name} {ANEW}") for name in frame.reinitialised if name in now]
+        anew = "reinitialised: its belief did not explain its measurements"
+        found += [Event("WARN", f"{name} {anew}") for name in frame.reinitialised if name in now]
         return found if matched is None else found + self._against(frame, matched)
 
     def _against(self, frame: TrackedFrame, matched: Matched) -> list[Event]:

@@ -21,10 +21,6 @@ if TYPE_CHECKING:
     from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
 
 
-DATA = ".csv"
-"""Ends the name of what a picture shows."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Own:
     """Settings of the command."""
@@ -96,7 +92,7 @@ def tracking(
     primitive_map, reading = map_of(map_file, reading)
     inputs = [*logs, *filter(None, [map_file]), *(path for other in others.values() for path in files_of(other, made))]
     if plot is not None:
-        check_outputs([plot.with_suffix(DATA)], inputs, force=force)
+        check_outputs([plot.with_suffix(".csv")], inputs, force=force)
     log = reading.tracks(logs)
     Coverage(primitive_map, map_file, logs[0]).check(log.tracks.position)
     with step_progress("evaluating", "steps") as step:
@@ -109,7 +105,7 @@ def tracking(
         save_figure(experiment_figure(table), plot, force=force)
         data = StringIO()
         csv.writer(data).writerows([HEADS, *curves(table)])
-        with PartialFile(plot.with_suffix(DATA), force=force) as file:
+        with PartialFile(plot.with_suffix(".csv"), force=force) as file:
             file.write(data.getvalue().encode())
     bare = replace(table, methods=tuple(replace(method, errors=()) for method in table.methods))
     lines = markdown if as_markdown else latex if as_latex else None
