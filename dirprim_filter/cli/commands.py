@@ -92,12 +92,10 @@ class _Grouped(TyperCommand):
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         titled: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": [], "Reading a log": []}
-        parameters = self.get_params(ctx)
-        reading = (*OPTIONS, "given") if any(of.name == "given" for of in parameters) else ()
-        for of in parameters:
+        for of in self.get_params(ctx):
             title = "Arguments" if of.param_type_name == "argument" else "Options"
             if (record := of.get_help_record(ctx)) is not None:
-                titled["Reading a log" if of.name in reading else title].append(record)
+                titled["Reading a log" if of.name in (*OPTIONS, "given") else title].append(record)
         for title, records in titled.items():
             if records:
                 with formatter.section(title):

@@ -54,13 +54,10 @@ def convert(
     if columns == "":
         raise typer.BadParameter("expected NAME=COLUMN, got nothing", param_hint="--columns")
     scales = {"metres_per_pixel": metres_per_pixel, "frames_per_second": frames_per_second}
-    stated = [f"{name}={value}" for name, value in scales.items() if value is not None] + (
-        [columns] if columns is not None else []
-    )
+    stated = [f"{name}={value}" for name, value in scales.items() if value is not None]
+    how = ",".join([form or form_of(source), *stated, *filter(None, [columns])])
     with working(f"reading {source.name}"):
-        table = read_as(
-            source, ",".join([form or form_of(source), *stated]), None if origin is None else Origin.parse(origin)
-        )  # fmt: skip
+        table = read_as(source, how, None if origin is None else Origin.parse(origin))
     if table.too_early:
         raise table.too_early
     table.log(source)

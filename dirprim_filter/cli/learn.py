@@ -36,11 +36,9 @@ def learn(
             raise ValueError(
                 f"{logs[0]}: a store is learned from alone, and fixes how its logs are read; leave out the rest"
             )
-        from dirprim_filter.cli import store_maps
+        from dirprim_filter.cli.store import learn as learn_store
 
-        return store_maps.learn(
-            logs[0], output, tessellation, cell_size, cells, modes, primitive, seed=seed, force=force
-        )
+        return learn_store(logs[0], output, tessellation, cell_size, cells, modes, primitive, seed=seed, force=force)
     import numpy as np
 
     from dirprim_filter.cli.progress import learning_progress

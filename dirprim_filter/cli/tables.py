@@ -209,10 +209,15 @@ def score_text(table: ScoreTable, truth: str) -> str:
     matched = "vehicles by their ids" if table.with_ids else "vehicles by their places"
     groups = f" in {counted(table.n_groups, 'group')}, each by itself" if table.n_groups > 1 else ""
     names = [found.name for found in table.scores]
+    judged = f"judged at the truth's {counted(table.n_instants, 'instant')}"
+    judged += ", row by row" if not table.n_interpolated else (
+        f"; {table.n_interpolated} of the truth's rows are interpolated, between rows of a vehicle at most "
+        f"{table.longest_gap_s:g} s apart"
+    )  # fmt: skip
     return "\n".join([
         f"{truth}: {counted(table.n_vehicles, 'vehicle')}{groups}, {counted(table.n_rows, 'row')}; errors of "
         f"{matched}; similarity is 0 from {table.similarity_m:g} m, GOSPA's cut-off",
-        _judged_line(table),
+        judged,
         "",
         *figure_lines(names, lambda i, figure: number(getattr(table.scores[i].report, figure))),
         "",
@@ -222,14 +227,3 @@ def score_text(table: ScoreTable, truth: str) -> str:
             for found in table.scores
         ),
     ])  # fmt: skip
-
-
-def _judged_line(table: ScoreTable) -> str:
-    """At which instants, and whether the truth is interpolated there."""
-    instants = f"judged at the truth's {counted(table.n_instants, 'instant')}"
-    if not table.n_interpolated:
-        return f"{instants}, row by row"
-    return (
-        f"{instants}; {table.n_interpolated} of the truth's rows are interpolated, between rows of a vehicle at most "
-        f"{table.longest_gap_s:g} s apart"
-    )

@@ -277,7 +277,9 @@ def vehicle_outline(position: FloatArray, heading: FloatArray, size: FloatArray)
     """
     body = np.array([[-0.5, -0.5], [0.28, -0.5], [0.5, 0.0], [0.28, 0.5], [-0.5, 0.5], [-0.5, -0.5]])
     across = np.where(np.isnan(size[:, :2]), (4.5, 1.8), size[:, :2])
-    outline: FloatArray = position[:, None, :] + _turned(body * across[:, None], np.asarray(heading)[:, None])
+    along, aside = np.moveaxis(body * across[:, None], -1, 0)[..., None]
+    ahead, left = _heading(heading)[:, None], _heading(np.asarray(heading) + 0.5 * np.pi)[:, None]
+    outline: FloatArray = position[:, None] + along * ahead + aside * left
     return outline
 
 
@@ -293,9 +295,3 @@ def _along_arc(length: FloatArray, direction: FloatArray, curvature: FloatArray)
 
 def _heading(direction: FloatArray) -> FloatArray:
     return np.stack([np.cos(direction), np.sin(direction)], axis=-1)
-
-
-def _turned(offset: FloatArray, angle: FloatArray) -> FloatArray:
-    c, s = np.cos(angle), np.sin(angle)
-    x, y = offset[..., 0], offset[..., 1]
-    return np.stack([c * x - s * y, s * x + c * y], axis=-1)

@@ -32,7 +32,14 @@ def experiment_figure(table: TrackingTable) -> Figure:
     for panel, name, *numbers in curves(table):
         rows.setdefault((str(panel), str(name)), []).append(numbers)
     data = {of: np.array(numbers, np.float64).T for of, numbers in rows.items()}  # (5, k) x, y, value, low and high
-    styles = _styles([method.name for method in table.methods])
+    own = list(dict.fromkeys(method.name.removesuffix(SMOOTHED_SUFFIX) for method in table.methods))
+    styles = {  # of each method's line: a colour, dashed for smoothers, and its name
+        name: {
+            "color": COLORS[own.index(name.removesuffix(SMOOTHED_SUFFIX)) % len(COLORS)],
+            "linestyle": "--" if name.endswith(SMOOTHED_SUFFIX) else "-", "label": name.lstrip("_"),
+        }
+        for name in (method.name for method in table.methods)
+    }  # fmt: skip
     where, names = "in gaps" if table.n_gaps else "in sight", list(styles)
     reliable.plot([0.0, 1.0], [0.0, 1.0], color=FAINT, linewidth=0.8)
     for row, (name, style) in enumerate(styles.items()):
@@ -64,18 +71,6 @@ def experiment_figure(table: TrackingTable) -> Figure:
     handles, labels = times.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 6))
     return figure
-
-
-def _styles(names: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """By method, of its line: a colour, dashed for smoothers, and its name."""
-    own = list(dict.fromkeys(name.removesuffix(SMOOTHED_SUFFIX) for name in names))
-    return {
-        name: {
-            "color": COLORS[own.index(name.removesuffix(SMOOTHED_SUFFIX)) % len(COLORS)],
-            "linestyle": "--" if name.endswith(SMOOTHED_SUFFIX) else "-", "label": name.lstrip("_"),
-        }
-        for name in names
-    }  # fmt: skip
 
 
 def _bars(of: FloatArray) -> FloatArray:

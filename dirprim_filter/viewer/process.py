@@ -125,10 +125,8 @@ def _answers(program: subprocess.Popen[bytes], port: int) -> bool:
     """Whether a program listens at its port before it ends, or time is up."""
     until = time.monotonic() + 20.0
     while program.poll() is None and time.monotonic() < until:
-        try:
+        with suppress(OSError):
             socket.create_connection((THIS_MACHINE, port), timeout=1.0).close()
-        except OSError:
-            time.sleep(0.05)
-        else:
             return True
+        time.sleep(0.05)
     return False
