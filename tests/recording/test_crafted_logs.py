@@ -1,5 +1,6 @@
 """Logs made to be slow: the work that finding the way through them takes grows as their size does."""
 
+import bz2
 import cProfile
 import os
 import struct
@@ -8,10 +9,13 @@ import sys
 import time
 import zlib
 
+import lz4.frame
 import numpy as np
 import pytest
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
-from mcap_files import CHUNK, log_bytes, records, write_log
+from lz4.frame import LZ4FrameDecompressor
+from mcap.writer import CompressionType
+from mcap_files import CHUNK, log_bytes, records, rows, write_log
 
 from dirprim_filter import Tracks, read_tracks, write_tracks
 from dirprim_filter.recording.container import budget, chunk, message_columns
@@ -20,6 +24,7 @@ from dirprim_filter.recording.decoding.protobuf_plan import message_descriptor
 from dirprim_filter.recording.inspection import inspect
 from dirprim_filter.recording.scan import scan
 from dirprim_filter.recording.tables import read_named
+from peak_memory import FORGET, with_growth
 
 HEAD, TAIL = log_bytes([])[:8], log_bytes([("/a", 1, b"x")])[8:]
 FIXED = struct.Struct("<BQQQQIIQ")
@@ -169,6 +174,47 @@ def test_a_few_bytes_that_claim_to_be_many_are_damage(tmp_path):
     with scan(tmp_path / "log.mcap") as log:
         assert not list(log)
         assert ["at most, got more" in damage.detail for damage in log.damage] == [True]
+
+
+def test_a_chunk_within_a_chunk_is_reported(tmp_path):
+    inner = log_bytes([("/a", 1, b"x")], compression=CompressionType.NONE)
+    chunk_at, end = next((start, end) for opcode, start, end in records(inner) if opcode == CHUNK)
+    for data, said in (
+        (inner[chunk_at:end], ["1 records of CHUNK within a chunk, which may hold none, are not read"]),
+        (struct.pack("<BQ", 0x80, 3) + b"own", []),
+    ):
+        outer = header(FIELDS_SIZE + len(data), len(data), size=len(data), crc=zlib.crc32(data)) + data
+        (tmp_path / "log.mcap").write_bytes(HEAD + outer + TAIL)
+        with scan(tmp_path / "log.mcap") as log:
+            assert rows(log) == [("/a", 1, b"x")]
+            assert [damage.detail for damage in log.damage if damage.kind != "summary"] == said
+        recovered = recover(tmp_path / "log.mcap", tmp_path / "new.mcap", force=True)
+        assert recovered.is_lossless == (not said)
+
+
+@pytest.mark.skipif(not FORGET.exists(), reason="only Linux says how much memory was taken at most")
+@pytest.mark.parametrize("compression", [CompressionType.LZ4, CompressionType.ZSTD])
+def test_a_chunk_that_becomes_more_than_it_may_takes_that_memory_once(tmp_path, monkeypatch, compression):
+    path = tmp_path / "log.mcap"
+    path.write_bytes(log_bytes([("/a", 0, bytes(1 << 28))], chunk_size=1 << 30, compression=compression))
+    monkeypatch.setattr(budget, "SMALL_BYTES", (1 << 28) - 1)
+    with scan(path) as log:
+        sent, grown = with_growth(lambda: list(log))
+        assert not sent
+        assert "at most, got more" in log.damage[0].detail
+    assert grown < 1.2 * (1 << 28)
+
+
+@pytest.mark.parametrize("size", [0, 1, 9999, 10_000, 10_001, 30_000, 300_001])
+def test_what_is_decompressed_in_steps_is_whole(monkeypatch, size):
+    monkeypatch.setattr(budget, "STEP", 10_000)
+    data = np.random.default_rng(0).integers(0, 4, size, np.uint8).tobytes()
+    for kind, packed in ((LZ4FrameDecompressor, lz4.frame.compress(data)), (bz2.BZ2Decompressor, bz2.compress(data))):
+        assert budget.decompressed(kind(), packed, size) == data
+        assert size == 0 or budget.decompressed(kind(), packed, size - 1) is None
+    cut = budget.decompressed(LZ4FrameDecompressor(), lz4.frame.compress(data)[:-8], size)
+    assert cut is not None
+    assert data.startswith(cut)
 
 
 def test_descriptors_in_the_worst_order_are_read_soon():

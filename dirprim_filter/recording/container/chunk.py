@@ -20,7 +20,7 @@ import lz4.frame
 import zstandard
 from mcap.opcode import Opcode
 
-from dirprim_filter.recording.container.budget import most_bytes
+from dirprim_filter.recording.container.budget import decompressed, most_bytes
 from dirprim_filter.recording.container.errors import Damage, DamageKind
 from dirprim_filter.recording.container.file_bytes import BLOCK_BYTES, FileBytes
 from dirprim_filter.recording.container.records import (
@@ -156,13 +156,14 @@ def _decompress(data: bytes, chunk: Chunk) -> bytes:
     if not chunk.compression:
         return data
     limit = min(MAX_CHUNK_BYTES, most_bytes(chunk.end))
+    contents: bytes | None
     if chunk.compression == "zstd":
         contents = zstandard.ZstdDecompressor().stream_reader(data).read(limit + 1)
     else:
-        contents = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=limit + 1)
-    if len(contents) > limit:
+        contents = decompressed(lz4.frame.LZ4FrameDecompressor(), data, limit)
+    if contents is None or len(contents) > limit:
         raise ValueError(f"expected {limit} bytes at most, got more; write the log with smaller chunks")
-    return bytes(contents)
+    return contents
 
 
 def _lost(file: FileBytes, chunk: Chunk, kind: DamageKind, detail: str) -> Damage:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import ChainMap
+from collections import ChainMap, Counter
 from collections.abc import Iterator, Mapping, MutableMapping
 from dataclasses import replace
 
@@ -27,6 +27,8 @@ from dirprim_filter.recording.container.records import (
 
 KEPT_BYTES = 1 << 24
 """Of a file's contents, while it is open: its topics, transforms and objects are passes of their own."""
+OUTSIDE = {*Opcode} - {Opcode.SCHEMA, Opcode.CHANNEL}
+"""Records that stand outside of chunks alone, beside messages; those of private opcodes and of later versions may."""
 UNKNOWN = -1
 """The number of a channel that is defined nowhere."""
 
@@ -89,10 +91,13 @@ class McapFile:
         channel = self._numbers(channel_id, channels)
         self._keep(schemas.maps[0], channels.maps[0])
         unknown = channel_id[channel == UNKNOWN]
-        for one, n in zip(*(part.tolist() for part in np.unique(unknown, return_counts=True)), strict=True):
-            damage.append(
-                chunk.damaged("unknown_channel", n, f"{n} messages of channel {one}, which is defined nowhere")
-            )
+        for one, n in Counter(unknown.tolist()).items():
+            why = f"{n} messages of channel {one}, which is defined nowhere"
+            damage.append(chunk.damaged("unknown_channel", n, why))
+        for opcode, n in Counter(map(contents.__getitem__, others.tolist())).items():
+            if opcode in OUTSIDE:
+                why = f"{n} records of {Opcode(opcode).name} within a chunk, which may hold none, are not read"
+                damage.append(chunk.damaged("record", None, why))
         columns = MessageColumns(
             log_time_ns=log_time, publish_time_ns=publish_time, sequence=sequence, channel=channel, start=start,
             stop=stop, position=np.full(len(start), position, np.int32), contents=contents, channels=self._all,

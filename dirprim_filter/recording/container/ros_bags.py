@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import lz4.frame
 
-from dirprim_filter.recording.container.budget import most_bytes
+from dirprim_filter.recording.container.budget import decompressed, most_bytes
 from dirprim_filter.recording.container.errors import RecordingError
 from dirprim_filter.recording.container.mcap_writer import McapWriter
 from dirprim_filter.recording.container.records import Channel, Schema
@@ -114,10 +114,10 @@ def _bounded(chunk: Any, limit: int) -> Any:
     def decompress(data: bytes) -> bytes:
         stream = streams[chunk.decompressor]()
         try:
-            contents = bytes(stream.decompress(data, max_length=limit + 1))
+            contents = decompressed(stream, data, limit)
         except (OSError, RuntimeError, EOFError) as error:
             raise ValueError(f"a chunk that does not decompress: {error}") from error
-        if len(contents) > limit or not stream.eof:
+        if contents is None or not stream.eof:
             raise ValueError(f"a chunk that is cut, or of more than {limit} bytes, many times the size of the file")
         return contents
 
