@@ -36,6 +36,7 @@ TOO_LATE = (
 )
 UNPLACED = "of a time for which no transform of their frame is known"
 OFF_WAY = "that no vehicle reaches from its rows before and after"
+NEGATIVE = "speeds below 0, which count as unknown"
 ALONE = "rows alone in time, so that no velocity can be derived"
 
 

@@ -120,7 +120,7 @@ class Rows(ArrayValue):
 
     def has_motion(self) -> BoolArray:
         """(n,) where both course and speed are known."""
-        return np.asarray(np.isfinite(self.direction) & np.isfinite(self.speed) & (self.speed >= 0))
+        return np.asarray(np.isfinite(self.direction) & np.isfinite(self.speed))
 
     def is_known_throughout(self) -> BoolArray:
         """(n,) rows of vehicles, by number, of which all rows have motion."""
@@ -142,8 +142,8 @@ class Rows(ArrayValue):
                 size=rows.size, heading=wrap(rows.heading), **motion,
             )
             for make, rows, motion in (
-                (Tracks, known, {"direction": wrap(known.direction), "speed": known.speed}),
-                (Tracks.from_positions, rest, {"speed": np.where(rest.speed >= 0, rest.speed, np.nan)}),
+                (Tracks, known, dict[str, Any](direction=wrap(known.direction), speed=known.speed)),
+                (Tracks.from_positions, rest, dict[str, Any](speed=rest.speed)),
             )
         )  # fmt: skip
         losses.note(ALONE, len(rest) - len(derived))

@@ -5,14 +5,14 @@ import pytest
 from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
 from foxglove_schemas_protobuf.Odometry_pb2 import Odometry
 from google.protobuf.json_format import ParseDict
-from mcap_files import scene, transform, write_protobuf_log
+from mcap_files import json_log, scene, transform, write_protobuf_log
 from ros_messages import header, write_ros2_log
 from test_ros2_schemas import ARRAYS, START_NS, STEP_NS, carla, point, quaternion, tracked
 
 from dirprim_filter import write_tracks
 from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.recording.losses import REPEATED
-from dirprim_filter.recording.reader import read_tracks, stream_detections
+from dirprim_filter.recording.reader import FieldMapping, read_tracks, stream_detections
 from dirprim_filter.recording.schemas import decoders as decoding
 from dirprim_filter.recording.schemas import dirprim_pb2
 from situations import tracks_of
@@ -263,3 +263,14 @@ def test_a_body_that_goes_sideways_is_left_as_it_says(tmp_path, caplog):
     path = log_of(tmp_path / "log.mcap", ros_odometry, "sideways", (way, np.full(N_ROWS, np.pi / 2), velocity))
     assert apart(read_tracks(path), 0.0).max() < 1e-6
     assert "axes" not in caplog.text
+
+
+def test_negative_speeds_are_reported_once_with_their_number(tmp_path, caplog):
+    speeds = [-3.0 if k % 4 == 0 else 5.0 for k in range(N)]
+    sent = [(k * STEP_NS, {"id": "a", "x": 0.5 * k, "y": 0.0, "speed": speed}) for k, speed in enumerate(speeds)]
+    path, mapping = json_log(tmp_path / "log.mcap", "Object", sent), FieldMapping.parse("id=.id,x=.x,y=.y,speed=.speed")
+    np.testing.assert_allclose(read_tracks(path, mapping=mapping).speed, 5.0)
+    assert caplog.text.count(f"{N // 4} speeds below 0, which count as unknown") == 1
+    stated = Detections.concatenate(list(stream_detections(path, mapping=mapping, motion=True))).speed
+    np.testing.assert_array_equal(stated, np.where(np.array(speeds) < 0, np.nan, speeds))
+    assert caplog.text.count("speeds below 0") == 2

@@ -134,6 +134,25 @@ def test_translations_and_times_of_any_size_draw_no_warning_of_numpys(tmp_path):
     assert not len(read_tracks(log(tmp_path / "log.mcap", *far, *parked())))
 
 
+@pytest.mark.parametrize(("late_s", "n_reported"), [(0, 0), (2, 0), (5, 1), (-5, 1)])
+def test_transforms_by_another_clock_are_reported(tmp_path, caplog, late_s, n_reported):
+    times, late_ns = range(300), late_s * 10**9
+    tf = [placed(at, *of, (0.0, SPEED * 0.1 * k), stamp=at - late_ns)
+          for k in times for of in (("map", "base_link"),) for at in (START_NS + k * STEP_NS,)]  # fmt: skip
+    tracks = read_tracks(log(tmp_path / "log.mcap", *tf, MOUNTED, *parked(times, "lidar", 2.0)))
+    assert len(tracks) >= 249
+    ahead, behind = ("/objects", "transforms of 'base_link'")[:: np.sign(late_s) or 1]
+    said = f"times of {ahead} are 5 s ahead of those of {behind}: are they of another clock, one simulated? objects are"
+    assert caplog.text.count(said) == n_reported
+    assert caplog.text.count("s ahead of") == n_reported
+
+
+def test_log_times_of_a_conversion_say_nothing_of_transforms(tmp_path, caplog):
+    sent = [*moving(range(300)), *parked(range(300))]
+    read_tracks(write_ros2_log(tmp_path / "log.mcap", [(topic, START_NS, *of) for topic, _, *of in sent]))
+    assert "ahead of" not in caplog.text
+
+
 def test_a_missing_transform_says_what_there_is(tmp_path):
     clocks = [placed(START_NS + k, "map", "base_link", (k, 0.0), stamp=400 * 10**9 + k * STEP_NS) for k in range(N)]
     path = log(tmp_path / "clocks.mcap", *clocks, *parked())

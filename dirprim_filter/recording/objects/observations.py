@@ -13,11 +13,11 @@ from dirprim_filter.columns import known_covariances
 from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.origin import Origin
+from dirprim_filter.recording import losses
 from dirprim_filter.recording.container.log import Scan
 from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.decoding.field_columns import MAX_NAME_LENGTH, NO_TIME, signed
 from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError
-from dirprim_filter.recording.losses import BACKWARD, FAR, INVALID, REPEATED, STRAY, TOO_LATE, UNPLACED, UNTIMED, Losses
 from dirprim_filter.recording.objects.options import ReadOptions
 from dirprim_filter.recording.objects.stamps import Stamps
 from dirprim_filter.recording.objects.twist_axes import TwistAxes
@@ -44,7 +44,7 @@ class Observations:
     """
 
     def __init__(self, scan: Scan, options: ReadOptions, shared: SharedTransforms | None = None) -> None:
-        self.losses = Losses()
+        self.losses = losses.Losses()
         self._scan = scan
         self._options = options
         self._decoders = Decoders(options.mapping)
@@ -86,7 +86,7 @@ class Observations:
                 held = []
         yield from self._placed(held)
         self._frame.check()
-        for note in filter(None, (*sorted(self._decoders.notes), self._stamps.clocks())):
+        for note in filter(None, (*sorted(self._decoders.notes), self._stamps.clocks(self._frame.ahead_s))):
             logger.warning("%s: %s", self._scan.path, note)
         if self._frame.tree is not None:
             lost = self._frame.tree.losses
@@ -125,6 +125,9 @@ class Observations:
             times = batch.publish_time_ns if source == "publish" else batch.log_time_ns
             rows = replace(rows, time_ns=signed(times)[rows.message])
         rows = rows[self._wanted(rows)]
+        if n := np.count_nonzero(negative := rows.speed < 0):
+            self.losses.note(losses.NEGATIVE, int(n))
+            rows = replace(rows, speed=np.where(negative, np.nan, rows.speed))
         return rows, batch.by_channel(lambda channel: self._axes.topics[channel.topic])[rows.message]
 
     def _usual(self, batch: MessageColumns, rows: Rows, *, is_last: bool) -> Rows:
@@ -138,7 +141,7 @@ class Observations:
         self._open = [batch[later]] if later.size else []
         kept[stamped] = usual
         given_later = np.isin(rows.message, later)
-        self.losses.drop(STRAY, ~kept & ~given_later)
+        self.losses.drop(losses.STRAY, ~kept & ~given_later)
         return rows[kept & ~given_later]
 
     def _placed(self, held: list[tuple[Rows, IntArray]]) -> Iterator[Rows]:
@@ -146,20 +149,20 @@ class Observations:
         for rows, topic in held:
             with np.errstate(all="ignore"):  # transforms of any origin; what is not finite is left out below
                 found, placed = self._frame.apply(rows)
-            self.losses.drop(UNPLACED, ~placed)
+            self.losses.drop(losses.UNPLACED, ~placed)
             near = _is_near(found.position)
-            self.losses.drop(INVALID if self.origin is None else FAR, placed & ~near)
+            self.losses.drop(losses.INVALID if self.origin is None else losses.FAR, placed & ~near)
             if len(good := found[placed & near]):
                 yield self._axes.apply(good, topic[placed & near])
 
     def _wanted(self, rows: Rows) -> BoolArray:
         timed = rows.time_ns != NO_TIME
-        self.losses.drop(UNTIMED, np.unique(rows.message[~timed]).size)
+        self.losses.drop(losses.UNTIMED, np.unique(rows.message[~timed]).size)
         wanted = timed & self._options.wants(rows.time_ns, rows.group, rows.label)
         valid = _is_near(rows.position)
         if rows.track_id.dtype.itemsize // 4 > MAX_NAME_LENGTH:
             valid &= np.asarray(np.strings.str_len(rows.track_id) <= MAX_NAME_LENGTH)
-        self.losses.drop(INVALID, wanted & ~valid)
+        self.losses.drop(losses.INVALID, wanted & ~valid)
         return np.asarray(wanted & valid)
 
 
@@ -197,7 +200,7 @@ class DetectionStream:
         self._options = options
         self.topics = topics
         self._motion = motion
-        self.losses = Losses()
+        self.losses = losses.Losses()
 
     @property
     def end_ns(self) -> int | None:
@@ -218,7 +221,7 @@ class DetectionStream:
         done_ns, n_rows, rest = -(1 << 63), 0, Detections.none()
         for batch in observations:
             in_order = batch.time_ns >= done_ns
-            self.losses.drop(TOO_LATE if self._scan.log.is_live else BACKWARD, ~in_order)
+            self.losses.drop(losses.TOO_LATE if self._scan.log.is_live else losses.BACKWARD, ~in_order)
             own = self._detections(batch)[in_order].on_plane(observations.origin)
             seen = self._without_repeats(Detections.concatenate([rest, own]))
             done_ns, n_rows = max(done_ns, self._known_until(seen)), n_rows + len(batch)
@@ -257,12 +260,12 @@ class DetectionStream:
         return replace(
             seen,
             direction=wrap(np.where(np.isfinite(rows.direction), rows.direction, np.nan)),
-            speed=np.where(np.isfinite(rows.speed) & (rows.speed >= 0), rows.speed, np.nan),
+            speed=np.where(np.isfinite(rows.speed), rows.speed, np.nan),
         )
 
     def _without_repeats(self, seen: Detections) -> Detections:
         """Of the rows of a vehicle and an instant the first; all of those that have no name."""
         vehicle = vehicle_numbers(seen.track_id, seen.group) if seen.group.any() else seen.track_id
         repeated = repeated_rows(vehicle, seen.time_ns) & (seen.track_id != NO_ID)
-        self.losses.drop(REPEATED, repeated)
+        self.losses.drop(losses.REPEATED, repeated)
         return seen[~repeated] if repeated.any() else seen

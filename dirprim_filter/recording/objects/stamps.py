@@ -8,6 +8,7 @@ one that is years ahead would end the tracking of all that follows.
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -115,16 +116,23 @@ class Stamps:
         if wrong := self._topics[topic].pace.wrong_unit(log_ns, stamp_ns, is_last=is_last):
             raise RecordingError(f"{self._path}: stamps of {topic} {wrong}")
 
-    def clocks(self) -> str:
-        """What is odd with the clocks of topics that are read together, some by log time; empty where they agree."""
+    def clocks(self, transforms: Mapping[str, float]) -> str:
+        """What is odd with the clocks of what is read together, some by log time; empty where they agree.
+
+        Args:
+            transforms: that were used, by name, and by how many seconds their stamps are ahead of log time.
+        """
         by_log_time = [(0.0, name) for name, first_ns in self._first_ns.items() if first_ns == NO_TIME]
-        ahead = sorted([(of.usual_s, name) for name, of in self._topics.items()] + by_log_time)
+        others = [*by_log_time, *((ahead_s, name) for name, ahead_s in transforms.items())]
+        ahead = sorted([(of.usual_s, name) for name, of in self._topics.items()] + others)
         if not self._topics or (apart_s := ahead[-1][0] - ahead[0][0]) <= LATEST_S:
             return ""
-        return (
-            f"times of {ahead[-1][1]} are {apart_s:.0f} s ahead of those of {ahead[0][1]}: are they of another clock, "
-            "one simulated? --time-source log reads both by log time"
-        )
+        first, last = ahead[0][1], ahead[-1][1]
+        way = "--time-source log reads both by log time"
+        if {first, last} & transforms.keys():
+            way = "objects are placed as of that other time, so mend the stamps of one"
+        clocks = "are they of another clock, one simulated?"
+        return f"times of {last} are {apart_s:.0f} s ahead of those of {first}: {clocks} {way}"
 
 
 class _TopicStamps:

@@ -35,7 +35,7 @@ SAME = 1e-6
 
 ROW = np.dtype([
     ("time_ns", np.int64), ("parent", np.int64), ("child", np.int64), ("translation", np.float64, 3),
-    ("rotation", np.float64, 4), ("is_static", np.bool_),
+    ("rotation", np.float64, 4), ("is_static", np.bool_), ("ahead_ns", np.int64),
 ])  # fmt: skip
 """A transform: the pose of the child's frame in its parent's, frames by number, the rotation a unit quaternion."""
 
@@ -73,6 +73,7 @@ class Edge:
         translation: (n, 3) metres.
         rotation: (n, 4) unit quaternions.
         note: what is odd with it.
+        ahead_s: by how much its stamps are ahead of log time, seconds; None where that varies, or it does not move.
     """
 
     parent: str
@@ -81,6 +82,7 @@ class Edge:
     translation: FloatArray
     rotation: FloatArray
     note: str = ""
+    ahead_s: float | None = None
 
     @classmethod
     def of(cls, own: AnyArray, names: list[str]) -> Self:
@@ -109,7 +111,9 @@ class Edge:
         own = own[np.append(np.diff(own["time_ns"]) > 0, True)]  # of one time the last
         columns = {of: np.ascontiguousarray(own[of]) for of in COLUMNS}
         parent, is_static = names[own["parent"][0]], bool(own["is_static"][0])
-        return cls(parent=parent, is_static=is_static, note="; it ".join(notes), **columns)
+        low, middle, high = np.percentile(own["ahead_ns"], (25, 50, 75)).tolist()
+        ahead_s = None if high - low > MAX_GAP_NS or _are_alike(own) else middle * 1e-9
+        return cls(parent=parent, is_static=is_static, note="; it ".join(notes), ahead_s=ahead_s, **columns)
 
     def is_like(self, other: Edge) -> bool:
         """Whether the last transforms are the same."""

@@ -39,6 +39,7 @@ class FrameChange:
         target: its name; empty until the first object came with its own.
         origin: of the plane of satellite positions, which counts as the target; None until one was needed.
         tree: the log's transforms; None until they were needed.
+        ahead_s: of transforms that were used, by name: by how many seconds their stamps are ahead of log time.
     """
 
     def __init__(
@@ -50,6 +51,7 @@ class FrameChange:
         self._reported: set[str] = set()
         self.origin = origin
         self.tree: TransformTree | None = None
+        self.ahead_s: dict[str, float] = {}
         self._meets, self._is_stated = meets, origin is not None and not meets
         self._is_geodetic: bool | None = None
         self._fixes: list[FloatArray] = []  # those that come before there is an origin
@@ -184,9 +186,11 @@ class FrameChange:
         self._reported.add(frame)
         up, down = self.tree.between(frame, self.target) or ([], [])
         for name in (*up, *down):
-            note = self.tree.edges[name].notes(time_ns)
+            edge = self.tree.edges[name]
+            note = edge.notes(time_ns)
+            self.ahead_s |= {} if edge.ahead_s is None else {f"transforms of {name!r}": edge.ahead_s}
             if name not in self._own:
-                note = f"is placed in {self.tree.edges[name].parent!r} by the other logs, as this one does not"
+                note = f"is placed in {edge.parent!r} by the other logs, as this one does not"
             if note:
                 logger.warning("%s: frame %r %s", self._log.path, name, note)
 

@@ -173,7 +173,9 @@ def _rows(columns: FieldColumns, messages: MessageColumns, frames: Numbers) -> A
     """Those of messages of one schema, as `ROW`, frames as they are written."""
     message = columns.message_of(columns.fields["id"].table)
     rows, stamp_ns = np.empty(message.size, ROW), columns.read("time", NO_TIME)
-    rows["time_ns"] = np.where((stamp_ns != NO_TIME) & (stamp_ns != 0), stamp_ns, signed(messages.log_time_ns)[message])
+    log_ns = signed(messages.log_time_ns)[message]
+    rows["time_ns"] = np.where((stamp_ns != NO_TIME) & (stamp_ns != 0), stamp_ns, log_ns)
+    rows["ahead_ns"] = rows["time_ns"] - log_ns
     for end, label in (("parent", "frame"), ("child", "id")):
         rows[end] = frames.of(columns.read(label, "").tolist())
     rows["translation"], rotation = columns.vectors(("x", "y", "z")), columns.vectors(QUATERNION)
