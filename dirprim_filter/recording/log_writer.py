@@ -58,14 +58,9 @@ class LogWriter:
     """
 
     def __init__(
-        self,
-        path: str | Path,
-        *,
-        metadata: Mapping[str, str],
-        max_chunk_ns: int | None = None,
-        force: bool = False,
+        self, path: str | Path, *, metadata: Mapping[str, str], max_chunk_ns: int | None = None, force: bool = False,
         keep_when_interrupted: bool = False,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.path = Path(path)
         self._partial = PartialFile(path, force=force, keep=keep_when_interrupted)
         self._keep_when_interrupted = keep_when_interrupted

@@ -30,7 +30,7 @@ from dirprim_filter.primitives.leader import LeaderResponse
 from dirprim_filter.primitives.motion import FLOATS, Motion
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording import topic_names
-from dirprim_filter.recording.container.log import Log, Scan
+from dirprim_filter.recording.container.log import Scan
 from dirprim_filter.recording.container.records import Message
 from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.foxglove.elements import origin_of, scene_transform, view_of
@@ -97,7 +97,7 @@ def load_map(path: str | Path, *, tessellation: Callable[..., Tessellation] | No
         OSError: the file cannot be read.
     """
     # Of its topic alone: the drawing of a city is many times as large as what it is drawn from.
-    found, scan = [], Scan(Log(path), topic_names.MAP.__eq__)
+    found, scan = [], Scan(path, topic_names.MAP.__eq__)
     try:
         found = [message for message in scan if message.schema_name == MAP]
         primitive_map = map_of(_data(found), tessellation)

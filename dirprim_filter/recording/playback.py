@@ -42,12 +42,7 @@ class Playback:
     """
 
     def __init__(
-        self,
-        source: LogSource,
-        options: ReadOptions = EVERYTHING,
-        *,
-        smoothed: bool = False,
-        **changes: Any,
+        self, source: LogSource, options: ReadOptions = EVERYTHING, *, smoothed: bool = False, **changes: Any
     ) -> None:
         self._log = source if isinstance(source, Log) else Log(source)
         self._options = replace(options, **changes).of_log(self._log.start_ns)

@@ -1,5 +1,6 @@
 """The public name of the scan: every readable message of an MCAP log, and what could not be read."""
 
-from dirprim_filter.recording.container.log import Scan, scan
+from dirprim_filter.recording.container.log import Scan
 
+scan = Scan
 __all__ = ["Scan", "scan"]

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import heapq
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from types import TracebackType
@@ -12,7 +11,7 @@ from typing import Self
 import numpy as np
 from foxglove.messages import SceneUpdate
 
-from dirprim_filter.arrays import FloatArray, IntArray
+from dirprim_filter.arrays import FloatArray
 from dirprim_filter.detections import Detections
 from dirprim_filter.drawing.vehicles import has_no_forecast
 from dirprim_filter.estimates import Particles, TrackedFrame
@@ -34,7 +33,7 @@ from dirprim_filter.recording.map_file import write_map
 from dirprim_filter.recording.ros_estimates import RosEstimates
 from dirprim_filter.recording.schemas.dirprim import encode_assignments, encode_estimates, encode_observations
 from dirprim_filter.recording.topic_names import RosMessages
-from dirprim_filter.track_ids import as_texts
+from dirprim_filter.track_ids import as_texts, rows_of_each
 from dirprim_filter.tracks import Tracks
 
 MAX_CHUNK_NS = 1_000_000_000
@@ -72,23 +71,14 @@ def write_tracks(
     by_sensor = {"": detections} if isinstance(detections, Detections) else detections or {}
     sources: dict[str, Tracks | Detections] = {topic_names.OBJECTS: tracks} if len(tracks) or not by_sensor else {}
     sources |= {f"{topic_names.DETECTIONS}/{name}".rstrip("/"): seen for name, seen in by_sensor.items()}
-    streams = [_instants(topic, source) for topic, source in sources.items()]
+    instants = [(topic, rows) for topic, source in sources.items() for rows in rows_of_each(source.time_ns)]
+    instants.sort(key=lambda instant: int(sources[instant[0]].time_ns[instant[1][0]]))
     with LogWriter(path, metadata=metadata or {}, force=force) as log:
-        total = sum(np.unique(source.time_ns).size for source in sources.values())
-        instants = heapq.merge(*streams, key=lambda instant: instant[0])
-        for done, (time_ns, rows, topic, source) in enumerate(instants, 1):
-            log.write(topic, encode_observations(source, rows, time_ns, labels=labels), time_ns)
+        for done, (topic, rows) in enumerate(instants, 1):
+            time_ns = int(sources[topic].time_ns[rows[0]])
+            log.write(topic, encode_observations(sources[topic], rows, time_ns, labels=labels), time_ns)
             if progress is not None:
-                progress(done, total)
-
-
-def _instants(topic: str, source: Tracks | Detections) -> Iterator[tuple[int, IntArray, str, Tracks | Detections]]:
-    """Each time with its rows, ascending; rows of one time keep their order."""
-    order = np.argsort(source.time_ns, kind="stable")
-    times, starts = np.unique(source.time_ns[order], return_index=True)
-    ends = [*starts[1:], len(order)]
-    for time_ns, start, end in zip(times.tolist(), starts, ends[: len(times)], strict=True):
-        yield time_ns, order[start:end], topic, source
+                progress(done, len(instants))
 
 
 class EstimateWriter:

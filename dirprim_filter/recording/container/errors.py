@@ -56,6 +56,8 @@ READ_BYTES = 16
 """Enough of a file to know every format."""
 
 
+ZSTD, GZIP = b"\x28\xb5\x2f\xfd", b"\x1f\x8b"
+"""What frames and files of zstd, and files of gzip begin with."""
 AS_TABLE = "`dirprim convert` without --format makes a log of it"
 OTHER_FORMATS = {
     b"SQLite format 3": ("a ROS 2 bag in SQLite", "`dirprim` reads its folder, or a file named .db3"),
@@ -66,8 +68,8 @@ OTHER_FORMATS = {
     b"FEA1": ("a Feather table", AS_TABLE),
     b"\x89HDF": ("an HDF5 file", "write it as Parquet, in pandas by `read_hdf(FILE).to_parquet(NEW)`"),
     b"PK\x03\x04": ("a zip archive", "unpack it first"),
-    b"\x28\xb5\x2f\xfd": ("a file compressed by zstd", "it does not decompress: look how it was made"),
-    b"\x1f\x8b": ("a file compressed by gzip", "it does not decompress; `dirprim convert` reads a .csv.gz"),
+    ZSTD: ("a file compressed by zstd", "it does not decompress: look how it was made"),
+    GZIP: ("a file compressed by gzip", "it does not decompress; `dirprim convert` reads a .csv.gz"),
     b"\x89MCAP": ("an MCAP log", "it needs no converting: `dirprim info` shows what it contains"),
 }
 """By how their files begin, formats that are no MCAP, or no table, and what to do, a clause."""

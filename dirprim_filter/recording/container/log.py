@@ -29,36 +29,12 @@ from dirprim_filter.recording.container.source import Files, log_files
 NO_TIMES = (0, 1 << 64)
 
 
-def scan(
-    path: str | PathLike[str],
-    *,
-    topics: Callable[[str], bool] | None = None,
-    start_ns: int | None = None,
-    end_ns: int | None = None,
-) -> Scan:
-    """Open an MCAP log for reading.
-
-    Args:
-        path: a file; the folder of a rosbag2 recording, split or not; "-" for standard input, another pipe, or a bag:
-            these are copied to a temporary file first; or a URL that fsspec can read.
-        topics: says whether a topic's messages are wanted; left out: all are. Chunks that hold none of them by the
-            log's index are not opened, so damage in them is not seen.
-        start_ns: the first log time wanted. Chunks outside of the time are not opened, as above.
-        end_ns: the first log time no longer wanted.
-
-    Raises:
-        NotMcapError: the file is empty, or no MCAP log.
-        RecordingError: a URL that cannot be read here.
-        OSError: it cannot be opened.
-    """
-    return Scan(Log(path), topics, start_ns=start_ns, end_ns=end_ns)
-
-
 class Log(AbstractContextManager["Log"]):
     """An MCAP log that is opened once, however often it is then read; a context manager.
 
     Args:
-        path: see `scan`.
+        path: a file; the folder of a rosbag2 recording, split or not; "-" for standard input, another pipe, or a bag:
+            these are copied to a temporary file first; or a URL that fsspec can read.
         live: a pipe is read as it comes, and its chunks in its own order; else all of it is waited for.
         files: what `log_files` has opened of it; left out, it is opened.
 
@@ -146,27 +122,28 @@ class Scan(AbstractContextManager["Scan"]):
     held, and of these little more than `merge.HELD_BYTES` in memory. As a context manager it closes the log.
 
     Args:
-        log: what is read.
-        topics: see `scan`, as the times.
+        source: what is read: a log, or what `Log` opens.
+        topics: says whether a topic's messages are wanted; left out: all are. Chunks that hold none of them by the
+            log's index are not opened, so damage in them is not seen.
+        start_ns: the first log time wanted. Chunks outside of the time are not opened, as above.
+        end_ns: the first log time no longer wanted.
         waits: of a live pipe all is read, as it comes; else what came before.
 
     Attributes:
         log: what is read.
         damage: what the iteration that was begun last could not read so far; empty when all was read.
+
+    Raises:
+        NotMcapError: as `Log`, and the others.
     """
 
     def __init__(
-        self,
-        log: Log,
-        topics: Callable[[str], bool] | None = None,
-        *,
-        start_ns: int | None = None,
-        end_ns: int | None = None,
-        waits: bool = True,
-    ) -> None:
-        self.log = log
+        self, source: LogSource, topics: Callable[[str], bool] | None = None, *, start_ns: int | None = None,
+        end_ns: int | None = None, waits: bool = True,
+    ) -> None:  # fmt: skip
+        self.log = source if isinstance(source, Log) else Log(source)
         self._topics = topics
-        self._waits = waits and log.is_live
+        self._waits = waits and self.log.is_live
         self._times = (start_ns or NO_TIMES[0], NO_TIMES[1] if end_ns is None else end_ns)
         self._is_wanted = np.empty(0, np.bool_)  # by number of the channel
         self._begin()

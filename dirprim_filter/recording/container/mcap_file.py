@@ -17,17 +17,17 @@ from dirprim_filter.recording.container.file_bytes import FileBytes
 from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.container.outline import Outline
 from dirprim_filter.recording.container.records import (
+    DEFINITIONS,
     Channel,
     MalformedRecordError,
     Schema,
     UndefinedSchemaError,
-    parse_channel,
-    parse_schema,
+    define,
 )
 
 KEPT_BYTES = 1 << 24
 """Of a file's contents, while it is open: its topics, transforms and objects are passes of their own."""
-OUTSIDE = {*Opcode} - {Opcode.SCHEMA, Opcode.CHANNEL}
+OUTSIDE = {*Opcode} - {*DEFINITIONS}
 """Records that stand outside of chunks alone, beside messages; those of private opcodes and of later versions may."""
 UNKNOWN = -1
 """The number of a channel that is defined nowhere."""
@@ -145,20 +145,14 @@ class McapFile:
         bad, places = [], others.tolist()
         for i, at in enumerate(places):
             try:
-                if contents[at] == Opcode.SCHEMA:
-                    schema_id, schemas[schema_id] = parse_schema(contents, at)
-                elif contents[at] == Opcode.CHANNEL:
-                    try:
-                        channel_id, channel = parse_channel(contents, at, schemas)
-                    except UndefinedSchemaError:
-                        if i >= others.size:
-                            raise
-                        self._look_everywhere()
-                        places.append(at)  # its schema may stand behind it
-                    else:
-                        channels[channel_id] = channel
+                if contents[at] in DEFINITIONS:
+                    define(contents, at, schemas, channels)
             except MalformedRecordError as error:
-                bad.append(str(error))
+                if not isinstance(error, UndefinedSchemaError) or i >= others.size:
+                    bad.append(str(error))
+                    continue
+                self._look_everywhere()
+                places.append(at)  # its schema may stand behind it
         return bad
 
     def _look_everywhere(self) -> None:

@@ -20,6 +20,7 @@ from dirprim_filter.recording.container.errors import Damage, DamageKind
 from dirprim_filter.recording.container.file_bytes import FileBytes
 from dirprim_filter.recording.container.records import (
     CHUNK,
+    DEFINITIONS,
     MAGIC,
     MESSAGE_HEADER,
     PRIVATE,
@@ -29,10 +30,9 @@ from dirprim_filter.recording.container.records import (
     Channel,
     MalformedRecordError,
     Schema,
+    define,
     parse,
-    parse_channel,
     parse_known,
-    parse_schema,
     record_end,
 )
 from dirprim_filter.recording.container.summary_section import Summary, read_summary
@@ -211,12 +211,10 @@ class Outline:
         if opcode == Opcode.HEADER:
             header = parse(file, at)
             self.profile, self.library = header.profile, header.library
-        elif opcode in INDEXES or (self._data_end is not None and opcode in (Opcode.SCHEMA, Opcode.CHANNEL)):
+        elif opcode in INDEXES or (self._data_end is not None and opcode in DEFINITIONS):
             self.summary.take(opcode, file, at, self.schemas)
-        elif opcode == Opcode.SCHEMA:
-            schema_id, self.schemas[schema_id] = parse_schema(file, at)
-        elif opcode == Opcode.CHANNEL:
-            channel_id, self.channels[channel_id] = parse_channel(file, at, self.schemas)
+        elif opcode in DEFINITIONS:
+            define(file, at, self.schemas, self.channels)
         elif opcode == Opcode.METADATA:
             record = parse(file, at)
             self.metadata.append((record.name, record.metadata))

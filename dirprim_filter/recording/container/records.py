@@ -7,7 +7,7 @@ length of 64 bits, and that many bytes; strings and maps carry a length of 32 bi
 from __future__ import annotations
 
 import struct
-from collections.abc import Mapping
+from collections.abc import MutableMapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, cast
 
@@ -28,6 +28,7 @@ ENCODINGS = (MessageEncoding.Protobuf, MessageEncoding.CDR, MessageEncoding.JSON
 MAGIC = MCAP0_MAGIC
 SHORT_BYTES = 1 << 16
 """Longer fields, as of attachments, are not kept at hand."""
+DEFINITIONS = (Opcode.SCHEMA, Opcode.CHANNEL)
 PRIVATE = 0x80
 """The first of the opcodes that anybody may use."""
 RECORD_HEADER_SIZE = 9
@@ -154,29 +155,25 @@ def parse(buffer: Bytes, at: int) -> Any:
     return parse_known(buffer, at)[0]
 
 
-def parse_schema(buffer: Bytes, at: int) -> tuple[int, Schema]:
-    """A schema record's id and contents.
+def define(
+    buffer: Bytes, at: int, schemas: MutableMapping[int, Schema], channels: MutableMapping[int, Channel]
+) -> None:
+    """Take the schema or the channel of `DEFINITIONS` at `at` among those by id; schema id 0 is no schema.
 
     Raises:
         MalformedRecordError: its fields do not fit.
+        UndefinedSchemaError: a channel's schema is not among `schemas`.
     """
     said = parse(buffer, at)
-    return said.id, Schema(name=said.name, encoding=said.encoding, data=said.data)
-
-
-def parse_channel(buffer: Bytes, at: int, schemas: Mapping[int, Schema]) -> tuple[int, Channel]:
-    """A channel record's id and contents; schema id 0 is no schema.
-
-    Raises:
-        MalformedRecordError: its fields do not fit.
-        UndefinedSchemaError: its schema is not among `schemas`.
-    """
-    said = parse(buffer, at)
+    if isinstance(said, fields.Schema):
+        schemas[said.id] = Schema(name=said.name, encoding=said.encoding, data=said.data)
+        return
     schema = schemas.get(said.schema_id) if said.schema_id else NO_SCHEMA
     if schema is None:
         raise UndefinedSchemaError(f"channel {said.id} ({said.topic}) names schema {said.schema_id}, not defined")
-    metadata = tuple(said.metadata.items())
-    return said.id, Channel(topic=said.topic, message_encoding=said.message_encoding, schema=schema, metadata=metadata)
+    channels[said.id] = Channel(
+        topic=said.topic, message_encoding=said.message_encoding, schema=schema, metadata=tuple(said.metadata.items())
+    )
 
 
 def refused_encoding(encoding: str) -> str:

@@ -44,12 +44,9 @@ class Recovery:
 
 
 def recover(
-    path: str | PathLike[str],
-    output: str | Path,
-    *,
-    force: bool = False,
+    path: str | PathLike[str], output: str | Path, *, force: bool = False,
     progress: Callable[[int, int], None] | None = None,
-) -> Recovery:
+) -> Recovery:  # fmt: skip
     """Write all that can be read of a log as a whole one.
 
     Args:

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from dirprim_filter.recording.container.errors import NoRoomError, RecordingError, one_line
-from dirprim_filter.recording.container.file_bytes import FileBytes
 from dirprim_filter.recording.container.temporary_copy import Copy
 
 logger = logging.getLogger(__name__)
@@ -36,6 +35,8 @@ def as_url(name: str) -> str | None:
 class RemoteFile(Copy):
     """What of it was fetched: nothing is twice."""
 
+    is_remote = True
+
     def __init__(self, name: str, remote: BinaryIO) -> None:
         super().__init__(name)
         self._remote, self._fetched = remote, set[int]()
@@ -54,10 +55,6 @@ class RemoteFile(Copy):
                 self.file.seek(at)
                 self.write(data)
                 self._fetched.add(block)
-
-    def bytes_of(self, *, live: bool) -> FileBytes:
-        """See `Copy`."""
-        return FileBytes(os.dup(self.file.fileno()), self._need, is_remote=True)
 
 
 def remote_copy(url: str) -> Copy:

@@ -16,17 +16,15 @@ from functools import partial
 from os import PathLike, fspath
 from pathlib import Path
 
-from dirprim_filter.recording.container.errors import READ_BYTES, NotMcapError, RecordingError
+from dirprim_filter.recording.container.errors import GZIP, READ_BYTES, ZSTD, NotMcapError, RecordingError
 from dirprim_filter.recording.container.file_bytes import FileBytes
 from dirprim_filter.recording.container.records import MAGIC
 from dirprim_filter.recording.container.remote_file import as_url, remote_copy
-from dirprim_filter.recording.container.temporary_copy import GZIP, Copy, Pipe, decompressed
+from dirprim_filter.recording.container.temporary_copy import Copy, Pipe, decompressed
 
 STDIN = "-"
 BAGS = (".db3", ".bag")
 """What the names of bags end in: in SQLite, and of ROS 1."""
-COMPRESSED = b"\x28\xb5\x2f\xfd", GZIP
-"""What files of zstd and of gzip begin with."""
 VERSION_FREE_MAGIC = MAGIC[:5]
 """A log whose opening magic differs only behind this is read, and reported as damaged."""
 Files = list[tuple[Path, FileBytes]]
@@ -95,8 +93,8 @@ def log_files(path: str | PathLike[str], *, live: bool = False) -> Files:
     files = open_files(path, live=live)
     for i, (file, stored) in enumerate(files):
         bytes_of, opening = stored, stored.read(0, READ_BYTES)
-        if opening.startswith(COMPRESSED):
-            copy = _copy(Path(f"{file} inside"), partial(decompressed, file, stored, opening))
+        if opening.startswith((ZSTD, GZIP)):
+            copy = _copy(Path(f"{file} inside"), partial(Copy, str(file), decompressed(file, stored, opening)))
             if len(inside := copy.bytes_of(live=False)):
                 files[i], bytes_of, opening = (file, inside), inside, inside.read(0, READ_BYTES)
         if not opening.startswith(VERSION_FREE_MAGIC):

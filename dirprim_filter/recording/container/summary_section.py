@@ -18,6 +18,7 @@ from mcap.records import AttachmentIndex, ChunkIndex, MetadataIndex, Statistics
 
 from dirprim_filter.recording.container.file_bytes import FileBytes
 from dirprim_filter.recording.container.records import (
+    DEFINITIONS,
     KINDS,
     MAGIC,
     RECORD_HEADER_SIZE,
@@ -27,9 +28,8 @@ from dirprim_filter.recording.container.records import (
     MalformedRecordError,
     Schema,
     UndefinedSchemaError,
+    define,
     parse,
-    parse_channel,
-    parse_schema,
     record_end,
 )
 
@@ -69,11 +69,9 @@ class Summary:
         if opcode == Opcode.CHUNK_INDEX:
             index = parse(buffer, at)
             self.chunks[index.chunk_start_offset] = index
-        elif opcode == Opcode.SCHEMA:
-            schema_id, self.schemas[schema_id] = parse_schema(buffer, at)
-        elif opcode == Opcode.CHANNEL:
+        elif opcode in DEFINITIONS:
             try:
-                channel_id, self.channels[channel_id] = parse_channel(buffer, at, ChainMap(self.schemas, schemas))
+                define(buffer, at, ChainMap(self.schemas, schemas), self.channels)
             except UndefinedSchemaError:
                 self.is_whole = False
         elif opcode == Opcode.ATTACHMENT_INDEX:

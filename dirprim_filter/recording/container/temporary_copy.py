@@ -11,7 +11,7 @@ import os
 import sys
 import tempfile
 import zlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,18 +19,19 @@ import zstandard
 
 from dirprim_filter.partial_file import NO_ROOM
 from dirprim_filter.recording.container.budget import most_bytes
-from dirprim_filter.recording.container.errors import NoRoomError, RecordingError
+from dirprim_filter.recording.container.errors import GZIP, NoRoomError, RecordingError
 from dirprim_filter.recording.container.file_bytes import BLOCK_BYTES, FileBytes
 
 logger = logging.getLogger(__name__)
 
 READ_AT_ONCE = 1 << 22
-GZIP = b"\x1f\x8b"
-"""What files of gzip begin with; others that are decompressed are of zstd."""
 
 
 class Copy:
     """A temporary file of blocks; `name` is what the user calls it."""
+
+    _need: Callable[[int, int], None] | None = None
+    is_remote = False
 
     def __init__(self, name: str, blocks: Iterable[bytes] = ()) -> None:
         self.file = tempfile.TemporaryFile(prefix="dirprim-", buffering=0)  # noqa: SIM115
@@ -60,7 +61,7 @@ class Copy:
 
     def bytes_of(self, *, live: bool) -> FileBytes:
         """What it holds; of a pipe that is `live` as far as it has come. It stays for as long as one is open."""
-        return FileBytes(os.dup(self.file.fileno()))
+        return FileBytes(os.dup(self.file.fileno()), self._need, is_remote=self.is_remote)
 
     def __del__(self) -> None:
         self.file.close()
@@ -90,17 +91,12 @@ class Pipe(Copy):
         return super().bytes_of(live=False)
 
 
-def decompressed(file: Path, bytes_of: FileBytes, opening: bytes) -> Copy:
+def decompressed(file: Path, bytes_of: FileBytes, opening: bytes) -> Iterator[bytes]:
     """The contents of a file that begins as those of zstd or gzip do; of one that is cut or damaged what comes before.
 
     Raises:
         RecordingError: it unpacks to far more than logs do.
-        NoRoomError: there is none for the copy.
     """
-    return Copy(str(file), _blocks(file, bytes_of, opening))
-
-
-def _blocks(file: Path, bytes_of: FileBytes, opening: bytes) -> Iterator[bytes]:
     size, most = 0, most_bytes(len(bytes_of))
     try:
         with bytes_of.stream() as source:

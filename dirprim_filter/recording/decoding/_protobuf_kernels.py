@@ -89,15 +89,9 @@ def _tag(data: AnyArray, at: int, end: int) -> tuple[int, Any, Any, Any, Any]:
 
 @uncounted
 def walk_protobuf(
-    data: AnyArray,
-    starts: IntArray,
-    stops: IntArray,
-    tables: Tables,
-    status: IntArray,
-    room: IntArray,
-    entries: IntArray,
-    node_start: IntArray,
-) -> bool:
+    data: AnyArray, starts: IntArray, stops: IntArray, tables: Tables, status: IntArray, room: IntArray,
+    entries: IntArray, node_start: IntArray,
+) -> bool:  # fmt: skip
     """Read the wanted fields of each message; whether a table was too small: then nothing counts.
 
     Args:

@@ -277,9 +277,13 @@ def nanoseconds(seconds: IntArray, nanos: IntArray) -> IntArray:
     fits = (np.abs(seconds) < FARTHEST_S) & (np.abs(nanos) < NANOSECONDS * 4)
     total = np.where(fits, seconds, 0) * NANOSECONDS + np.where(fits, nanos, 0)
     for row in np.flatnonzero(~fits).tolist():  # few: exactly, in whole numbers without bounds
-        exact = int(seconds[row]) * NANOSECONDS + int(nanos[row])
-        total[row] = exact if -(1 << 63) <= exact < 1 << 63 else NO_TIME
+        total[row] = bounded(int(seconds[row]) * NANOSECONDS + int(nanos[row]))
     return total
+
+
+def bounded(time_ns: int) -> int:
+    """The time; `NO_TIME` beyond int64."""
+    return time_ns if -TIME_END_NS <= time_ns < TIME_END_NS else NO_TIME
 
 
 def iso_nanoseconds(text: str) -> int | None:

@@ -30,6 +30,7 @@ from dirprim_filter.recording.decoding.field_columns import (
     Field,
     FieldColumns,
     Kind,
+    bounded,
     iso_nanoseconds,
     steps_of,
 )
@@ -140,7 +141,7 @@ def _converted(one: Field, value: Any) -> Any:
     if kind == "time" and isinstance(value, float):
         raise _UnlikeError(f"expected whole nanoseconds at {one.path}, got a decimal fraction; time_s= takes seconds")
     if kind == "time":
-        return _time(value)
+        return bounded(_time(value))
     if kind == "name" and isinstance(value, float):  # of writers that have one kind of number
         value = int(value) if abs(value) < EXACT and value.is_integer() else "" if math.isnan(value) else value
     if kind == "name" and isinstance(value, str | int):
@@ -157,14 +158,14 @@ def _converted(one: Field, value: Any) -> Any:
 
 
 def _time(value: Any) -> int:
-    """Nanoseconds; `NO_TIME` beyond int64."""
+    """Nanoseconds."""
     if isinstance(value, dict) and (not value or not _CLOCK_NAMES.isdisjoint(value)):
         halves = ([names[half] for names in CLOCKS] for half in (0, 1))
         seconds, nanos = (_whole(next((value[n] for n in names if value.get(n) is not None), 0)) for names in halves)
-        return _bounded(seconds * NANOSECONDS + nanos)
+        return seconds * NANOSECONDS + nanos
     if isinstance(value, str) and (time_ns := iso_nanoseconds(value)) is not None:
-        return _bounded(time_ns)
-    return _bounded(_whole(value))
+        return time_ns
+    return _whole(value)
 
 
 def _whole(value: Any) -> int:
@@ -173,10 +174,6 @@ def _whole(value: Any) -> int:
     if isinstance(value, str) and _WHOLE.fullmatch(value):
         return int(value)
     raise _UnlikeError(f"expected a time, got {str(value)[:40]!r}")
-
-
-def _bounded(time_ns: int) -> int:
-    return time_ns if -(1 << 63) <= time_ns < 1 << 63 else NO_TIME
 
 
 def _column(kind: Kind, values: list[Any]) -> Column:

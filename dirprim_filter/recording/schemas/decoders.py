@@ -11,6 +11,7 @@ import numpy as np
 
 from dirprim_filter.arrays import IntArray
 from dirprim_filter.recording.container.budget import MOST_TIMES, SMALL_BYTES
+from dirprim_filter.recording.container.errors import ZSTD
 from dirprim_filter.recording.container.message_columns import MessageColumns, gathered
 from dirprim_filter.recording.container.records import ENCODINGS, Channel, Schema, refused_encoding
 from dirprim_filter.recording.decoding.cdr_plan import CdrPlan
@@ -23,13 +24,12 @@ from dirprim_filter.recording.rows import Rows
 from dirprim_filter.recording.schemas import ASSIGNMENTS_SCHEMA
 from dirprim_filter.recording.schemas.families import FAMILIES, KINDS
 from dirprim_filter.recording.schemas.family import Family, FieldMapping
+from dirprim_filter.track_ids import rows_of_each
 
 Plan = ColumnPlan | CdrPlan | JsonPlan
 BATCH_MESSAGES = 1 << 14
 BATCH_BYTES = 1 << 21
 """Messages are decoded together up to about so many: memory is bounded by a batch."""
-ZSTD = b"\x28\xb5\x2f\xfd"
-"""What a frame of zstd begins with."""
 NOT_KNOWN = "its schema is not known to hold objects; --set fields=... says where they are"
 NO_PLACES = {
     f"vision_msgs/msg/{name}": "boxes in an image are no places on the ground; a 3D detector's topic has them"
@@ -223,6 +223,5 @@ def by_schema(batch: MessageColumns) -> Iterator[tuple[IntArray, MessageColumns]
     """The messages of each schema and encoding together, with where they stand in the batch."""
     keys: dict[tuple[str, Schema], int] = {}
     group = batch.by_channel(lambda c: keys.setdefault((c.message_encoding, c.schema), len(keys)))
-    for key in np.unique(group).tolist():
-        places = np.flatnonzero(group == key)
+    for places in rows_of_each(group):
         yield places, batch if len(places) == len(batch) else batch[places]

@@ -19,11 +19,11 @@ import pyarrow.feather
 import pyarrow.parquet
 
 from dirprim_filter.recording.container.budget import most_bytes
-from dirprim_filter.recording.container.errors import READ_BYTES, other_format
+from dirprim_filter.recording.container.errors import GZIP, READ_BYTES, other_format
 from dirprim_filter.recording.errors import TableError
 from dirprim_filter.recording.tables.cells import Cells
 
-GZIP, PARQUET, ARROW = b"\x1f\x8b", b"PAR1", (b"ARROW1", b"FEA1")
+PARQUET, ARROW = b"PAR1", (b"ARROW1", b"FEA1")
 """How such files begin, whatever their names."""
 SUFFIXES = (".parquet", ".feather", ".arrow")
 DELIMITERS = ",;\t"

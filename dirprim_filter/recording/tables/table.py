@@ -21,11 +21,13 @@ from dirprim_filter.recording.losses import Losses
 from dirprim_filter.recording.plausibility import plausible
 from dirprim_filter.recording.rows import Rows
 from dirprim_filter.recording.transforms.geodesy import FARTHEST_M
-from dirprim_filter.track_ids import as_track_ids, numbered, stand_for_none
+from dirprim_filter.track_ids import as_track_ids, numbered, rows_of_each, stand_for_none
 from dirprim_filter.tracks import Tracks
 
 logger = logging.getLogger(__name__)
 
+SEEN = ("time_ns", "position", "direction", "speed", "size", "cue", "group", "confidence", "covariance")
+"""Columns of rows that detections hold too."""
 MINUS_ONE = "rows of id -1, taken for a vehicle; empty the cells where -1 stands for none"
 
 
@@ -124,17 +126,12 @@ def table_of(path: Path, rows: Rows, *, sensor: AnyArray | None = None, losses: 
 
 def _detections(rows: Rows, sensor: AnyArray) -> dict[str, Detections]:
     """All rows, by the sensor of each."""
-    detections, ids = {}, np.strings.strip(rows.names)
-    sensors, of = numbered(sensor)
-    for name, places in zip(sensors, np.split(np.argsort(of, kind="stable"), np.cumsum(np.bincount(of))), strict=False):
-        own = rows[places]
-        detections[name] = Detections(
-            track_id=ids[own.track_id], time_ns=own.time_ns, position=own.position,
-            direction=own.direction, speed=own.speed, size=own.size, cue=own.cue, group=own.group,
-            confidence=own.confidence,
-            covariance=known_covariances(own.covariance),
-        )  # fmt: skip
-    return detections
+    rows = replace(rows, covariance=known_covariances(rows.covariance))
+    ids, (sensors, of) = np.strings.strip(rows.names)[rows.track_id], numbered(sensor)
+    return {
+        name: Detections(track_id=ids[own], **{column: getattr(rows[own], column) for column in SEEN})
+        for name, own in zip(sensors, rows_of_each(of), strict=True)
+    }
 
 
 def _labels(rows: Rows, losses: Losses) -> dict[int | str, str]:
