@@ -12,13 +12,14 @@ from dirprim_filter.recording.container.errors import (
     NotMcapError,
     Path,
     RecordingError,
+    warn,
 )
 from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.container.records import Channel
 
 __all__ = [
     "DamagedRecordingError", "DecodeError", "MissingExtraError", "MissingTransformError", "NoRoomError",
-    "NoTracksError", "NotMcapError", "OutputExistsError", "RecordingError", "TableError",
+    "NoTracksError", "NotMcapError", "OutputExistsError", "RecordingError", "TableError", "warn",
 ]  # fmt: skip
 TOPICS_SHOWN = 6
 """Of a log, in one line; `dirprim info` lists all."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
@@ -14,7 +13,7 @@ from dirprim_filter.recording.container.chunk import Chunk
 from dirprim_filter.recording.container.log import LogSource, Scan, opened
 from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.container.records import Channel
-from dirprim_filter.recording.errors import DamagedRecordingError
+from dirprim_filter.recording.errors import DamagedRecordingError, warn
 from dirprim_filter.recording.name_patterns import matching
 from dirprim_filter.recording.objects.options import EVERYTHING, ReadOptions
 from dirprim_filter.recording.objects.topics import Failures
@@ -23,9 +22,6 @@ from dirprim_filter.recording.schemas.decoders import Decoders, batches, by_sche
 from dirprim_filter.recording.schemas.family import FieldMapping
 from dirprim_filter.recording.summary import LogSummary, TopicKey, TopicSummary, key_of
 from dirprim_filter.track_ids import rows_of_each
-
-logger = logging.getLogger(__name__)
-
 
 _ESTIMATES = FieldMapping.parse("id=.track_id[],x=.x[],y=.y[]")
 
@@ -57,7 +53,7 @@ def inspect(source: LogSource, options: ReadOptions = EVERYTHING) -> LogSummary:
     found = tuple(map(reading.topic, sorted(reading.messages)))
     if options.mapping and not any(topic.tracks or topic.detections for topic in found):
         why = next((topic.why for topic in found if topic.why), "in no message")
-        logger.warning("%s: expected objects at %s, got none: %s", one.path, options.mapping, why)
+        warn(one.path, f"expected objects at {options.mapping}, got none: {why}")
     return LogSummary(
         topics=found,
         messages=reading.messages.total(),

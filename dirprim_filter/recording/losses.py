@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections import Counter
 from collections.abc import Collection
 from dataclasses import dataclass, field, fields
@@ -12,9 +11,7 @@ from typing import Self
 import numpy as np
 
 from dirprim_filter.arrays import BoolArray
-from dirprim_filter.recording.container.errors import Damage
-
-logger = logging.getLogger(__name__)
+from dirprim_filter.recording.container.errors import Damage, warn
 
 UNDECODABLE = "messages that cannot be decoded"
 UNTIMED = "messages without a usable time"
@@ -102,8 +99,8 @@ class Losses:
         """A warning for what of a file could not be read, for what was left out, for each fault and each note."""
         if self.damage:
             more = f", and {len(self.damage) - 1} more" if len(self.damage) > 1 else ""
-            logger.warning("%s: damaged, the rest is read: %s%s", path, self.damage[0], more)
+            warn(path, f"damaged, the rest is read: {self.damage[0]}{more}")
         if self.dropped:
-            logger.warning("%s: left out %s", path, self)
+            warn(path, f"left out {self}")
         for line in self.remarks:
-            logger.warning("%s: %s", path, line)
+            warn(path, line)

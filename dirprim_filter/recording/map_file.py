@@ -13,7 +13,6 @@ Source: https://arrow.apache.org/docs/format/Columnar.html.
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -32,15 +31,13 @@ from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording import topic_names
 from dirprim_filter.recording.container.log import Scan
 from dirprim_filter.recording.container.records import Message
-from dirprim_filter.recording.errors import RecordingError
+from dirprim_filter.recording.errors import RecordingError, warn
 from dirprim_filter.recording.foxglove.elements import origin_of, scene_transform, view_of
 from dirprim_filter.recording.foxglove.scenes import map_scenes
 from dirprim_filter.recording.log_writer import LogWriter
 from dirprim_filter.recording.schemas import dirprim_pb2
 from tessellation import GridTessellation, Tessellation, VoronoiTessellation
 from tessellation.protocols import checked
-
-logger = logging.getLogger(__name__)
 
 MAP = dirprim_pb2.PrimitiveMap.DESCRIPTOR.full_name
 """Name of the schema."""
@@ -113,7 +110,7 @@ def load_map(path: str | Path, *, tessellation: Callable[..., Tessellation] | No
     finally:
         scan.close()
     if scan.damage:
-        logger.warning("%s: the map is whole, but the file is damaged: %s", path, scan.damage[0])
+        warn(path, f"the map is whole, but the file is damaged: {scan.damage[0]}")
     return primitive_map
 
 

@@ -77,13 +77,9 @@ def read_tracks(source: LogSource | Sequence[PathOrText], options: ReadOptions =
 
 
 def read_track_logs(
-    source: LogSource | Sequence[PathOrText],
-    options: ReadOptions = EVERYTHING,
-    *,
-    progress: Callable[[int, int], None] | None = None,
-    beside: Sequence[PathOrText] = (),
-    **changes: Any,
-) -> TrackResult:
+    source: LogSource | Sequence[PathOrText], options: ReadOptions = EVERYTHING, *,
+    progress: Callable[[int, int], None] | None = None, beside: Sequence[PathOrText] = (), **changes: Any,
+) -> TrackResult:  # fmt: skip
     """As `read_tracks`, with what was lost.
 
     Args:

@@ -41,15 +41,10 @@ MAX_CHUNK_NS = 1_000_000_000
 
 
 def write_tracks(
-    tracks: Tracks,
-    path: str | Path,
-    *,
-    detections: Detections | Mapping[str, Detections] | None = None,
-    labels: Mapping[int | str, str] | None = None,
-    metadata: Mapping[str, str] | None = None,
-    force: bool = False,
+    tracks: Tracks, path: str | Path, *, detections: Detections | Mapping[str, Detections] | None = None,
+    labels: Mapping[int | str, str] | None = None, metadata: Mapping[str, str] | None = None, force: bool = False,
     progress: Callable[[int, int], None] | None = None,
-) -> None:
+) -> None:  # fmt: skip
     """Write observed motion as an MCAP log, a message for each instant; what interrupts it leaves no file.
 
     `/objects` holds `dirprim.Observations`, which read back equal to `tracks`. Without tracks there is no such topic.

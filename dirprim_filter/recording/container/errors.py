@@ -5,11 +5,14 @@ Each error is one line that names the file, the place and the way out.
 
 from __future__ import annotations
 
+import logging
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike, fspath
 from typing import Literal
+
+logger = logging.getLogger(__name__)
 
 DamageKind = Literal[
     "magic",  # the opening or closing magic is wrong or missing
@@ -123,6 +126,11 @@ def one_line(text: str) -> str:
     """
     text = without_secrets(text)
     return "".join(one if one.isprintable() else one.encode("unicode_escape").decode() for one in text)
+
+
+def warn(path: Path, text: str) -> None:
+    """Log what is odd with a file that is read all the same, as one line."""
+    logger.warning("%s", one_line(f"{fspath(path)}: {text}"))
 
 
 class RecordingError(Exception):

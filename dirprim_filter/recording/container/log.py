@@ -9,7 +9,6 @@ Source: the MCAP specification, version 0 (https://mcap.dev/spec).
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, nullcontext
 from itertools import chain
@@ -72,23 +71,6 @@ class Log(AbstractContextManager["Log"]):
     def channels(self) -> list[Channel]:
         """All channels, from the summary where it repeats them, else from within the chunks."""
         return list(dict.fromkeys(channel for file in self.files for channel in file.channels()))
-
-    def message_counts(self) -> Counter[str] | None:
-        """Messages by topic, as the Summary sections of all files say; None where one is missing or damaged.
-
-        Of a live pipe none are known.
-        """
-        counts: Counter[str] = Counter()
-        if self.is_live:
-            return counts
-        for file in self.files:
-            summary, damage = file.outline.summary, file.outline.damage
-            if damage or not summary.is_whole or summary.statistics is None:
-                return None
-            for channel_id, n in summary.statistics.channel_message_counts.items():
-                if channel_id in summary.channels:
-                    counts[summary.channels[channel_id].topic] += n
-        return counts
 
     @property
     def n_bytes(self) -> int:

@@ -6,7 +6,6 @@ They hold what has come of a pipe, or the contents of a log that was compressed 
 from __future__ import annotations
 
 import gzip
-import logging
 import os
 import sys
 import tempfile
@@ -19,10 +18,8 @@ import zstandard
 
 from dirprim_filter.partial_file import NO_ROOM
 from dirprim_filter.recording.container.budget import most_bytes
-from dirprim_filter.recording.container.errors import GZIP, NoRoomError, RecordingError
+from dirprim_filter.recording.container.errors import GZIP, NoRoomError, RecordingError, warn
 from dirprim_filter.recording.container.file_bytes import BLOCK_BYTES, FileBytes
-
-logger = logging.getLogger(__name__)
 
 READ_AT_ONCE = 1 << 22
 
@@ -110,4 +107,4 @@ def decompressed(file: Path, bytes_of: FileBytes, opening: bytes) -> Iterator[by
                     raise RecordingError(f"{file}: expected a log of at most {most} bytes inside, got more; {way}")
                 yield block
     except (zstandard.ZstdError, EOFError, gzip.BadGzipFile, zlib.error) as error:
-        logger.warning("%s: its compression is damaged, the first %d bytes of the log are read: %s", file, size, error)
+        warn(file, f"its compression is damaged, the first {size} bytes of the log are read: {error}")

@@ -188,6 +188,14 @@ class FieldColumns:
     failures: dict[int, str] = field(default_factory=dict)
     notes: set[str] = field(default_factory=set)
 
+    @classmethod
+    def failed(cls, fields: Mapping[str, Field], n_messages: int, why: Exception) -> FieldColumns:
+        """Of messages that all cannot be read."""
+        return cls(
+            fields=fields, n_messages=n_messages, rows={}, columns={}, data=np.empty(0, np.uint8),
+            failures=dict.fromkeys(range(n_messages), str(why)),
+        )  # fmt: skip
+
     def message_of(self, table: str) -> IntArray:
         """(n,) the message of each row; none where the schema lacks the table."""
         return self.rows.get(table, NO_ROWS)[0]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -17,7 +16,7 @@ from dirprim_filter.recording import losses
 from dirprim_filter.recording.container.log import Scan
 from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.decoding.field_columns import MAX_NAME_LENGTH, NO_TIME, signed
-from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError
+from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError, warn
 from dirprim_filter.recording.objects.options import ReadOptions
 from dirprim_filter.recording.objects.stamps import Stamps
 from dirprim_filter.recording.objects.twist_axes import TwistAxes
@@ -27,8 +26,6 @@ from dirprim_filter.recording.transforms.frame_change import FrameChange
 from dirprim_filter.recording.transforms.geodesy import FARTHEST_M
 from dirprim_filter.recording.transforms.transform_tree import SharedTransforms
 from dirprim_filter.track_ids import NO_NAMES, repeated_rows, vehicle_numbers
-
-logger = logging.getLogger(__name__)
 
 
 class Observations:
@@ -87,7 +84,7 @@ class Observations:
         yield from self._placed(held)
         self._frame.check()
         for note in filter(None, (*sorted(self._decoders.notes), self._stamps.clocks(self._frame.ahead_s))):
-            logger.warning("%s: %s", self._scan.path, note)
+            warn(self._scan.path, note)
         if self._frame.tree is not None:
             lost = self._frame.tree.losses
             lost.damage = [broken for broken in lost.damage if broken not in self._scan.damage]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections import Counter, defaultdict, deque
 from collections.abc import Mapping, Sequence
 from itertools import chain, islice
@@ -12,14 +11,12 @@ import numpy as np
 from dirprim_filter.recording import topic_names
 from dirprim_filter.recording.container.log import Log, Scan
 from dirprim_filter.recording.container.message_columns import MessageColumns
-from dirprim_filter.recording.errors import DamagedRecordingError, NoTracksError
+from dirprim_filter.recording.errors import DamagedRecordingError, NoTracksError, warn
 from dirprim_filter.recording.name_patterns import matching
 from dirprim_filter.recording.objects.options import ReadOptions
 from dirprim_filter.recording.schemas.decoders import NOT_KNOWN, Decoders, batches, by_schema, schema_name
 from dirprim_filter.recording.schemas.families import KINDS, OBSERVATIONS
-from dirprim_filter.recording.summary import TopicKey, key_of
-
-logger = logging.getLogger(__name__)
+from dirprim_filter.recording.summary import TopicKey, key_of, summarise_by_index
 
 _KINDS = [{name for family in kind for name in family.schemas} for kind in KINDS]
 OUTPUT_PREFIX = "/dirprim/"
@@ -119,9 +116,7 @@ def _default(
             chosen = same if decoders.is_of_one_body(schema_of[longest]) else {longest}
             if others := sorted(true - chosen):
                 read, more = ", ".join(sorted(chosen)), f" and {len(others) - SHOWN} more" * (len(others) > SHOWN)
-                logger.warning(
-                    "%s: %s is read, not %s%s; --topics chooses", log.path, read, ", ".join(others[:SHOWN]), more
-                )
+                warn(log.path, f"{read} is read, not {', '.join(others[:SHOWN])}{more}; --topics chooses")
             return frozenset(chosen)
         if true:
             return frozenset(true)
@@ -151,9 +146,12 @@ def _carrying_objects(log: Log, decoders: Decoders, topics: set[str], failures: 
 
 
 def _longest(log: Log, topics: set[str]) -> str:
-    n_messages = log.message_counts()
-    if n_messages is None:
-        n_messages = Counter()
-        for _, columns in Scan(log, topics.__contains__).parts():
+    n_messages, scan = Counter[str](), Scan(log, topics.__contains__)
+    files = [] if scan.damage else [(log.path, file.bytes_of) for file in log.files]
+    if files and not log.is_live and (index := summarise_by_index(files, from_bytes=0)):
+        for topic in index.topics:
+            n_messages[topic.name] += topic.messages
+    elif not log.is_live:
+        for _, columns in scan.parts():
             n_messages.update(columns.topic.tolist())
     return min(topics, key=lambda topic: (-n_messages[topic], topic))

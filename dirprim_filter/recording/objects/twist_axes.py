@@ -5,7 +5,6 @@ Source: nav_msgs/Odometry.msg (the twist is in `child_frame_id`), which many dri
 
 from __future__ import annotations
 
-import logging
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,11 +14,10 @@ from dirprim_filter.arrays import IntArray
 from dirprim_filter.course import later_rows
 from dirprim_filter.detections import NO_ID
 from dirprim_filter.distributions.angles import wrap
+from dirprim_filter.recording.errors import warn
 from dirprim_filter.recording.rows import Rows
 from dirprim_filter.recording.schemas.object_columns import STANDING_SPEED
 from dirprim_filter.track_ids import Numbers, in_order, vehicle_numbers
-
-logger = logging.getLogger(__name__)
 
 SPAN_S, LONGEST_S = 0.5, 2.0
 """Courses are compared with the way to the first row so much later, unless a pause is too long."""
@@ -57,11 +55,12 @@ class TwistAxes:
             if self._is_other.get(i):
                 direction[here] = wrap(direction[here] + rows.other_axes[here])
         if turned:
-            logger.warning(
-                "%s: the twist of %s is not in the axes that its schema says, of the body or of the frame: read in the "
-                "other ones, courses are those of the way from position to position, so it is read in those",
-                self._path, ", ".join(turned),
-            )  # fmt: skip
+            warn(
+                self._path,
+                f"the twist of {', '.join(turned)} is not in the axes that its schema says, of the body or of the "
+                "frame: read in the other ones, courses are those of the way from position to position, so it is read "
+                "in those",
+            )
         return replace(rows, direction=direction)
 
 

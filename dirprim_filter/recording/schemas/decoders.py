@@ -14,12 +14,11 @@ from dirprim_filter.recording.container.budget import MOST_TIMES, SMALL_BYTES
 from dirprim_filter.recording.container.errors import ZSTD
 from dirprim_filter.recording.container.message_columns import MessageColumns, gathered
 from dirprim_filter.recording.container.records import ENCODINGS, Channel, Schema, refused_encoding
-from dirprim_filter.recording.decoding.cdr_plan import CdrPlan
+from dirprim_filter.recording.decoding.cdr_plan import CdrPlan, full_name
 from dirprim_filter.recording.decoding.column_plan import ColumnPlan, TooManyRowsError
 from dirprim_filter.recording.decoding.field_columns import FieldColumns, SchemaError
 from dirprim_filter.recording.decoding.json_plan import JsonPlan
 from dirprim_filter.recording.decoding.protobuf_plan import protobuf_plan
-from dirprim_filter.recording.decoding.ros_definitions import full_name
 from dirprim_filter.recording.rows import Rows
 from dirprim_filter.recording.schemas import ASSIGNMENTS_SCHEMA
 from dirprim_filter.recording.schemas.families import FAMILIES, KINDS
@@ -119,8 +118,6 @@ class Decoders:
         """
         parts, failures = list[Rows](), dict[int, str]()
         for first, own, columns in self.columns(messages):
-            if isinstance(columns, SchemaError):
-                return Rows.concatenate(()), dict.fromkeys(range(len(messages)), str(columns))
             with np.errstate(all="ignore"):  # numbers of any origin; where rows are checked, only finite ones stay
                 rows = self._family(own.first_channel).objects(columns, own.topic)
             self.notes |= columns.notes
@@ -130,15 +127,16 @@ class Decoders:
             parts.append(replace(rows, message=rows.message + first) if first else rows)
         return parts[0] if len(parts) == 1 else Rows.concatenate(parts), failures
 
-    def columns(self, messages: MessageColumns) -> Iterator[tuple[int, MessageColumns, FieldColumns | SchemaError]]:
+    def columns(self, messages: MessageColumns) -> Iterator[tuple[int, MessageColumns, FieldColumns]]:
         """The wanted fields of messages, of one schema and encoding: so many at a time that memory stays bounded.
 
         Returns:
-            which message is the first of the part, the part, and its columns, or why the definition cannot be read.
+            which message is the first of the part, the part, and its columns; all fail by a definition that cannot be
+            read.
         """
         plan = self._plan(messages.first_channel)
         if isinstance(plan, SchemaError):
-            yield 0, messages, plan
+            yield 0, messages, FieldColumns.failed(self._family(messages.first_channel).fields, len(messages), plan)
             return
         parts = [(0, len(messages))]
         while parts:

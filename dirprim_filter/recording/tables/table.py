@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -16,15 +15,13 @@ from dirprim_filter.columns import NO_COVARIANCE, is_broken_covariance, is_held,
 from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.origin import Origin
 from dirprim_filter.recording.decoding.field_columns import NO_TIME
-from dirprim_filter.recording.errors import TableError
+from dirprim_filter.recording.errors import TableError, warn
 from dirprim_filter.recording.losses import Losses
 from dirprim_filter.recording.plausibility import plausible
 from dirprim_filter.recording.rows import Rows
 from dirprim_filter.recording.transforms.geodesy import FARTHEST_M
 from dirprim_filter.track_ids import as_track_ids, numbered, rows_of_each, stand_for_none
 from dirprim_filter.tracks import Tracks
-
-logger = logging.getLogger(__name__)
 
 SEEN = ("time_ns", "position", "direction", "speed", "size", "cue", "group", "confidence", "covariance")
 """Columns of rows that detections hold too."""
@@ -60,7 +57,7 @@ class Table:
         """Warnings for what was left out, is odd, or is not used."""
         self.losses.log(path)
         if self.unused:
-            logger.warning("%s: columns not used: %s", path, ", ".join(self.unused))
+            warn(path, f"columns not used: {', '.join(self.unused)}")
 
     @property
     def origin(self) -> Origin | None:

@@ -5,7 +5,6 @@ Source: REP 105 (names of frames: `map` and `odom` stand still, `base_link` goes
 
 from __future__ import annotations
 
-import logging
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -14,7 +13,7 @@ import numpy as np
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.origin import Origin
 from dirprim_filter.recording.container.log import Log
-from dirprim_filter.recording.errors import MissingTransformError, RecordingError
+from dirprim_filter.recording.errors import MissingTransformError, RecordingError, warn
 from dirprim_filter.recording.rows import Rows
 from dirprim_filter.recording.schemas.decoders import schema_name
 from dirprim_filter.recording.schemas.family import GEODETIC
@@ -24,8 +23,6 @@ from dirprim_filter.recording.transforms.transform_tree import SharedTransforms,
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
-
-logger = logging.getLogger(__name__)
 
 MOVING = ("base_link", "base_footprint")
 """Frames that go with a vehicle."""
@@ -112,8 +109,8 @@ class FrameChange:
             missing = self._missing(frame, self.target, time_ns)
             if self._placed == 0:
                 raise missing
-            what = (frame, self.target, time_ns, missing.why)
-            logger.warning("%s: no transform from %r to %r at %d ns or later: %s", self._log.path, *what)
+            where = f"from {frame!r} to {self.target!r} at {time_ns} ns or later"
+            warn(self._log.path, f"no transform {where}: {missing.why}")
 
     def _missing(self, frame: str, target: str, time_ns: int) -> MissingTransformError:
         tree = self.tree or TransformTree({})
@@ -129,10 +126,8 @@ class FrameChange:
             return
         self._reported.add(frame)
         if placed := TransformTree.of_log(self._log).places():
-            logger.warning(
-                "%s: the frame of objects has no name, so positions are read as they are, though the log places %s: "
-                "are they a vehicle's? --set frame=map says that they are not", self._log.path, placed,
-            )  # fmt: skip
+            how = f"so positions are read as they are, though the log places {placed}: are they a vehicle's?"
+            warn(self._log.path, f"the frame of objects has no name, {how} --set frame=map says that they are not")
 
     def _check_kind(self, *, is_geodetic: bool) -> None:
         """All positions of a log, and of what it meets, are of the Earth, or none is; unless the origin is stated."""
@@ -149,10 +144,8 @@ class FrameChange:
         if self.origin is None and own is None:
             fixes = np.concatenate(self._fixes)
             self.origin = median_of(fixes)
-            logger.warning(
-                "%s: the origin of the plane is %s, the median of the first %d fixes; --set origin=%s keeps it",
-                self._log.path, self.origin, min(len(fixes), FIXES), self.origin,
-            )  # fmt: skip
+            of = f"the median of the first {min(len(fixes), FIXES)} fixes"
+            warn(self._log.path, f"the origin of the plane is {self.origin}, {of}; --set origin={self.origin} keeps it")
         self.origin = self.origin or own
         if own is not None and own.is_of(self.origin):
             return rows
@@ -192,7 +185,7 @@ class FrameChange:
             if name not in self._own:
                 note = f"is placed in {edge.parent!r} by the other logs, as this one does not"
             if note:
-                logger.warning("%s: frame %r %s", self._log.path, name, note)
+                warn(self._log.path, f"frame {name!r} {note}")
 
     def _root(self, tree: TransformTree, frame: str, time_ns: int) -> str:
         """The frame that all objects are brought into: where those of `frame` have come as far as the log says."""
@@ -201,10 +194,8 @@ class FrameChange:
         if root in MOVING or (fixed and root not in FIXED) or tree.loop_above(frame):
             raise self._missing(root, fixed or MAP, time_ns)
         if root not in FIXED:
-            logger.warning(
-                "%s: positions are read as they stand in frame %r, which the log places in no other; --set frame=%s "
-                "says that this is meant", self._log.path, root, root,
-            )  # fmt: skip
+            where = f"frame {root!r}, which the log places in no other; --set frame={root} says that this is meant"
+            warn(self._log.path, f"positions are read as they stand in {where}")
         return root
 
 

@@ -18,9 +18,9 @@ FIXES, LIVE_FIXES = 99, 9
 """The origin is the median of so many first fixes; of a live pipe, which is not to wait for long, of fewer."""
 
 
-def median_of(geodetic: FloatArray, n: int = FIXES) -> Origin | None:
-    """Of the first places of (m, 2) latitudes and longitudes, degrees; None where there is none."""
-    places = geodetic[exists(geodetic)][:n]
+def median_of(geodetic: FloatArray) -> Origin | None:
+    """Of the first `FIXES` places of (m, 2) latitudes and longitudes, degrees; None where there is none."""
+    places = geodetic[exists(geodetic)][:FIXES]
     if not len(places):
         return None
     latitude, longitude = places.T

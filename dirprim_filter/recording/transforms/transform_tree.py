@@ -5,7 +5,6 @@ Source: REP 105 (`earth` is geocentric, so no plane); tf2's `lookupTransform`.
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
@@ -17,8 +16,8 @@ import numpy as np
 from dirprim_filter.arrays import AnyArray, BoolArray, IntArray
 from dirprim_filter.recording.container.log import Log, LogSource, Scan, opened
 from dirprim_filter.recording.container.message_columns import MessageColumns
-from dirprim_filter.recording.decoding.field_columns import NO_TIME, FieldColumns, SchemaError, signed
-from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError, RecordingError
+from dirprim_filter.recording.decoding.field_columns import NO_TIME, FieldColumns, signed
+from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError, RecordingError, warn
 from dirprim_filter.recording.losses import TRANSFORMS as TRANSFORM_LOSS
 from dirprim_filter.recording.losses import Losses
 from dirprim_filter.recording.schemas.decoders import Decoders, batches, by_schema, family_of
@@ -26,8 +25,6 @@ from dirprim_filter.recording.schemas.families import TRANSFORMS
 from dirprim_filter.recording.schemas.family import QUATERNION
 from dirprim_filter.recording.transforms.edge import FIXED, ROW, Edge, Placement, listed
 from dirprim_filter.track_ids import Numbers, rows_of_each
-
-logger = logging.getLogger(__name__)
 
 GEOCENTRIC = "earth"
 STATIC = "tf_static"
@@ -68,16 +65,12 @@ class TransformTree:
                 if family_of(messages.first_channel) not in TRANSFORMS:
                     continue
                 for _, own, columns in decoders.columns(messages):
-                    if isinstance(columns, SchemaError):
-                        failures = dict.fromkeys(range(len(own)), str(columns))
-                    else:
-                        rows = _rows(columns, own, frames)
-                        failures, valid = columns.failures, _are_valid(rows)
-                        losses.drop(TRANSFORM_LOSS, ~valid)
-                        parts.append(rows[valid])
-                    if strict and failures:
-                        raise DecodeError(log.path, own, failures)
-                    losses.fail(failures.values())
+                    rows = _rows(columns, own, frames)
+                    losses.drop(TRANSFORM_LOSS, ~(valid := _are_valid(rows)))
+                    parts.append(rows[valid])
+                    if strict and columns.failures:
+                        raise DecodeError(log.path, own, columns.failures)
+                    losses.fail(columns.failures.values())
         if strict and scan.damage:
             raise DamagedRecordingError(log.path, scan.damage)
         losses.damage = scan.damage
@@ -201,7 +194,7 @@ def _edges(path: Path, rows: AnyArray, written: list[str]) -> dict[str, Edge]:
     names, edges = list(frames), dict[str, Edge]()
     if len(names) < len(written):
         twice = {name.lstrip("/") for name in written if name.startswith("/")} & set(written)
-        logger.warning("%s: frames with and without a leading slash are the same: %s", path, listed(sorted(twice)))
+        warn(path, f"frames with and without a leading slash are the same: {listed(sorted(twice))}")
     rows["child"], rows["parent"] = number[rows["child"]], number[rows["parent"]]
     for here in rows_of_each(rows["child"]):
         name = names[rows["child"][here[0]]]
