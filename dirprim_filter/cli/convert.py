@@ -49,6 +49,7 @@ def convert(
     from dirprim_filter.cli.results import provenance
     from dirprim_filter.origin import Origin
     from dirprim_filter.recording import write_tracks
+    from dirprim_filter.recording.errors import RecordingError
     from dirprim_filter.recording.tables import read_as
 
     if columns == "":
@@ -60,6 +61,8 @@ def convert(
         table = read_as(source, how, None if origin is None else Origin.parse(origin))
     if table.too_early:
         raise table.too_early
+    if not (len(table.tracks) or table.detections):
+        raise RecordingError(f"{source}: expected rows that are good, got none; left out: {table.losses}")
     table.log(source)
     said = provenance(
         "convert", inputs=[source], format=form, metres_per_pixel=metres_per_pixel,

@@ -28,6 +28,23 @@ def test_a_survey_becomes_a_log_with_labels(here, capsys):
     assert "labels in /objects: bus 2, car 2" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(
+    ("columns", "row", "why"),
+    [
+        ("lat,lon", "113.5,22.{}", "both swapped"),
+        ("lat,lon", "52000000{},13000000", "degrees times 1e7"),
+        ("x_m,y_m,speed_mps", "{},0,-5", "with a negative speed"),
+    ],
+)  # fmt: skip
+def test_a_table_of_which_nothing_is_good_becomes_no_log(here, capsys, columns, row, why):
+    Path("t.csv").write_text("\n".join([f"time_s,track_id,{columns}", *(f"{k},a,{row.format(k)}" for k in range(9))]))
+    assert dirprim("convert t.csv -o t.mcap") == FAILED
+    assert not Path("t.mcap").exists()
+    said = capsys.readouterr().err
+    assert said.startswith("error: t.csv: expected rows that are good, got none; left out: 9 rows ")
+    assert why in said
+
+
 def test_a_row_alone_in_time_is_reported_and_is_no_loss(here, capsys):
     Path("t.csv").write_text("time_s,track_id,x_m,y_m\n0,a,0,0\n1,a,1,0\n90,b,5,5\n")
     assert dirprim("convert t.csv -o t.mcap") == DONE

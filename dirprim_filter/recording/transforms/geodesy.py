@@ -32,14 +32,16 @@ def median_of(geodetic: FloatArray) -> Origin | None:
 def on_plane(origin: Origin | None, place: FloatArray, own: Origin | None = None) -> FloatArray:
     """(n, 2) metres on the plane of an origin, of latitudes and longitudes, or of places on the plane of their own.
 
-    Without an origin there are no places, which is NaN.
+    Without an origin no latitude and longitude is of a place, which is infinite; NaN stays.
 
     Raises:
         MissingExtraError: pyproj is not installed.
     """
     with needing_pyproj():
         geodetic = own.to_globe(place) if own else place
-        return np.full(place.shape, np.nan) if origin is None else origin.to_plane(geodetic)
+        if origin is None:
+            return np.where(np.isnan(place), np.nan, np.inf)
+        return origin.to_plane(geodetic)
 
 
 @contextmanager
