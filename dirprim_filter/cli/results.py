@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -25,6 +25,9 @@ from dirprim_filter.recording.container.source import open_files
 from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.losses import Losses
 from dirprim_filter.recording.scan import scan
+
+if TYPE_CHECKING:
+    from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
 
 CONFIG_KEY = "experiment"
 """Of the metadata record and the JSON object that hold an experiment."""
@@ -150,3 +153,15 @@ def read_filter(
         table = config.get(name, {})
         made.append(from_table(kind, table | stated | own if isinstance(table, dict) else table, where=name))
     return made[0], made[1]
+
+
+def read_tracking(path: Path | None, settings: Settings, *others: type, **given: Any) -> TrackingExperiment:
+    """The experiment of trackers: what is given, else by the file, else the defaults; as `read_filter`."""
+    from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
+
+    own, *of_trackers = deal(settings, TrackingExperiment, FilterConfig, TrackingConfig, *others)
+    made = read_experiment(path) | own | {name: value for name, value in given.items() if value is not None}
+    for name, stated in zip(("filter", "tracking"), of_trackers, strict=False):
+        if stated:
+            made[name] = (made.get(name) or {}) | stated
+    return from_table(TrackingExperiment, made)

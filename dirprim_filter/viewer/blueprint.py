@@ -39,14 +39,11 @@ def blueprint(
     legend = rrb.TextDocumentView(origin="/legend", name="Legend")
     (x, y), (width, depth) = box.mean(axis=0), box[1] - box[0]
     height = 1.02 * float(np.maximum(width / 1.15, depth))  # the view's opening angle is fixed, its common shape so
+    eye = rrb.EyeControls3D(position=(x, y, height), look_target=(x, y, 0.0), eye_up=(0.0, 1.0, 0.0))
     above: rrb.View | rrb.Container = rrb.Spatial3DView(
-        origin="/",
-        contents=[f"+ {layer}" for layer in LAYERS],
-        name="Map, north up",
-        background=rrb.Background(color=(16, 19, 26)),
-        line_grid=False,
-        eye_controls=rrb.EyeControls3D(position=(x, y, height), look_target=(x, y, 0.0), eye_up=(0.0, 1.0, 0.0)),
-    )
+        origin="/", contents=[f"+ {layer}" for layer in LAYERS], name="Map, north up", line_grid=False,
+        background=rrb.Background(color=(16, 19, 26)), eye_controls=eye,
+    )  # fmt: skip
     if on_earth:
         earth = rrb.MapView(origin="/", contents=["+ /map/earth", "+ /truth/**", "+ /tracks/**"], name="On the Earth")
         above = rrb.Vertical(above, earth, row_shares=[2, 1])
@@ -58,14 +55,9 @@ def blueprint(
         whole = rrb.Horizontal(above, right, column_shares=[6, 4])
     else:
         whole = rrb.Horizontal(above, legend, column_shares=[7, 2])
-    return rrb.Blueprint(
-        whole,
-        rrb.TimePanel(state="collapsed", timeline=ELAPSED, play_state="following" if live else "playing"),
-        rrb.SelectionPanel(state="collapsed"),
-        rrb.BlueprintPanel(state="collapsed"),
-        auto_views=False,
-        auto_layout=False,
-    )
+    time = rrb.TimePanel(state="collapsed", timeline=ELAPSED, play_state="following" if live else "playing")
+    panels = rrb.SelectionPanel(state="collapsed"), rrb.BlueprintPanel(state="collapsed")
+    return rrb.Blueprint(whole, time, *panels, auto_views=False, auto_layout=False)
 
 
 def _plots(*paths: str, with_truth: bool) -> rrb.View | rrb.Container:

@@ -72,7 +72,9 @@ class Matcher:
             row = np.array([place.get(name, UNMATCHED) for name in vehicles], np.int64)
         else:
             before = [place.get(self._last.get(name, ""), UNMATCHED) for name in vehicles]
-            row = _nearest(position, estimates, np.array(before, np.int64), _is_one_world(vehicles, tracks))
+            of = [np.array([name.rpartition("/")[0] for name in names], np.str_) for names in (vehicles, tracks)]
+            is_near = (of[0][:, None] == of[1]) | (of[0] == "")[:, None] | (of[1] == "")  # no two groups
+            row = _nearest(position, estimates, np.array(before, np.int64), is_near)
         own = np.flatnonzero(row >= 0)
         self._last |= {vehicles[i]: tracks[row[i]] for i in own.tolist()}
         error, nees = (np.full(len(vehicles), np.nan) for _ in range(2))
@@ -97,9 +99,3 @@ def _nearest(position: FloatArray, estimates: Estimates, before: IntArray, is_ne
     row = np.full(len(position), UNMATCHED)
     row[vehicle[matched]] = track[matched]
     return row
-
-
-def _is_one_world(vehicles: Sequence[str], tracks: Sequence[str]) -> BoolArray:
-    """(n, m) pairs of names `group/id`, but for those of two groups."""
-    one, other = (np.array([name.rpartition("/")[0] for name in names], np.str_) for names in (vehicles, tracks))
-    return np.asarray((one[:, None] == other) | (one == "")[:, None] | (other == ""))

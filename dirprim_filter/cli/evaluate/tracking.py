@@ -6,19 +6,16 @@ import csv
 from dataclasses import asdict, dataclass, replace
 from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 
 from dirprim_filter.cli.commands import check_outputs
 from dirprim_filter.cli.options import FILE, PICTURES, WRITTEN, Config, Force, Json, Logs
 from dirprim_filter.cli.reading import Reading
-from dirprim_filter.cli.settings import Settings, deal, taken
+from dirprim_filter.cli.settings import Settings, taken
 from dirprim_filter.cli.tables import latex, main_rows, markdown, tracking_text
 from dirprim_filter.partial_file import PartialFile
-
-if TYPE_CHECKING:
-    from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,16 +73,16 @@ def tracking(
     from dirprim_filter.cli.evaluate.others import files_of, others_of
     from dirprim_filter.cli.motion import map_of
     from dirprim_filter.cli.progress import step_progress
-    from dirprim_filter.cli.results import report
+    from dirprim_filter.cli.results import read_tracking, report
     from dirprim_filter.evaluation.tracking import comparisons, evaluate_tracking
 
     if as_json + as_markdown + as_latex > 1:
         raise typer.BadParameter("expected one of --json, --markdown and --latex")
     own, commands = taken(Own, settings), [text for text in method or () if "=" in text]
-    made = _experiment(config, settings, {
-        "gap_s": gap, "with_ids": with_ids, "methods": [name for name in method or () if "=" not in name] or None,
-        "n_seeds": seeds, "seed": seed,
-    })  # fmt: skip
+    made = read_tracking(
+        config, settings, Own, gap_s=gap, with_ids=with_ids, n_seeds=seeds, seed=seed,
+        methods=[name for name in method or () if "=" not in name] or None,
+    )  # fmt: skip
     if not own.time_limit_s > 0:
         raise typer.BadParameter(f"time_limit_s: expected positive seconds, got {own.time_limit_s}", param_hint="--set")
     others = others_of(commands, estimates or (), made, limit_s=own.time_limit_s)
@@ -115,18 +112,3 @@ def tracking(
         | ({"others": [*commands, *(estimates or ())]} if others else {}),
         text=lambda: "\n".join(lines(main_rows(table))) if lines else tracking_text(table),
     )  # fmt: skip
-
-
-def _experiment(config: Path | None, settings: Settings, options: dict[str, Any]) -> TrackingExperiment:
-    """Of the file, but for what settings and options state."""
-    from dirprim_filter.cli.results import read_experiment
-    from dirprim_filter.config import FilterConfig, TrackingConfig, from_table
-    from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
-
-    given, of_filter, of_tracking, _ = deal(settings, TrackingExperiment, FilterConfig, TrackingConfig, Own)
-    configured = read_experiment(config)
-    configured |= given | {name: value for name, value in options.items() if value is not None}
-    for name, own in (("filter", of_filter), ("tracking", of_tracking)):
-        if own:
-            configured[name] = (configured.get(name) or {}) | own
-    return from_table(TrackingExperiment, configured)
