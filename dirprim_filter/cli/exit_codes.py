@@ -14,8 +14,6 @@ from threading import Timer
 from typing import TYPE_CHECKING, NoReturn
 
 if TYPE_CHECKING:
-    from sys import UnraisableHookArgs
-
     from dirprim_filter.recording.losses import Losses
 
 DONE, FAILED, INPUT_LOST = 0, 1, 3
@@ -35,7 +33,7 @@ def listen() -> None:
     signal.signal(signal.SIGTERM, _terminate)
     report = sys.unraisablehook
 
-    def repeat(lost: UnraisableHookArgs) -> None:
+    def repeat(lost: sys.UnraisableHookArgs) -> None:
         if not issubclass(lost.exc_type, KeyboardInterrupt):
             report(lost)
             return

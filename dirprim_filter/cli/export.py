@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from dirprim_filter.cli import exit_codes
 from dirprim_filter.cli.options import EstimatesFile, Force, Table
 from dirprim_filter.cli.texts import counted
-
-if TYPE_CHECKING:
-    from dirprim_filter.estimates import Assignments, Estimates
 
 
 def export(
@@ -35,6 +32,7 @@ def export(
     import numpy as np
 
     from dirprim_filter.cli.progress import working
+    from dirprim_filter.estimates import Assignments, Estimates
     from dirprim_filter.recording.estimate_tables import write_estimates
     from dirprim_filter.recording.losses import Losses
     from dirprim_filter.recording.reader import read_assigned, read_estimates

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from decimal import Decimal
+from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -99,57 +100,31 @@ class Command:
             raise ValueError(f"ended well and wrote no {ESTIMATES}")
 
 
-@dataclass(frozen=True, slots=True)
-class Written:
-    """A tracker's tables of earlier runs, `{seed}` in whose name is that of the run."""
-
-    pattern: str
-
-    def path(self, seed: int) -> Path:
-        """The table of a run."""
-        return Path(self.pattern.replace(SEED, str(seed)))
-
-    def __call__(self, scenes: Sequence[Scene], seed: int) -> TrackedRows:
-        """What it has of a run.
-
-        Raises:
-            RecordingError: it is no table of estimates.
-            ValueError: a track has two rows at one time.
-            OSError: it cannot be read.
-        """
-        return _read(self.path(seed), scenes)
-
-
 def others_of(
     commands: Sequence[str], patterns: Sequence[str], experiment: TrackingExperiment, *, limit_s: float
-) -> dict[str, Other]:
-    """The trackers of `--method NAME=COMMAND` and `--estimates PATTERN`, by the names of their rows.
+) -> tuple[dict[str, Other], list[Path]]:
+    """The trackers of `--method NAME=COMMAND` and `--estimates PATTERN`, by the names of their rows; their tables.
 
     Raises:
         BadParameter: a command cannot be started or names no files, a table is not there, or a name is used twice.
     """
-    found: list[tuple[str, str, Other]] = []
+    found, tables = list[tuple[str, str, Other]](), list[Path]()
     for text in commands:
         name, _, line = text.partition("=")
         found.append(("--method", name, Command(name, _words(name, line), experiment.noise_m, limit_s)))
     for pattern in patterns:
-        written = Written(pattern)
         if SEED not in pattern and experiment.n_seeds > 1:
             _refuse("--estimates", f"{pattern}: expected {SEED} in its name, for there are {experiment.n_seeds} runs")
-        for path in files_of(written, experiment):
-            if not path.is_file():
-                _refuse("--estimates", f"{path}: there is no such file")
-        found.append(("--estimates", Path(pattern).name, written))
+        for seed in range(experiment.seed, experiment.seed + experiment.n_seeds):
+            tables.append(_table(pattern, seed))
+            if not tables[-1].is_file():
+                _refuse("--estimates", f"{tables[-1]}: there is no such file")
+        read = partial(_written, pattern)
+        found.append(("--estimates", Path(pattern).name, read))
     for i, (option, name, _) in enumerate(found):
         if not name or name in experiment.methods or name in [other for _, other, _ in found[:i]]:
             _refuse(option, f"expected another name for each row, got {name!r}")
-    return {name: track for _, name, track in found}
-
-
-def files_of(other: Other, experiment: TrackingExperiment) -> list[Path]:
-    """The tables that it reads, one for each run."""
-    runs = range(experiment.seed, experiment.seed + experiment.n_seeds)
-    return [other.path(seed) for seed in runs] if isinstance(other, Written) else []
+    return {name: track for _, name, track in found}, tables
 
 
 def _words(name: str, line: str) -> tuple[str, ...]:
@@ -166,6 +141,15 @@ def _words(name: str, line: str) -> tuple[str, ...]:
 
 def _refuse(option: str, why: str) -> NoReturn:
     raise typer.BadParameter(why, param_hint=option)
+
+
+def _table(pattern: str, seed: int) -> Path:
+    return Path(pattern.replace(SEED, str(seed)))
+
+
+def _written(pattern: str, scenes: Sequence[Scene], seed: int) -> TrackedRows:
+    """What a tracker's table of an earlier run has."""
+    return _read(_table(pattern, seed), scenes)
 
 
 def _read(path: Path, scenes: Sequence[Scene]) -> TrackedRows:

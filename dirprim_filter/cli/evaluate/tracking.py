@@ -70,7 +70,7 @@ def tracking(
     Example: dirprim evaluate tracking recordings/roundabout_learn.mcap --gap 3 --seeds 2
     """
     from dirprim_filter.cli.coverage import Coverage
-    from dirprim_filter.cli.evaluate.others import files_of, others_of
+    from dirprim_filter.cli.evaluate.others import others_of
     from dirprim_filter.cli.motion import map_of
     from dirprim_filter.cli.progress import step_progress
     from dirprim_filter.cli.results import read_tracking, report
@@ -85,9 +85,9 @@ def tracking(
     )  # fmt: skip
     if not own.time_limit_s > 0:
         raise typer.BadParameter(f"time_limit_s: expected positive seconds, got {own.time_limit_s}", param_hint="--set")
-    others = others_of(commands, estimates or (), made, limit_s=own.time_limit_s)
+    others, tables = others_of(commands, estimates or (), made, limit_s=own.time_limit_s)
     primitive_map, reading = map_of(map_file, reading)
-    inputs = [*logs, *filter(None, [map_file]), *(path for other in others.values() for path in files_of(other, made))]
+    inputs = [*logs, *filter(None, [map_file]), *tables]
     if plot is not None:
         check_outputs([plot.with_suffix(".csv")], inputs, force=force)
     log = reading.tracks(logs)
