@@ -27,10 +27,10 @@ class Coverage:
     """An `EstimateSink` that counts which of a log's rows are outside of a map, and which have no estimate."""
 
     def __init__(
-        self, primitive_map: PrimitiveMap | None, map_file: Path | None, log: Path, *, is_needed: bool = True
+        self, learned: PrimitiveMap | None, map_file: Path | None, log: Path, *, is_needed: bool = True
     ) -> None:
-        self._map, self._map_file, self._log = primitive_map, map_file, log
-        self._cells = primitive_map.tessellation if primitive_map else GridTessellation.empty()
+        self._map, self._map_file, self._log = learned, map_file, log
+        self._cells = learned.tessellation if learned else GridTessellation.empty()
         self._is_needed = is_needed and self._cells.n_cells > 0
         self._n_rows = self._n_outside = self._n_estimated = 0
         self._box = np.full((2, 2), np.inf)  # least x and y of the rows, and of the same negated

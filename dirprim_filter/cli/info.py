@@ -96,33 +96,31 @@ def _whole(path: Path, files: Files, reading: Reading) -> tuple[LogSummary, list
             return summary, []
 
 
-def _lines(
-    summary: LogSummary, faults: list[str], *, columns: Sequence[str] = (), unused: Sequence[str] = ()
-) -> list[str]:
+def _lines(log: LogSummary, faults: list[str], columns: Sequence[str] = (), unused: Sequence[str] = ()) -> list[str]:
     """What there is, of a table with its columns."""
     lines = [f"columns: {', '.join(columns)}{'; not used: ' * bool(unused)}{', '.join(unused)}"] * bool(columns)
-    if not summary.is_checked:
+    if not log.is_checked:
         lines.append("by the log's index alone; its chunks were not checked, and tracks not counted: --check does both")
     rows = [
         [t.name, t.schema or "-", t.encoding or "-", str(t.messages), "-" if t.tracks is None else str(t.tracks)]
-        for t in summary.topics
+        for t in log.topics
     ]
     lines += in_columns([["topic", "schema", "encoding", "rows" if columns else "messages", "tracks"], *rows], n_left=3)
-    if summary.is_checked and not columns:
-        carrying = ", ".join(t.name for t in summary.topics if t.tracks)
-        seen = ", ".join(f"{t.name} ({t.detections})" for t in summary.topics if t.detections)
+    if log.is_checked and not columns:
+        carrying = ", ".join(t.name for t in log.topics if t.tracks)
+        seen = ", ".join(f"{t.name} ({t.detections})" for t in log.topics if t.detections)
         lines += [f"tracks in: {carrying}" if carrying else "no topic carries tracks"] * bool(carrying or not seen)
         lines += [f"detections without ids in: {seen}, for `dirprim track`"] * bool(seen)
-    lines += _unread(summary)
-    lines += [f"labels in {topic}: {_counts(counts)}" for topic, counts in summary.labels.items()]
+    lines += _unread(log)
+    lines += [f"labels in {topic}: {_counts(counts)}" for topic, counts in log.labels.items()]
     lines += [
         f"groups in {topic}: {len(counts)}, from {min(counts)} to {max(counts)}; --set group=NUMBER takes one of them"
-        for topic, counts in summary.groups.items()
+        for topic, counts in log.groups.items()
     ]
-    if summary.attachments:
-        lines.append(f"attachments: {', '.join(summary.attachments)}")
+    if log.attachments:
+        lines.append(f"attachments: {', '.join(log.attachments)}")
     lines += [f"faults: {line}" for line in faults]
-    lines += [f"damage: {damage}" for damage in summary.damage]
+    lines += [f"damage: {damage}" for damage in log.damage]
     return [f"  {line}" for line in lines]
 
 

@@ -37,9 +37,8 @@ def working(what: str) -> Iterator[Callable[..., None] | None]:
         SpinnerColumn(), TextColumn("{task.description}"), BarColumn(bar_width=24), TextColumn("{task.fields[text]}"),
         TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(),
     )  # fmt: skip
-    with Progress(
-        *columns, console=Console(file=getattr(sys.stderr, "stream", sys.stderr)), transient=True
-    ) as progress:
+    console = Console(file=getattr(sys.stderr, "stream", sys.stderr))
+    with Progress(*columns, console=console, transient=True) as progress:
         yield partial(progress.update, progress.add_task(one_line(what), total=None, text=""))
 
 

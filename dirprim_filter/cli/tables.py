@@ -141,9 +141,8 @@ def forecast_text(table: ForecastTable) -> str:
     lines += ["", f"Energy score of the {first.name}, with 95 % intervals over {counted(n, table.split_by)}:"]
     for i in sorted({min(range(len(horizons)), key=lambda h: abs(horizons[h] - at)) for at in (1.0, 5.0)}):
         heads = [f"  at {horizons[i]:g} s", *[""] * len(others)]
-        lines += [
-            f"{head:<11}{_off_energy(row.horizons[i].gain, row.name)}" for head, row in zip(heads, others, strict=False)
-        ]
+        for head, row in zip(heads, others, strict=False):
+            lines.append(f"{head:<11}{_off_energy(row.horizons[i].gain, row.name)}")
     return "\n".join(lines)
 
 

@@ -24,9 +24,7 @@ LAYERS = (
 """Entities of the map view: each can be switched off by its path."""
 
 
-def blueprint(
-    box: FloatArray, *, live: bool, tracked: bool, with_truth: bool = False, on_earth: bool = False
-) -> rrb.Blueprint:
+def blueprint(box: FloatArray, *, live: bool, tracked: bool, with_truth: bool, on_earth: bool) -> rrb.Blueprint:
     """What the viewer's window shows.
 
     Args:

@@ -61,17 +61,16 @@ def of_all(frame: TrackedFrame, matched: Matched | None) -> Mapping[str, tuple[f
     """The values of one frame's curves of all vehicles, by entity; NaN, a gap in the curve, where there is none."""
     estimates = frame.estimates
     is_measured, ess = estimates.unseen_s == 0, estimates.effective_sample_size
-    nothing = np.empty(0)
-    error, nees, n_true = (
-        (nothing, nothing, np.nan) if matched is None else (matched.error, matched.nees, len(matched.names))
-    )
+    error, nees, n_true = np.empty(0), np.empty(0), np.nan
+    if matched is not None:
+        error, nees, n_true = matched.error, matched.nees, float(len(matched.names))
     return {
         "/error": (_mean(error),),
         "/nees": (_mean(nees), RIGHT_SQUARE),
         "/innovation": (_mean(innovations(frame)), RIGHT_SQUARE),
         "/vehicles": (
             len(estimates), float(estimates.existence.sum()), int(is_measured.sum()),
-            float(estimates.follows_map[is_measured].sum()), float(n_true),
+            float(estimates.follows_map[is_measured].sum()), n_true,
         ),
         "/samples": (_mean(ess), float(ess.min()) if ess.size else np.nan),
     }  # fmt: skip

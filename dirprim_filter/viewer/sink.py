@@ -126,9 +126,8 @@ class RerunSink:
         self._sensors.append(path)
 
         def draw(rows: Detections, instant: IntArray, times_ns: list[int]) -> None:
-            columns = marks.detections(rows.position).columns(
-                np.arange(len(rows)), np.bincount(instant, minlength=len(times_ns))
-            )
+            counts = np.bincount(instant, minlength=len(times_ns))
+            columns = marks.detections(rows.position).columns(np.arange(len(rows)), counts)
             self.stream.send_columns(path, times_ns, columns)
 
         self._wait(detections, draw)

@@ -180,9 +180,8 @@ def _detections(scenes: Sequence[Scene], noise_m: float) -> dict[str, list[Any]]
 
 def _instants(scenes: Sequence[Scene], times_ns: Sequence[IntArray]) -> dict[str, list[Any]]:
     """Times of each scene, to the nanosecond, and its group where there are several."""
-    columns: dict[str, list[Any]] = {
-        "time_s": [f"{Decimal(time_ns).scaleb(-9):f}" for of in times_ns for time_ns in of.tolist()]
-    }
+    times = [f"{Decimal(time_ns).scaleb(-9):f}" for of in times_ns for time_ns in of.tolist()]
+    columns: dict[str, list[Any]] = {"time_s": times}
     if len(scenes) > 1:
         columns["group"] = [scene.group for scene, of in zip(scenes, times_ns, strict=True) for _ in range(len(of))]
     return columns
