@@ -11,7 +11,7 @@ import sys
 from contextlib import redirect_stderr, redirect_stdout
 from importlib import import_module
 from itertools import chain
-from typing import Any
+from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
@@ -70,14 +70,11 @@ def _print_version(wanted: bool) -> None:
         raise typer.Exit
 
 
+_version = typer.Option("--version", is_eager=True, callback=_print_version, help="Print the version and exit.")
+
+
 @app.callback()
-def _every_command(
-    verbose: Verbose = False,
-    quiet: Quiet = False,
-    version: bool = typer.Option(
-        False, "--version", is_eager=True, callback=_print_version, help="Print the version and exit."
-    ),
-) -> None:
+def _every_command(verbose: Verbose = False, quiet: Quiet = False, version: Annotated[bool, _version] = False) -> None:
     form = "%(levelname)s: %(message)s"
     logging.basicConfig(level=logging.WARNING, stream=sys.stderr, force=True, format=form)
     logging.getLogger().handlers[0].addFilter(_Once())

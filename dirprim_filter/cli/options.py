@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from contextlib import suppress
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from decimal import Decimal, InvalidOperation
 from glob import glob, has_magic
 from pathlib import Path
@@ -17,10 +17,8 @@ from dirprim_filter.recording.name_patterns import FORMATS, WRITTEN_TABLES
 
 WRITTEN = "written"
 """Marks the options for output files, which are checked before the work; a tuple beside it: the ends of their names."""
-
 PICTURES = (".png", ".pdf", ".svg")
 """Ends of the names of pictures."""
-
 AUTO = "auto"
 """In place of a sensor's file: learn it from the log."""
 
@@ -48,8 +46,7 @@ def time_ns(text: str | None, option: str) -> int | None:
             f"2026-01-31T12:00:00Z, got {text!r}"
         ) from None
     moment = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
-    since = moment - datetime(1970, 1, 1, tzinfo=UTC)
-    return (since.days * 86_400 + since.seconds) * 1_000_000_000 + since.microseconds * 1000
+    return (moment - datetime(1970, 1, 1, tzinfo=UTC)) // timedelta(microseconds=1) * 1000
 
 
 def existing_log(text: str) -> Path:

@@ -45,11 +45,10 @@ def has_no_forecast(estimates: Estimates) -> BoolArray:
 
 def drawn_sizes(tracks: Tracks, labels: Mapping[str, str]) -> Tracks:
     """The same with the usual size of their class, to be drawn, of vehicles of unknown size; `labels` are by id."""
-    sizes = {
-        name: [size for words, size in CLASS_SIZES.items() if re.search(words, label.lower())]
-        for name, label in labels.items()
-    }
-    known = {name: fits[0] for name, fits in sizes.items() if fits}
+    known: dict[str, tuple[float, float, float]] = {}
+    for name, label in labels.items():
+        fits = [size for words, size in CLASS_SIZES.items() if re.search(words, label.lower())]
+        known |= {name: fits[0]} if fits else {}
     if not known:
         return tracks
     names, number = numbered(tracks.track_id)

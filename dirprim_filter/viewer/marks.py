@@ -114,9 +114,7 @@ def petals_on_earth(petals: shapes.Petals, origin: Origin, *, fastest: float) ->
 def truth(tracks: Tracks, trails: AnyArray) -> Iterator[Part]:
     """Outlines of the vehicles, and (n,) the trails to where they are."""
     outline = _raised(shapes.vehicle_outline(tracks.position, tracks.body_direction, tracks.size), HEIGHT["truth"])
-    strips: AnyArray = np.empty((len(tracks), 2), object)
-    strips[:, 0], strips[:, 1] = _apart(outline), trails
-    yield Part(rr.LineStrips3D, {"strips": strips}, 2)
+    yield Part(rr.LineStrips3D, {"strips": np.column_stack([_apart(outline), trails])}, 2)
     yield from _on_earth(tracks, {})
 
 
