@@ -4,6 +4,7 @@ from shutil import copy
 
 import pytest
 
+from cli.commands import DONE, dirprim
 from dirprim_filter import save_map, write_tracks
 
 
@@ -20,6 +21,14 @@ def files(few, ring_map, tmp_path_factory):
     write_tracks(few, folder / "log.mcap")
     save_map(ring_map, folder / "map.mcap")
     return folder
+
+
+@pytest.fixture(scope="session")
+def tracked(files):
+    """What the vehicles of `log.mcap` were tracked as; to be copied."""
+    out = files.with_name("tracked.mcap")
+    assert dirprim("track", files / "log.mcap", "--map", files / "map.mcap", "--particles", 20, "-o", out) == DONE
+    return out
 
 
 @pytest.fixture

@@ -131,12 +131,12 @@ def test_without_ids_misses_and_clutter_are_learned_whoever_states_the_noise(sta
     if states == "log":
         both = replace(both, covariance=np.tile(np.eye(2), (len(both), 1, 1)))
     write_tracks(TRUTH[:0], "log.mcap", detections=both, force=True)
-    options = "--noise 1" if states == "user" else ""
-    assert dirprim(f"track log.mcap --no-ids --end 6 -o out {options}") == DONE
+    options = "--particles 100" + " --noise 1" * (states == "user")
+    assert dirprim(f"track log.mcap --no-ids --end 4 -o out {options}") == DONE
     said = capsys.readouterr()
     assert said.out.startswith("sensor, learned from " if states == "nobody" else "scene, learned from ")
     n_true = int(said.out.partition(" detections without ids, ")[2].split()[0])
-    assert n_true == pytest.approx((seen.time_ns - seen.time_ns.min() < 6e9).sum(), rel=0.2)
+    assert n_true == pytest.approx((seen.time_ns - seen.time_ns.min() < 4e9).sum(), rel=0.2)
     assert "no estimate" not in said.err  # though most are of no vehicle
     found = read_estimates("out")
     assert len(np.unique(found.track_id)) < 2 * TRUTH.n_tracks

@@ -76,12 +76,12 @@ def test_detections_of_several_sensors_become_topics_that_tracking_reads(here, c
 
 def test_a_table_goes_where_a_log_does(here, capsys):
     """The same detections as a csv and as the log of it: tracked alike, and scored against a truth in a table."""
-    rows = [(k / 10, 12 * math.cos(k / 15), 12 * math.sin(k / 15)) for k in range(40)]
+    rows = [(k / 10, 12 * math.cos(k / 15), 12 * math.sin(k / 15)) for k in range(20)]
     Path("seen.csv").write_text("\n".join(["time_s,sensor,x_m,y_m", *(f"{t},radar,{x},{y}" for t, x, y in rows)]))
     Path("truth.csv").write_text("\n".join(["time_s,track_id,x_m,y_m", *(f"{t},a,{x},{y}" for t, x, y in rows)]))
     assert dirprim("convert seen.csv -o seen.mcap") == DONE
     for source in ("csv", "mcap"):
-        assert dirprim(f"track seen.{source} --map map.mcap --no-ids --particles 200 -o {source}.out") == DONE
+        assert dirprim(f"track seen.{source} --map map.mcap --no-ids --particles 50 -o {source}.out") == DONE
     assert read_estimates("csv.out") == read_estimates("mcap.out")
     capsys.readouterr()
     assert dirprim("score csv.out --truth truth.csv --json") == DONE
