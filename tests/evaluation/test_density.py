@@ -81,7 +81,7 @@ def on_the_ring(ring):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(gaussian_process, "MAX_ROWS", 150)
         tracks = replace(ring, direction=course)
-        return evaluate_density(tracks, n_folds=2, interval_s=0.6, methods=methods, rng=rng)
+        return evaluate_density(tracks, n_folds=2, interval_s=1.2, methods=methods, rng=rng)
 
 
 def test_on_a_ring_all_that_knows_the_place_beats_what_does_not(on_the_ring):

@@ -278,7 +278,7 @@ def test_errors_are_those_of_a_slow_loop_over_the_rows_of_the_same_name(seed, is
 
 def test_a_filter_that_states_the_truth_of_its_errors_has_a_nees_of_two():
     rng = np.random.default_rng(0)
-    n = 20_000
+    n = 5000
     truth = tracks_of(np.zeros((n, 1, 2)), time_ns=np.arange(n)[:, None])
     found = TrackedRows(
         track_id=np.arange(n), time_ns=np.arange(n), position=rng.normal(0, 0.5, (n, 2)),
