@@ -64,7 +64,7 @@ def walk_cdr(
     """
     cells, base, width, n_rows = tables.cells, tables.base, tables.width, tables.n_rows
     n_tables = width.size
-    row, before, left, index = room[0], room[1], room[2], room[3]
+    row, before, number, index = room[0], room[1], room[2], room[3]
     outer = room[4]  # the table that the loop was entered from
     top = np.int64(0)  # a literal would compile `new_row` once more
     for message in range(starts.size):
@@ -124,36 +124,24 @@ def walk_cdr(
                 n = a
                 if a < 0:
                     n, at, state = _length(data, at, end, little, b)
-                    if state != OK:
-                        break
-                if c >= 0 and n > MAX_ELEMENTS:
+                if state == OK and c >= 0 and n > MAX_ELEMENTS:
                     state = TOO_MANY
-                    break
-                if n == 0:
-                    op = ops[op - 1, 4]
-                else:
-                    depth += 1
-                    left[depth], index[depth], outer[depth] = n, 0, table
-                    if c >= 0:
-                        made = new_row(tables, c, message, row[table])
-                        if made < 0:
-                            return True
-                        row[c] = made
-                        table = c
+                depth += 1
+                number[depth], index[depth], outer[depth] = n, -1, table
+                op = ops[op - 1, 4] - 1  # its end, at which each of its turns begins
             elif code == END_LOOP:
-                left[depth] -= 1
                 index[depth] += 1
-                turns += 1
+                turns += min(index[depth], 1)  # those that are done
                 if turns > end - origin:  # of elements without bytes, which ROS 1 has
                     state = TOO_MANY
-                    break
-                if left[depth] > 0:
-                    if table != outer[depth]:
-                        made = new_row(tables, table, message, row[outer[depth]])
+                elif index[depth] < number[depth]:
+                    op = a
+                    if b >= 0:
+                        made = new_row(tables, b, message, row[outer[depth]])
                         if made < 0:
                             return True
-                        row[table] = made
-                    op = a
+                        row[b] = made
+                        table = b
                 else:
                     table = outer[depth]
                     depth -= 1

@@ -264,7 +264,7 @@ class _Program:
         return self.emit(kernels.LOOP, length if fixed else -1, 0 if fixed else length, table, 0)
 
     def _close_loop(self, start: int) -> None:
-        self.emit(kernels.END_LOOP, start + 1)
+        self.emit(kernels.END_LOOP, start + 1, self.ops[start][3])
         self.ops[start][4] = self._target = len(self.ops)
         self._loops -= 1
 
