@@ -31,7 +31,7 @@ from dirprim_filter.recording.objects.topics import choose_topics
 from dirprim_filter.recording.plausibility import DetectionsAloneError, plausible
 from dirprim_filter.recording.rows import Rows, TrackResult, rows_of_log, rows_of_logs
 from dirprim_filter.recording.schemas import ASSIGNMENTS_SCHEMA, ESTIMATES_SCHEMA
-from dirprim_filter.recording.schemas.dirprim import decode_assignments, decode_estimates
+from dirprim_filter.recording.schemas.dirprim import decoded
 from dirprim_filter.recording.schemas.family import FieldMapping
 from dirprim_filter.recording.summary import LogSummary, TopicSummary
 from dirprim_filter.recording.transforms.transform_tree import SharedTransforms
@@ -48,8 +48,6 @@ __all__ = [
 ]  # fmt: skip
 
 PathOrText = str | PathLike[str]
-DECODERS = {ESTIMATES_SCHEMA: decode_estimates, ASSIGNMENTS_SCHEMA: decode_assignments}
-"""Of what a tracker writes, by schema."""
 
 
 def read_tracks(source: LogSource | Sequence[PathOrText], options: ReadOptions = EVERYTHING, **changes: Any) -> Tracks:
@@ -262,7 +260,7 @@ def origin_of_estimates(path: PathOrText) -> Origin | None:
 
 
 def has_estimates(log: Log, topic: str, schema: str = ESTIMATES_SCHEMA) -> bool:
-    """Whether a topic of a log is of estimates, or of another schema of `DECODERS`."""
+    """Whether a topic of a log is of estimates, or of another schema that is `decoded`."""
     return any(channel.topic == topic and channel.schema.name == schema for channel in log.channels())
 
 
@@ -276,7 +274,7 @@ def estimate_messages(
         topic: of estimates.
         losses: gets what is damaged, and messages that are not what their schema says.
         options: the times, and `strict`.
-        schema: of `DECODERS`, where the topic is not of estimates.
+        schema: one that is `decoded`, where the topic is not of estimates.
 
     Raises:
         DamagedRecordingError: strict, and the log is damaged.
@@ -286,7 +284,7 @@ def estimate_messages(
     for message in messages:
         if message.schema_name == schema:
             try:
-                yield message.log_time_ns, DECODERS[schema](message.data)
+                yield message.log_time_ns, decoded(schema, message.data)
             except ProtobufDecodeError as error:
                 losses.fail([str(error)])
     if options.strict and losses.damage:

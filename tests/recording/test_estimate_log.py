@@ -18,12 +18,8 @@ from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.recording import read_assigned, read_estimates, read_tracks
 from dirprim_filter.recording.errors import DamagedRecordingError, NoTracksError
 from dirprim_filter.recording.playback import Playback
-from dirprim_filter.recording.schemas.dirprim import (
-    decode_assignments,
-    decode_estimates,
-    encode_assignments,
-    encode_estimates,
-)
+from dirprim_filter.recording.schemas import ASSIGNMENTS_SCHEMA, ESTIMATES_SCHEMA
+from dirprim_filter.recording.schemas.dirprim import decoded, encode_assignments, encode_estimates
 from dirprim_filter.recording.topic_names import ROS_MESSAGES
 from dirprim_filter.recording.writer import EstimateWriter
 
@@ -81,10 +77,10 @@ def test_broken_estimates_are_refused():
         short.CopyFrom(message)
         getattr(short, name).pop()
         with pytest.raises(DecodeError, match=f"{name}: expected 4 numbers, got 3"):
-            decode_estimates(short.SerializeToString())
+            decoded(ESTIMATES_SCHEMA, short.SerializeToString())
     message.speed[2] = np.nan
     with pytest.raises(DecodeError, match="speed: expected finite"):
-        decode_estimates(message.SerializeToString())
+        decoded(ESTIMATES_SCHEMA, message.SerializeToString())
 
 
 def test_which_track_each_detection_was_assigned_to_comes_back(tmp_path):
@@ -102,8 +98,9 @@ def test_which_track_each_detection_was_assigned_to_comes_back(tmp_path):
     assert found[:4] == some.assignments
     assert found[4:].assigned.tolist() == [""] * 4
     assert len(messages(tmp_path / "log.mcap", "/dirprim/assigned")) == 3
+    short = type(encode_assignments(found, 0))(track_id=["a"], x=[1], y=[1])
     with pytest.raises(DecodeError, match="columns: expected one length n"):
-        decode_assignments(type(encode_assignments(found, 0))(track_id=["a"], x=[1], y=[1]).SerializeToString())
+        decoded(ASSIGNMENTS_SCHEMA, short.SerializeToString())
 
 
 def test_what_fails_while_a_frame_is_written_is_raised_by_the_next_call_or_at_the_end(tmp_path):

@@ -17,13 +17,12 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Assignments, Estimates
 from dirprim_filter.origin import Origin
 from dirprim_filter.recording.decoding.field_columns import NANOSECONDS
-from dirprim_filter.recording.schemas import dirprim_pb2
+from dirprim_filter.recording.schemas import ASSIGNMENTS_SCHEMA, ESTIMATES_SCHEMA, dirprim_pb2
 from dirprim_filter.recording.schemas.family import matrices
 from dirprim_filter.track_ids import as_texts
 from dirprim_filter.tracks import Tracks
 
 Sent = TypeVar("Sent", bound=Message)
-Decoded = TypeVar("Decoded", Estimates, Assignments)
 MAP_FRAME = "map"
 """The frame_id of positions that have no origin: local metres, x east, y north."""
 FIELDS: dict[str, tuple[str, ...]] = {
@@ -37,6 +36,11 @@ FIELDS: dict[str, tuple[str, ...]] = {
 """What a message calls the columns of ours."""
 _LATER = ("existence", "unseen_s", "follows_map")
 """Logs of before they were written have none of them."""
+DECODED: Mapping[str, tuple[type[Message], Any, Mapping[str, Any]]] = {
+    ESTIMATES_SCHEMA: (dirprim_pb2.TrackEstimates, Estimates, {}),
+    ASSIGNMENTS_SCHEMA: (dirprim_pb2.Assignments, Assignments, {"assigned": np.str_, "group": np.int64}),
+}
+"""What a tracker writes, by schema: the message, its rows, and the types of their further columns."""
 _UPPER = [0, 1, 3]
 """Where the covariances are in a matrix of 2 x 2."""
 
@@ -94,23 +98,14 @@ def _filled(
     return kind(frame_id=frame, timestamp={"seconds": seconds, "nanos": nanos}, **columns)
 
 
-def decode_estimates(data: bytes) -> Estimates:
-    """The rows of a `dirprim.TrackEstimates`.
+def decoded(schema: str, data: bytes) -> Any:
+    """The rows of a message of one of the `DECODED`, which all are of one time.
 
     Raises:
         DecodeError: the bytes are no such message, its columns differ in length, or a number is not finite.
     """
-    return _decoded(dirprim_pb2.TrackEstimates(), data, Estimates)
-
-
-def decode_assignments(data: bytes) -> Assignments:
-    """The rows of a `dirprim.Assignments`; errors as of `decode_estimates`."""
-    return _decoded(dirprim_pb2.Assignments(), data, Assignments, assigned=np.str_, group=np.int64)
-
-
-def _decoded(message: Any, data: bytes, kind: type[Decoded], **more: Any) -> Decoded:
-    """The rows of a message that is filled from the bytes, with `more` of its columns, by name and type."""
-    schema = message.DESCRIPTOR.full_name
+    made, kind, more = DECODED[schema]
+    message: Any = made()
     try:
         message.ParseFromString(data)  # numbers of items are then bounded by the length of the bytes
     except DecodeError as error:
