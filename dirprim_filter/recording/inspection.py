@@ -55,17 +55,12 @@ def inspect(source: LogSource, options: ReadOptions = EVERYTHING) -> LogSummary:
         why = next((topic.why for topic in found if topic.why), "in no message")
         warn(one.path, f"expected objects at {options.mapping}, got none: {why}")
     return LogSummary(
-        topics=found,
-        messages=reading.messages.total(),
-        start_ns=min(reading.times, default=None),
-        end_ns=max(reading.times, default=None),
-        damage=damage,
-        is_checked=True,
+        topics=found, messages=reading.messages.total(), damage=damage, is_checked=True, attachments=attachments,
+        start_ns=min(reading.times, default=None), end_ns=max(reading.times, default=None),
         groups=_by_topic(reading.groups, lambda counts: len(counts) > 1),
         labels=_by_topic(reading.labels, lambda counts: set(counts) != {""}),
-        attachments=attachments,
         metadata=tuple(name for name, _ in log.metadata),
-    )
+    )  # fmt: skip
 
 
 def _by_topic(counts: dict[str, Counter[Any]], is_shown: Callable[[Counter[Any]], bool]) -> dict[str, dict[Any, int]]:

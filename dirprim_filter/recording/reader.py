@@ -123,8 +123,8 @@ def read_track_logs(
             names.append(log.path.stem)
             observations.losses.log(log.path)
         losses += observations.losses
-        frame = observations.target
-        options = _of_first(one, options, observations.origin, frame)
+        frame = observations.frame.target
+        options = _of_first(one, options, observations.frame.origin, frame)
     alone = Losses()
     tracks = rows_of_logs(parts, names).to_tracks(alone).on_plane(options.origin)
     alone.log(", ".join(str(one.path if isinstance(one, Log) else one) for one in sources))

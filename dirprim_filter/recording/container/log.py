@@ -138,11 +138,6 @@ class Scan(AbstractContextManager["Scan"]):
         self.log.close()
 
     @property
-    def path(self) -> Path:
-        """The log, as it was named."""
-        return self.log.path
-
-    @property
     def end_ns(self) -> int | None:
         """The last log time to come, as the chunks say; None of an empty log, and of a live pipe."""
         if self._waits:

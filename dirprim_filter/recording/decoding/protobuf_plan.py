@@ -23,21 +23,14 @@ from dirprim_filter.recording.decoding.field_columns import EACH, Field, Place, 
 
 _F = FieldDescriptor
 _SCALARS: dict[int, tuple[int, int, Form]] = {
-    _F.TYPE_DOUBLE: (1, kernels.PLAIN, "double"),
-    _F.TYPE_FLOAT: (5, kernels.PLAIN, "float"),
-    _F.TYPE_INT64: (0, kernels.PLAIN, "int"),
-    _F.TYPE_UINT64: (0, kernels.PLAIN, "unsigned"),
-    _F.TYPE_INT32: (0, kernels.SIGNED32, "int"),
-    _F.TYPE_UINT32: (0, kernels.PLAIN, "unsigned"),
-    _F.TYPE_BOOL: (0, kernels.PLAIN, "unsigned"),
-    _F.TYPE_ENUM: (0, kernels.SIGNED32, "int"),
-    _F.TYPE_SINT32: (0, kernels.ZIGZAG, "int"),
-    _F.TYPE_SINT64: (0, kernels.ZIGZAG, "int"),
-    _F.TYPE_FIXED32: (5, kernels.PLAIN, "unsigned"),
-    _F.TYPE_FIXED64: (1, kernels.PLAIN, "unsigned"),
+    _F.TYPE_DOUBLE: (1, kernels.PLAIN, "double"), _F.TYPE_FLOAT: (5, kernels.PLAIN, "float"),
+    **dict.fromkeys((_F.TYPE_UINT64, _F.TYPE_UINT32, _F.TYPE_BOOL), (0, kernels.PLAIN, "unsigned")),
+    **dict.fromkeys((_F.TYPE_INT32, _F.TYPE_ENUM), (0, kernels.SIGNED32, "int")),
+    **dict.fromkeys((_F.TYPE_SINT32, _F.TYPE_SINT64), (0, kernels.ZIGZAG, "int")),
+    _F.TYPE_INT64: (0, kernels.PLAIN, "int"), _F.TYPE_SFIXED64: (1, kernels.PLAIN, "int"),
+    _F.TYPE_FIXED32: (5, kernels.PLAIN, "unsigned"), _F.TYPE_FIXED64: (1, kernels.PLAIN, "unsigned"),
     _F.TYPE_SFIXED32: (5, kernels.SIGNED32, "int"),
-    _F.TYPE_SFIXED64: (1, kernels.PLAIN, "int"),
-}
+}  # fmt: skip
 """Wire type, how its bits are written, and how a cell of it is read."""
 _TEXTS: dict[int, Form] = {_F.TYPE_STRING: "cells", _F.TYPE_BYTES: "bytes"}
 

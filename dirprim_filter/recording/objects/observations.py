@@ -11,7 +11,6 @@ from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from dirprim_filter.columns import known_covariances
 from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.distributions.angles import wrap
-from dirprim_filter.origin import Origin
 from dirprim_filter.recording import losses
 from dirprim_filter.recording.container.log import Scan
 from dirprim_filter.recording.container.message_columns import MessageColumns
@@ -38,6 +37,7 @@ class Observations:
 
     Attributes:
         losses: what was damaged, left out or odd so far.
+        frame: what brings positions into one, with its name and its origin.
     """
 
     def __init__(self, scan: Scan, options: ReadOptions, shared: SharedTransforms | None = None) -> None:
@@ -45,23 +45,16 @@ class Observations:
         self._scan = scan
         self._options = options
         self._decoders = Decoders(options.mapping)
-        self._frame = FrameChange(
+        self.frame = FrameChange(
             scan.log, options.frame, options.origin, meets=options.meets, strict=options.strict, shared=shared
         )  # fmt: skip
-        self._axes = TwistAxes(scan.path)
+        self._axes = TwistAxes(scan.log.path)
         topics = {c.topic for c in scan.log.channels() if scan.is_wanted(c.topic) and self._decoders.reads(c)}
         self._are_several = len(topics) > 1
-        self._stamps, self._open = Stamps(scan.path), list[MessageColumns]()  # messages whose stamps are not judged yet
-
-    @property
-    def origin(self) -> Origin | None:
-        """Of the plane on which satellite positions were put; None where none was needed or given."""
-        return self._frame.origin
-
-    @property
-    def target(self) -> str:
-        """The frame that positions in metres were brought into; empty where none is named."""
-        return self._frame.target
+        self._stamps, self._open = (
+            Stamps(scan.log.path),
+            list[MessageColumns](),
+        )  # messages whose stamps are not judged yet
 
     def __iter__(self) -> Iterator[Rows]:
         """Objects in order of log time; messages of other schemas are passed over.
@@ -78,22 +71,22 @@ class Observations:
         for read in self._read(batches(columns, self._decoders.reads, at_once=self._scan.log.is_live)):
             self._check_intact()
             held.append(read)
-            if not self._frame.waits(read[0]):
+            if not self.frame.waits(read[0]):
                 yield from self._placed(held)
                 held = []
         yield from self._placed(held)
-        self._frame.check()
-        for note in filter(None, (*sorted(self._decoders.notes), self._stamps.clocks(self._frame.ahead_s))):
-            warn(self._scan.path, note)
-        if self._frame.tree is not None:
-            lost = self._frame.tree.losses
+        self.frame.check()
+        for note in filter(None, (*sorted(self._decoders.notes), self._stamps.clocks(self.frame.ahead_s))):
+            warn(self._scan.log.path, note)
+        if self.frame.tree is not None:
+            lost = self.frame.tree.losses
             lost.damage = [broken for broken in lost.damage if broken not in self._scan.damage]
             self.losses += lost
         self._check_intact()
 
     def _check_intact(self) -> None:
         if self._options.strict and self.losses.damage:
-            raise DamagedRecordingError(self._scan.path, self.losses.damage)
+            raise DamagedRecordingError(self._scan.log.path, self.losses.damage)
 
     def _read(self, read: Iterator[MessageColumns]) -> Iterator[tuple[Rows, IntArray]]:
         for batch in read:
@@ -108,7 +101,7 @@ class Observations:
         for places, messages in by_schema(batch):
             rows, failures = self._decoders.rows(messages)
             if self._options.strict and failures:
-                raise DecodeError(self._scan.path, messages, failures)
+                raise DecodeError(self._scan.log.path, messages, failures)
             self.losses.fail(failures.values())
             names = _by_topic(messages, rows) if self._are_several else rows.track_id
             parts.append(replace(rows, track_id=names, message=places[rows.message]))
@@ -145,10 +138,10 @@ class Observations:
         """The same objects in one frame, but for those that are not to be had there."""
         for rows, topic in held:
             with np.errstate(all="ignore"):  # transforms of any origin; what is not finite is left out below
-                found, placed = self._frame.apply(rows)
+                found, placed = self.frame.apply(rows)
             self.losses.drop(losses.UNPLACED, ~placed)
             near = _is_near(found.position)
-            self.losses.drop(losses.INVALID if self.origin is None else losses.FAR, placed & ~near)
+            self.losses.drop(losses.INVALID if self.frame.origin is None else losses.FAR, placed & ~near)
             if len(good := found[placed & near]):
                 yield self._axes.apply(good, topic[placed & near])
 
@@ -219,7 +212,7 @@ class DetectionStream:
         for batch in observations:
             in_order = batch.time_ns >= done_ns
             self.losses.drop(losses.TOO_LATE if self._scan.log.is_live else losses.BACKWARD, ~in_order)
-            own = self._detections(batch)[in_order].on_plane(observations.origin)
+            own = self._detections(batch)[in_order].on_plane(observations.frame.origin)
             seen = self._without_repeats(Detections.concatenate([rest, own]))
             done_ns, n_rows = max(done_ns, self._known_until(seen)), n_rows + len(batch)
             is_whole = seen.time_ns < done_ns
@@ -227,7 +220,7 @@ class DetectionStream:
             rest = seen[~is_whole]  # what follows may be earlier, or of the last instant too
         yield from rest.frames()
         self.losses.doubt_ids(n_rows)
-        self.losses.log(self._scan.path)
+        self.losses.log(self._scan.log.path)
 
     def _known_until(self, seen: Detections) -> int:
         """Before which time nothing is waited for."""
@@ -243,15 +236,12 @@ class DetectionStream:
         is_one_world = self._options.group is not None  # the group that was asked for goes under its own ids
         known_cue = np.isfinite(rows.cue).all(axis=1) & (rows.cue[:, 1] >= 0) & (rows.cue[:, 1] <= SHARPEST)
         seen = Detections(
-            track_id=np.where(np.isin(rows.track_id, NO_NAMES), NO_ID, rows.track_id),
-            time_ns=rows.time_ns,
-            position=rows.position,
+            track_id=np.where(np.isin(rows.track_id, NO_NAMES), NO_ID, rows.track_id), time_ns=rows.time_ns,
+            position=rows.position, size=rows.size, confidence=rows.confidence,
             covariance=known_covariances(rows.covariance),
-            size=rows.size,
             cue=np.where(known_cue[:, None], rows.cue, np.nan) if known_cue.any() else np.empty((0, 2)),
-            confidence=rows.confidence,
             group=np.zeros_like(rows.group) if is_one_world else rows.group,
-        )
+        )  # fmt: skip
         if not self._motion:
             return seen
         return replace(
