@@ -24,16 +24,7 @@ from dirprim_filter.recording.decoding.column_plan import (
     TooManyRowsError,
     encapsulation_name,
 )
-from dirprim_filter.recording.decoding.field_columns import (
-    EACH,
-    Field,
-    FieldColumns,
-    Place,
-    SchemaError,
-    Wanted,
-    check_found,
-    wanted,
-)
+from dirprim_filter.recording.decoding.field_columns import EACH, Field, FieldColumns, Place, SchemaError, Wanted
 
 MAX_FIXED = 1 << 24
 """More elements of a fixed array than this are no message, but would overflow offsets."""
@@ -103,9 +94,9 @@ class CdrPlan:
     def _made(self, encapsulation: int) -> ColumnPlan:
         representation = _REPRESENTATIONS.get(encapsulation, ROS_1)
         program = _Program(OutputTables(self._schema, self._fields), self._types, representation)
-        program.structure(full_name(self._schema), wanted(self._fields), Place())
+        program.structure(full_name(self._schema), program.output.wanted, Place())
         program.emit(kernels.END, int(representation == DELIMITED))
-        check_found(self._schema, self._fields, program.output.found())
+        program.output.check()
         ops = np.array(program.ops, np.int64)
         room = program.deepest + 1
         return ColumnPlan(program.output, kernels.walk_cdr, room, ops, encapsulation)

@@ -17,6 +17,7 @@ from dirprim_filter.recording.decoding.field_columns import (
     SchemaError,
     Wanted,
     nanoseconds,
+    wanted,
 )
 
 Form = Literal["int", "unsigned", "float", "double", "cells", "bytes", "presence"]
@@ -58,6 +59,7 @@ class OutputTables:
     Attributes:
         schema: its name.
         fields: what is wanted.
+        wanted: the same as one tree.
         tables: number by path.
         defaults: a row of each: the message, the row above, then its columns.
         columns: by label, table, column and form.
@@ -68,7 +70,7 @@ class OutputTables:
 
     def __init__(self, schema: str, fields: Mapping[str, Field]) -> None:
         self.schema = schema
-        self.fields = fields
+        self.fields, self.wanted = fields, wanted(fields)
         self.tables: dict[str, int] = {"": 0}
         self.defaults: list[list[int]] = [[0, 0]]
         self.columns: dict[str, tuple[int, int, Form]] = {}
@@ -124,9 +126,15 @@ class OutputTables:
                 return
         raise SchemaError(f"{self.schema}: expected a time at {self.fields[label].path}, got another message")
 
-    def found(self) -> set[str]:
-        """The labels whose fields the schema has."""
-        return set(self.columns) | set(self.clocks)
+    def check(self) -> None:
+        """The schema has all fields that are not optional.
+
+        Raises:
+            SchemaError: names those that it lacks.
+        """
+        has = self.columns.keys() | self.clocks.keys()
+        if lacking := [one.path for label, one in self.fields.items() if label not in has and not one.optional]:
+            raise SchemaError(f"{self.schema}: expected the fields {', '.join(lacking)}, which its definition lacks")
 
 
 SLACK, MOST_TIMES = 1.25, 16

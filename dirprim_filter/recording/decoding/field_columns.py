@@ -11,7 +11,7 @@ row numbers of the parent in place of repetition levels.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from typing import Literal, NamedTuple
@@ -119,18 +119,6 @@ def wanted(fields: Mapping[str, Field]) -> Wanted:
             at = at.below.setdefault(name, {}).setdefault(selector, Wanted())
         at.labels.append((label, one.kind))
     return root
-
-
-def check_found(schema: str, fields: Mapping[str, Field], found: Iterable[str]) -> None:
-    """All fields that are not optional were found.
-
-    Raises:
-        SchemaError: names those that were not.
-    """
-    has = set(found)
-    lacking = [one.path for label, one in fields.items() if label not in has and not one.optional]
-    if lacking:
-        raise SchemaError(f"{schema}: expected the fields {', '.join(lacking)}, which its definition lacks")
 
 
 NO_TIME = -(1 << 63)

@@ -19,7 +19,7 @@ from google.protobuf.message import DecodeError
 
 from dirprim_filter.recording.decoding import _protobuf_kernels as kernels
 from dirprim_filter.recording.decoding.column_plan import ColumnPlan, Form, OutputTables
-from dirprim_filter.recording.decoding.field_columns import EACH, Field, Place, SchemaError, Wanted, check_found, wanted
+from dirprim_filter.recording.decoding.field_columns import EACH, Field, Place, SchemaError, Wanted
 
 _F = FieldDescriptor
 _SCALARS: dict[int, tuple[int, int, Form]] = {
@@ -47,8 +47,8 @@ def protobuf_plan(schema: str, definition: bytes, fields: Mapping[str, Field]) -
         SchemaError: the definition cannot be read, or lacks a field.
     """
     program = _Program(OutputTables(schema, fields))
-    program.message(message_descriptor(schema, definition), wanted(fields), Place(), 0)
-    check_found(schema, fields, program.output.found())
+    program.message(message_descriptor(schema, definition), program.output.wanted, Place(), 0)
+    program.output.check()
     nodes = [sorted(node, key=lambda entry: entry[0]) for node in program.nodes]
     entries = np.array([entry for node in nodes for entry in node], np.int64).reshape(-1, 9)
     starts = np.cumsum([0, *(len(node) for node in nodes)])
@@ -96,7 +96,7 @@ class _Program:
         for name, selected in want.below.items():
             found = descriptor.fields_by_name.get(name)
             if found is None:
-                continue  # reported by `check_found`
+                continue  # reported by `OutputTables.check`
             self._check(found, set(selected), is_repeated=name in repeated)
             for selector, one in selected.items():
                 if found.message_type:

@@ -164,8 +164,7 @@ KINDS: tuple[tuple[Family, ...], ...] = (
     (osi.ground_truth("osi3.GroundTruth", ""), osi.ground_truth("osi3.SensorView", ".global_ground_truth")),
     (osi.SENSOR_DATA,),
     (
-        _autoware("TrackedObjects"),
-        _derived("ObjectArray"),
+        _autoware("TrackedObjects"), _derived("ObjectArray"),
         _derived("ObjectWithCovarianceArray", pose=".pose", twist=".twist"),
     ),
     (SCENE_UPDATE,),
@@ -218,8 +217,7 @@ KINDS: tuple[tuple[Family, ...], ...] = (
         ),
     ),
     (
-        _fix(_both("LocationFix")),
-        _fix(_both("LocationFixes"), at=".fixes[]"),
+        _fix(_both("LocationFix")), _fix(_both("LocationFixes"), at=".fixes[]"),
         _fix("sensor_msgs/msg/NavSatFix", "time=.header.stamp"),
     ),
 )  # fmt: skip
