@@ -6,19 +6,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from os import fspath
 
 from dirprim_filter.partial_file import OutputExistsError
-from dirprim_filter.recording.container.errors import (
-    DamagedRecordingError,
-    NoRoomError,
-    NotMcapError,
-    Path,
-    RecordingError,
-    warn,
-)
+from dirprim_filter.recording.container.errors import DamagedRecordingError, NotMcapError, Path, RecordingError, warn
 from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.container.records import Channel
 
 __all__ = [
-    "DamagedRecordingError", "DecodeError", "MissingExtraError", "MissingTransformError", "NoRoomError",
+    "DamagedRecordingError", "DecodeError", "MissingExtraError", "MissingTransformError",
     "NoTracksError", "NotMcapError", "OutputExistsError", "RecordingError", "TableError", "warn",
 ]  # fmt: skip
 TOPICS_SHOWN = 6

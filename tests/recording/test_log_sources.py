@@ -20,9 +20,9 @@ from dirprim_filter import read_estimates, read_tracks, save_map, write_tracks
 from dirprim_filter.cli.main import run
 from dirprim_filter.detections import Detections
 from dirprim_filter.recording.container import mcap_file, message_columns, temporary_copy
-from dirprim_filter.recording.container.errors import without_secrets
+from dirprim_filter.recording.container.errors import NoRoomError, without_secrets
 from dirprim_filter.recording.container.log import Log, Scan
-from dirprim_filter.recording.errors import NoRoomError, NotMcapError, RecordingError
+from dirprim_filter.recording.errors import NotMcapError, RecordingError
 from dirprim_filter.recording.inspection import inspect
 from dirprim_filter.recording.reader import stream_detections
 from dirprim_filter.recording.scan import scan

@@ -72,8 +72,8 @@ class Chunk:
     start_ns: int
     end_ns: int
     size: int
-    crc: int
-    compression: str
+    crc: int = 0
+    compression: str = ""
     is_cut: bool = False
 
     @property
@@ -224,16 +224,16 @@ class Resync:
             return False
         if opcode >= PRIVATE:
             return self.starts_record(end)
-        stop = self._fields_end(opcode, at, end)
+        stop = self.fields_end(opcode, at, end)
         if stop is None or stop == end:
             return stop is not None
         return (opcode == Opcode.FOOTER or self.starts_record(end)) and self.next_chunk(stop, end) is None
 
-    def _fields_end(self, opcode: int, at: int, end: int) -> int | None:
+    def fields_end(self, opcode: int, at: int, end: int) -> int | None:
         """The byte after the fields of a record that this version knows; None where they end past it."""
         stop = None
         try:
-            if opcode == Opcode.MESSAGE_INDEX and end - at >= RECORD_HEADER_SIZE + 6:
+            if opcode == Opcode.MESSAGE_INDEX and end - at >= RECORD_HEADER_SIZE + 6 and self._file.has(end):
                 stop = at + RECORD_HEADER_SIZE + 6 + U32.unpack_from(self._file.peek(at, RECORD_HEADER_SIZE + 6), 11)[0]
             elif opcode in KINDS and self._may_check(0):
                 stop = parse_known(self._file, at)[1]

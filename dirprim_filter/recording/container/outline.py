@@ -102,7 +102,7 @@ class Outline:
             chunks.append(
                 Chunk(
                     offset=index.chunk_start_offset, data_offset=index.chunk_start_offset + head,
-                    data_length=index.compressed_size, size=index.uncompressed_size, crc=0,
+                    data_length=index.compressed_size, size=index.uncompressed_size,
                     start_ns=index.message_start_time, end_ns=index.message_end_time, compression=index.compression,
                 )
             )  # fmt: skip
@@ -143,7 +143,9 @@ class Outline:
             return self._take_chunk(at, end)
         after = at
         if opcode == Opcode.MESSAGE:
-            if self._data_end is None and not (after_index and self._is_message_index(at, end)):
+            # behind a chunk it may be an index whose opcode was hit: its two lengths would agree
+            is_index = after_index and self._resync.fields_end(Opcode.MESSAGE_INDEX, at, end) == end
+            if self._data_end is None and not is_index:
                 if after_index and (found := self._swallowed(at)) is not None:
                     return found  # no bare messages: the rest of a chunk that the one before reaches into
                 after = self._take_messages(at, end)
@@ -152,13 +154,6 @@ class Outline:
         elif opcode != Opcode.MESSAGE_INDEX and self._resync.is_record(at, end):
             return self._take_small(opcode, at, end)
         return after if after > at else self._recover(at, end)
-
-    def _is_message_index(self, at: int, end: int) -> bool:
-        """Whether a message behind a chunk is an index whose opcode was hit: its two lengths would agree."""
-        body = at + RECORD_HEADER_SIZE
-        if not body + 6 <= end or not self._file.has(end):
-            return False
-        return int(U32.unpack(self._file.peek(body + 2, U32.size))[0]) == end - body - 6
 
     def _take_messages(self, at: int, end: int) -> int:
         """The messages that stand one after the other from `at` on, as one chunk of bounded size; the byte after."""
@@ -170,19 +165,14 @@ class Outline:
             first_ns = last_ns = MESSAGE_HEADER.unpack_from(window)[4]
         stop = at + int(length) if length else end
         self._has_unchunked = True
-        run = Chunk(
-            offset=at, data_offset=at, data_length=stop - at, size=stop - at, start_ns=int(first_ns),
-            end_ns=int(last_ns), crc=0, compression="",
-        )  # fmt: skip
-        chunks = self.chunks
-        before = chunks[-1] if chunks and not self._file.is_live else None
+        before = self.chunks[-1] if self.chunks and not self._file.is_live else None
         if before and before.data_offset == before.offset and before.end == at and before.size < RUN_BYTES:
-            run = replace(
-                before, data_length=stop - before.offset, size=stop - before.offset,
-                start_ns=min(before.start_ns, run.start_ns), end_ns=max(before.end_ns, run.end_ns),
-            )  # fmt: skip
-            chunks.pop()
-        chunks.append(run)
+            at, first_ns, last_ns = before.offset, min(before.start_ns, first_ns), max(before.end_ns, last_ns)
+            self.chunks.pop()
+        size = stop - at
+        self.chunks.append(
+            Chunk(offset=at, data_offset=at, data_length=size, size=size, start_ns=int(first_ns), end_ns=int(last_ns))
+        )
         return stop
 
     def _take_chunk(self, at: int, end: int) -> int | None:
