@@ -1,9 +1,11 @@
 """Situations that several test modules share."""
 
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
+import typer
 
 from dirprim_filter import learn_primitives, read_tracks, write_tracks
 from dirprim_filter.cli.compiling import quiet_unless_watched, warm_up
@@ -19,6 +21,7 @@ SECONDS = {"learn": 40.0, "track": 15.0}
 def pytest_sessionstart(session):
     """Where kernels are not compiled yet, two workers compile different ones first, not both the same."""
     quiet_unless_watched()
+    typer.main.get_command = cache(typer.main.get_command)  # thirty commands are put together once
     worker = getattr(session.config, "workerinput", {}).get("workerid", "")
     if any((ROOT / "dirprim_filter" / "filtering" / "__pycache__").glob("*.nbi")):
         return

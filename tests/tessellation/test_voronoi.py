@@ -49,9 +49,9 @@ GENERATORS = {
 def test_the_nearest_generator_has_the_position(name, offset):
     rng = np.random.default_rng(0)
     generators = GENERATORS[name](rng) + offset
-    some = generators[rng.integers(len(generators), size=1000)]
+    some = generators[rng.integers(len(generators), size=400)]
     position = np.concatenate(
-        [rng.uniform(-100, 100, (1000, 2)) + offset, some + rng.normal(0, 2e-3, some.shape), some, some.round(1)]
+        [rng.uniform(-100, 100, (400, 2)) + offset, some + rng.normal(0, 2e-3, some.shape), some, some.round(1)]
     )
     position = position[(np.abs(position - offset) < 128).all(axis=1)]
     cells = VoronoiTessellation(generators=generators, region=one_square(offset - 128, offset + 128))
@@ -89,7 +89,7 @@ def test_polygons_are_the_nearest_positions_within_their_boxes(name):
     generators = GENERATORS[name](rng)
     data = rng.uniform(-60, 60, (40, 2))
     cells = VoronoiTessellation.covering(data, generators=generators, reach=9.0)
-    position = rng.uniform(-90, 90, (4000, 2))
+    position = rng.uniform(-90, 90, (1500, 2))
     cell, polygons = cells.cell_of(position), cells.polygons()
     owner = nearest(generators, position)
     for c in np.unique(cell[cell >= 0]):
