@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dirprim_filter.arrays import IntArray
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.faults import find_faults, wrong_scale
 from dirprim_filter.jumps import ACCELERATION, FASTEST, MOST_JUMPS, Jumps, Scale
 from dirprim_filter.recording.errors import RecordingError
@@ -28,6 +28,8 @@ OFTEN = 0.1
 """So many of the steps are jumps, where ids number the objects of each message anew."""
 SAMPLED, NEARER = 200, 4.0
 """Steps that are looked at; and by how many times another id was nearer than the own one, where they are exchanged."""
+AT_ZERO_M = 0.5
+"""Where what counts from its own start begins."""
 COMPARED = 100_000
 """About so many rows have stated motion compared with their way."""
 
@@ -49,6 +51,8 @@ def plausible(rows: Rows, losses: Losses, path: Path) -> Rows:
     scale = Scale.of(vehicle, time_ns, position)
     if wrong := wrong_scale(scale):
         raise ImplausibleError(f"{path}: {wrong}")
+    if (rows.group == rows.group[:1]).all():  # groups are worlds of their own
+        losses.faults += _in_own_frames(vehicle, time_ns, position)
     if (absurd := rows.speed > FASTEST).any():
         if 2 * np.count_nonzero(absurd) > np.count_nonzero(np.isfinite(rows.speed)):
             raise ImplausibleError(
@@ -100,6 +104,22 @@ def _without_repeats(rows: Rows, losses: Losses) -> tuple[IntArray, Rows]:
     kept[order[1:][same]] = False
     losses.drop(REPEATED, ~kept)
     return _without_repeats(rows[kept], losses)
+
+
+def _in_own_frames(vehicle: IntArray, time_ns: IntArray, position: FloatArray) -> list[str]:
+    """A line where most vehicles begin at 0 0 though another is on its way from there: rows in their order."""
+    first = np.flatnonzero(np.diff(vehicle, prepend=-1))
+    last = np.append(first[1:], vehicle.size) - 1
+    begins = np.flatnonzero(np.hypot(*position[first].T) < AT_ZERO_M)
+    if len(begins) < 2 or 2 * len(begins) <= len(first):
+        return []
+    begins = begins[np.argsort(time_ns[first[begins]], kind="stable")]
+    if not (time_ns[first[begins[1:]]] < np.maximum.accumulate(time_ns[last[begins]])[:-1]).all():
+        return []
+    return [
+        f"{len(begins)} of {len(first)} vehicles begin at 0 0, while others go on from there: does each count from "
+        "where it began, as odometry does? Then they are not of one frame; learn from each alone"
+    ]
 
 
 def _jumping(rows: Rows, order: IntArray, jumps: Jumps) -> str:

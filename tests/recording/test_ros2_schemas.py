@@ -206,3 +206,50 @@ def test_a_fleet_is_read_in_whole_and_no_two_become_one(tmp_path, caplog):
     assert all(len(frame) == 23 for frame in stream_detections(path))
     assert set(read_tracks(path, topics="/car7/odom").track_id) == {"base_link"}
     assert "is read, not" not in caplog.text
+
+
+def poses(i, *, begins=(0.0, 0.0), frame="map"):
+    for k in range(N_TIMES):
+        time_ns, place = START_NS + k * STEP_NS + i, point(begins[0] + k, begins[1] + 0.1 * i * k, 0)
+        pose = {"position": place, "orientation": quaternion(0, 0, 0)}
+        yield (
+            f"/car{i}/pose",
+            time_ns,
+            "geometry_msgs/msg/PoseStamped",
+            {"header": header(time_ns, frame), "pose": pose},
+        )
+
+
+OWN, UNNAMED = "begin at 0 0, while others go on from there", "the frame of 12 rows has no name: they are taken to be"
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({}, "3 of 3 vehicles " + OWN), ({1: {"begins": (5.0, 0.0)}}, "2 of 3 vehicles " + OWN),
+        ({0: {"begins": (0.0, -9.0)}, 1: {"begins": (5.0, 0.0)}}, ""),
+        ({i: {"begins": (9.0 * i, 9.0)} for i in range(3)}, ""),
+        ({i: {"begins": (9.0 * i, 9.0), "frame": "map" if i else ""} for i in range(3)}, UNNAMED),
+        ({i: {"begins": (9.0 * i, 9.0), "frame": "/map" if i else "map"} for i in range(3)}, ""),
+        ({i: {"begins": (9.0 * i, 9.0), "frame": ""} for i in range(3)}, ""),
+    ],
+)  # fmt: skip
+def test_vehicles_that_may_not_be_of_one_frame_are_reported(tmp_path, caplog, changed, said):
+    """Each counts from its own start, though all call it the map; or some do not say what they count in."""
+    messages = [message for i in range(3) for message in poses(i, **changed.get(i, {}))]
+    assert len(read_tracks(write_ros2_log(tmp_path / "log.mcap", messages)).first_rows) == 3
+    assert len(caplog.messages) == (said != "")
+    assert said in caplog.text
+
+
+def test_topics_of_other_kinds_that_are_not_read_are_named(tmp_path, caplog):
+    """But for drawings, which show what others say."""
+    fixes = [
+        ("/fix", START_NS + k * STEP_NS, "sensor_msgs/msg/NavSatFix", {
+            "header": header(START_NS + k * STEP_NS, "gps"), "status": {"status": 0, "service": 1}, "latitude": 52.0,
+            "longitude": 13.0 + 1e-5 * k, "altitude": 0.0, "position_covariance": [0.0] * 9,
+            "position_covariance_type": 0,
+        }) for k in range(N_TIMES)
+    ]  # fmt: skip
+    read_tracks(write_ros2_log(tmp_path / "log.mcap", [*poses(0, begins=(9.0, 9.0)), *fixes]))
+    assert [line.partition(": ")[2] for line in caplog.messages] == ["/car0/pose is read, not /fix; --topics chooses"]

@@ -15,12 +15,13 @@ from dirprim_filter.recording.errors import DamagedRecordingError, NoTracksError
 from dirprim_filter.recording.name_patterns import matching
 from dirprim_filter.recording.objects.options import ReadOptions
 from dirprim_filter.recording.schemas.decoders import NOT_KNOWN, Decoders, batches, by_schema, schema_name
-from dirprim_filter.recording.schemas.families import KINDS, OBSERVATIONS
+from dirprim_filter.recording.schemas.families import KINDS, OBSERVATIONS, SCENE_UPDATE
 from dirprim_filter.recording.summary import TopicKey, key_of, summarise_by_index
 
 _KINDS = [{name for family in kind for name in family.schemas} for kind in KINDS]
 OUTPUT_PREFIX = "/dirprim/"
 """Topics that this package writes as results; never taken for input unless named."""
+DRAWINGS = frozenset(SCENE_UPDATE.schemas) | {"visualization_msgs/msg/MarkerArray"}
 SHOWN = 5
 """Of the topics that could be read too."""
 
@@ -106,21 +107,28 @@ def _default(
     ours = {t for t in ours if t.removeprefix(topic_names.DETECTIONS)[:1] in ("", "/")}  # of one sensor, or of several
     if prefer_detections and ours:
         return frozenset(ours)
-    for names in kinds:
-        topics = {topic for topic, schema in schema_of.items() if schema in names}
+    of_kind = [{topic for topic, schema in schema_of.items() if schema in names} for names in kinds]
+    for number, topics in enumerate(of_kind):
         carrying = _carrying_objects(log, decoders, topics, failures)
-        true = {topic for topic in carrying if not topic.startswith(topic_names.DETECTIONS)} or carrying
+        chosen = true = {topic for topic in carrying if not topic.startswith(topic_names.DETECTIONS)} or carrying
         if len(true) > 1:
             longest = _longest(log, true)
             same = {topic for topic in true if schema_of[topic] == schema_of[longest]}
             chosen = same if decoders.is_of_one_body(schema_of[longest]) else {longest}
-            if others := sorted(true - chosen):
+        if chosen:
+            others = sorted(true - chosen) + sorted(_others_of(log, set().union(*of_kind[number + 1 :]), schema_of))
+            if others:
                 read, more = ", ".join(sorted(chosen)), f" and {len(others) - SHOWN} more" * (len(others) > SHOWN)
                 warn(log.path, f"{read} is read, not {', '.join(others[:SHOWN])}{more}; --topics chooses")
             return frozenset(chosen)
-        if true:
-            return frozenset(true)
     return frozenset()
+
+
+def _others_of(log: Log, topics: set[str], schema_of: Mapping[str, str]) -> set[str]:
+    """Those of the topics that have messages, as far as the log's index says, but for drawings of what others say."""
+    topics = {topic for topic in topics if schema_of[topic] not in DRAWINGS}
+    counted = _counted(log, topics) if topics else None
+    return topics if counted is None else set(counted)
 
 
 def _carrying_objects(log: Log, decoders: Decoders, topics: set[str], failures: Failures) -> set[str]:
@@ -146,12 +154,19 @@ def _carrying_objects(log: Log, decoders: Decoders, topics: set[str], failures: 
 
 
 def _longest(log: Log, topics: set[str]) -> str:
-    n_messages, scan = Counter[str](), Scan(log, topics.__contains__)
-    files = [] if scan.damage else [(log.path, file.bytes_of) for file in log.files]
-    if files and not log.is_live and (index := summarise_by_index(files, from_bytes=0)):
-        for topic in index.topics:
-            n_messages[topic.name] += topic.messages
-    elif not log.is_live:
-        for _, columns in scan.parts():
+    n_messages = _counted(log, topics)
+    if n_messages is None:
+        n_messages = Counter()
+        for _, columns in () if log.is_live else Scan(log, topics.__contains__).parts():
             n_messages.update(columns.topic.tolist())
     return min(topics, key=lambda topic: (-n_messages[topic], topic))
+
+
+def _counted(log: Log, topics: set[str]) -> Counter[str] | None:
+    """How many messages those of the topics have that have any, by the log's index; None where it has none."""
+    if log.is_live or Scan(log).damage:
+        return None
+    index = summarise_by_index([(log.path, file.bytes_of) for file in log.files], from_bytes=0)
+    if index is None:
+        return None
+    return +sum((Counter({t.name: t.messages}) for t in index.topics if t.name in topics), Counter())

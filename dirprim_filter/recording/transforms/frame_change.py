@@ -46,6 +46,7 @@ class FrameChange:
         self.target = (target or "").lstrip("/")
         self._shared = shared  # until they were lent
         self._reported: set[str] = set()
+        self._without_name: int | None = None if target else 0  # rows; where a target is asked for they are in it
         self.origin = origin
         self.tree: TransformTree | None = None
         self.ahead_s: dict[str, float] = {}
@@ -81,10 +82,10 @@ class FrameChange:
             plane = Origin.of_frame(frame)
             is_geodetic = plane is not None or frame == GEODETIC
             self._check_kind(is_geodetic=is_geodetic)
-            if frame in ("", self.target) and not is_geodetic:
-                self._report_unnamed(frame)
-                continue
             here = np.flatnonzero(rows.frame_id == name)
+            if frame in ("", self.target) and not is_geodetic:
+                self._report_unnamed(frame, here.size)
+                continue
             if is_geodetic:
                 rows = self._on_plane(rows, here, plane)
                 continue
@@ -101,9 +102,14 @@ class FrameChange:
     def check(self) -> None:
         """At the end of a log: some objects could be brought into the target frame, if there were any.
 
+        Those whose frame has no name count as there already, which is said where others' frames have one.
+
         Raises:
             MissingTransformError: at no object's time was its transform known.
         """
+        if self._without_name and self.target:
+            line = f"the frame of {self._without_name} rows has no name: they are taken to be in {self.target!r}"
+            warn(self._log.path, f"{line}, as others are; --set frame={self.target} says that they are")
         if self._first_lost is not None:
             frame, time_ns = self._first_lost
             missing = self._missing(frame, self.target, time_ns)
@@ -120,8 +126,10 @@ class FrameChange:
             why += f" (odometry, as on {odometry[0]}, is not used as a transform)"
         return MissingTransformError(self._log.path, frame=frame, target=target, time_ns=time_ns, why=why)
 
-    def _report_unnamed(self, frame: str) -> None:
+    def _report_unnamed(self, frame: str, n_rows: int) -> None:
         """Report once that positions of a frame without a name are read as they are, where the log has transforms."""
+        if not frame and self._without_name is not None:
+            self._without_name += n_rows
         if frame or frame in self._reported or self.target:
             return
         self._reported.add(frame)
