@@ -59,9 +59,8 @@ def warm_up() -> None:
 
     two_rows, rng = np.ones((2, 1)), np.random.default_rng(0)
     anywhere = dp.PrimitiveMap(
-        tessellation=GridTessellation.covering(np.zeros((1, 2)), cell_size=1.0),
-        modes=Modes.flat(two_rows, 0.0 * two_rows, two_rows, two_rows, two_rows),
-        n_rows=np.ones(2, np.int64), n_background_modes=0,
+        tessellation=GridTessellation.covering(np.zeros((1, 2)), cell_size=1.0), n_rows=np.ones(2, np.int64),
+        modes=Modes.flat(two_rows, 0.0 * two_rows, two_rows, two_rows, two_rows), n_background_modes=0,
     )  # fmt: skip
     tracker = dp.Tracker(anywhere, config=dp.FilterConfig(n_particles=10), rng=rng)
     reported = dp.Detections(

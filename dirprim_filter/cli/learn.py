@@ -50,12 +50,10 @@ def learn(
     how: dict[str, Any] = {
         "tessellation": tessellation, "cell_size": cell_size, "n_cells": cells, "modes": modes, "primitive": primitive,
     }  # fmt: skip
-    log = reading.tracks(logs)
+    log, rng = reading.tracks(logs), np.random.default_rng(seed)
     tracks = log.tracks if sensing is None else without_bias(log.tracks, sensing)
     with learning_progress() as bars:
-        learned = dp.learn_primitives(
-            tracks, progress=bars.progress, stage=bars.stage, rng=np.random.default_rng(seed), **how
-        )  # fmt: skip
+        learned = dp.learn_primitives(tracks, progress=bars.progress, stage=bars.stage, rng=rng, **how)
     said = {"seed": seed, **how, "sensor": None if sensing is None else repr(sensing), **reading.said()}
     counts = f"{counted(tracks.n_tracks, 'track')}, {counted(len(tracks), 'row')}"
     save_learned(learned, output, inputs=logs, said=said, counts=counts, force=force)

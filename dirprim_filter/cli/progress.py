@@ -57,8 +57,7 @@ def with_progress(frames: Iterable[dp.Detections], *, what: str, end_ns: int | N
             if show is None:
                 continue
             now_ns = int(frame.time_ns[0])
-            if first_ns is None:
-                first_ns = now_ns
+            first_ns = now_ns if first_ns is None else first_ns
             passed = (now_ns - first_ns) * 1e-9
             # A log of one instant, or with a wrong end time, must not appear done early.
             total = None if end_ns is None or end_ns <= first_ns else (end_ns - first_ns) * 1e-9

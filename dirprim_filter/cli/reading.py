@@ -18,7 +18,6 @@ from dirprim_filter.recording.name_patterns import is_table
 
 if TYPE_CHECKING:
     from dirprim_filter.origin import Origin
-    from dirprim_filter.recording.errors import RecordingError
     from dirprim_filter.recording.losses import Losses
     from dirprim_filter.recording.reader import DetectionStream, ReadOptions, TrackResult
     from dirprim_filter.recording.tables import TableDetections
@@ -134,7 +133,7 @@ class Reading:
         if n_frames == 0 and (losses.dropped or self.given.keys() & ASKED.keys()):
             raise self._nothing_left([log], losses)
 
-    def _nothing_left(self, logs: list[Path], losses: Losses) -> RecordingError:
+    def _nothing_left(self, logs: list[Path], losses: Losses) -> Exception:
         from dirprim_filter.recording.errors import RecordingError
 
         asked = "".join(f" {typed}{self.given[name]}" for name, typed in ASKED.items() if name in self.given)

@@ -88,8 +88,7 @@ def report(
         "format": f"dirprim {command}", "format_version": 2,  # 1 had neither `format` nor `inputs`
         "version": version("dirprim-filter"),
         "inputs": [{"name": path.name, "sha256": checksum(path)} for path in inputs],
-        "reading": reading.said(),
-        CONFIG_KEY: settings,
+        "reading": reading.said(), CONFIG_KEY: settings,
     }  # fmt: skip
     typer.echo(json.dumps(_plain({**table, **said})))
     return exit_codes.of_losses(lost)

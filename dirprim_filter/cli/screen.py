@@ -31,14 +31,13 @@ OF_ESTIMATES = ("start", "end", "strict")
 
 def open_viewer(
     place: str, lost: Losses, *, maps: Sequence[PrimitiveMap] = (), run: Mapping[str, str] | None = None,
-    truth: Path | None = None, reading: Reading | None = None, is_asked: bool = True, **options: Any,
+    truth: Path | None, reading: Reading, is_asked: bool = True, **options: Any,
 ) -> sink.RerunSink:  # fmt: skip
     """A `RerunSink`, with maps, what made the `run`, and the true tracks of a log; `lost` gets what of these is.
 
     What is shown of one `place` shares the layout of a viewer that stays open. A log may have no tracks unless they
     were asked for.
     """
-    reading = reading or Reading()
     true = None
     with suppress(*[] if is_asked else [DetectionsAloneError]):
         true = None if truth is None else reading.tracks([truth])

@@ -77,9 +77,8 @@ def sensor_of(
         return None, None, _beside_covariances(frames, log, LOG_COUNTS)
     coming = iter(frames)
     first = first_minutes(coming, n_most=MOST_ROWS_UNASKED if sensor is None else MOST_ROWS)
-    seen = Detections.concatenate(first)
+    seen = Detections.concatenate(first if with_ids else [frame.without_ids() for frame in first])
     everything: Iterable[Detections] = chain(first, coming)
-    seen = seen if with_ids else seen.without_ids()
     is_bare = np.isnan(seen.covariance[:, 0, 0])
     if sensor is None and (noise_m is not None or not is_bare.all()):
         if noise_m is not None:

@@ -38,8 +38,7 @@ def simulate(
     tracks = run_traffic(scene, duration_s=duration, seed=seed, rate_hz=rate, demand=demand)
     reported = detect(tracks, rng=np.random.default_rng(seed), **errors) if detections else None
     said = provenance(
-        "simulate", inputs=[], scene=scene, duration_s=duration, rate_hz=rate, seed=seed, demand=demand,
-        **errors,
+        "simulate", inputs=[], scene=scene, duration_s=duration, rate_hz=rate, seed=seed, demand=demand, **errors,
     )  # fmt: skip
     write_tracks(tracks, output, detections=reported, metadata=said, force=force)
     typer.echo(f"{output}: {counted(tracks.n_tracks, 'vehicle')}, {counted(len(tracks), 'row')}")

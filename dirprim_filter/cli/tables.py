@@ -116,9 +116,7 @@ def cues_text(table: CueTable) -> str:
     return "\n".join([
         f"{table.n_steps} steps from cell to cell, {counted(table.n_vehicles, 'vehicle')}, "
         f"held out by {table.split_by}, {counted(table.n_folds, 'fold')}",
-        "",
-        *columns(rows),
-        "",
+        "", *columns(rows), "",
         "no figure is the paper's +54 %: that is of sums of densities, by an observation of unstated concentration",
     ])  # fmt: skip
 
@@ -216,10 +214,7 @@ def score_text(table: ScoreTable, truth: str) -> str:
     return "\n".join([
         f"{truth}: {counted(table.n_vehicles, 'vehicle')}{groups}, {counted(table.n_rows, 'row')}; errors of "
         f"{matched}; similarity is 0 from {table.similarity_m:g} m, GOSPA's cut-off",
-        judged,
-        "",
-        *figure_lines(names, lambda i, figure: number(getattr(table.scores[i].report, figure))),
-        "",
+        judged, "", *figure_lines(names, lambda i, figure: number(getattr(table.scores[i].report, figure))), "",
         *(
             f"{found.name}: {counted(found.n_tracks, 'track')}, {counted(found.n_rows, 'row')} at "
             f"{counted(found.n_instants, 'instant')}, {found.n_interpolated} of them interpolated"

@@ -170,7 +170,7 @@ def track(
             viewer = files.enter_context(open_viewer(
                 (map_file or log).stem, lost, maps=[primitive_map] if primitive_map else [], save=save, spawn=spawn,
                 connect=connect, force=force, n_particles=own.particles_out, truth=truth, run=said,
-                reading=reading.of_truth(truth, *["group"] * (own.truth == str(log))) if truth else None,
+                reading=reading.of_truth(truth, *["group"] * (own.truth == str(log))) if truth else reading,
             ))  # fmt: skip
             outputs.append(viewer)
             failures = viewer.stream.failures

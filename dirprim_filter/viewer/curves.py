@@ -65,8 +65,7 @@ def of_all(frame: TrackedFrame, matched: Matched | None) -> Mapping[str, tuple[f
     if matched is not None:
         error, nees, n_true = matched.error, matched.nees, float(len(matched.names))
     return {
-        "/error": (_mean(error),),
-        "/nees": (_mean(nees), RIGHT_SQUARE),
+        "/error": (_mean(error),), "/nees": (_mean(nees), RIGHT_SQUARE),
         "/innovation": (_mean(innovations(frame)), RIGHT_SQUARE),
         "/vehicles": (
             len(estimates), float(estimates.existence.sum()), int(is_measured.sum()),

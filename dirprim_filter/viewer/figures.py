@@ -183,12 +183,10 @@ def _draw_estimates(axes: Axes, estimates: Estimates) -> None:
     usual = 1.6 if np.unique(estimates.track_id).size <= 12 else 0.8
     for coasts, width, opacity in ((False, usual, 1.0), (True, 0.3 * usual, 0.6)):
         own = estimates[estimates.is_coasting == coasts]
-        axes.add_collection(
-            LineCollection(
-                _paths(own.track_id, own.time_ns, own.position), colors=ESTIMATES_COLOR, linewidths=width,
-                alpha=opacity, capstyle="round", zorder=6,
-            )
-        )  # fmt: skip
+        axes.add_collection(LineCollection(
+            _paths(own.track_id, own.time_ns, own.position), colors=ESTIMATES_COLOR, linewidths=width, alpha=opacity,
+            capstyle="round", zorder=6,
+        ))  # fmt: skip
 
 
 def _draw_polar(axes: Axes, panel: Axes, primitives: PrimitiveMap, paths: FloatArray, box: FloatArray) -> None:
