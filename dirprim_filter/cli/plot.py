@@ -56,10 +56,8 @@ def plot(
     read = None if log is None else plane.tracks([log])
     if estimates is not None:
         plane.on_plane_of(estimates, origin_of_estimates(estimates))
-    drawn = map_figure(
-        learned, tracks=read.tracks if read else None, extent=box,
-        estimates=None if estimates is None else dp.read_estimates(estimates, losses=lost),
-    )  # fmt: skip
+    tracked = None if estimates is None else dp.read_estimates(estimates, losses=lost)
+    drawn = map_figure(learned, tracks=read.tracks if read else None, estimates=tracked, extent=box)
     save_figure(drawn, output, force=force)
     typer.echo(f"{output}")
     return exit_codes.of_losses(lost, *(read.losses for read in [read] if read))

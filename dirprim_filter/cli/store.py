@@ -143,8 +143,7 @@ def merge(
     from dirprim_filter.store.store import Store
 
     sources = [Store.open(path) for path in others]
-    first = sources[0]
-    into = Store.open(folder) if Store.is_at(folder) else Store.create(folder, first.config, first.frame)
+    into = Store.open(folder) if Store.is_at(folder) else Store.create(folder, sources[0].config, sources[0].frame)
     n = sum(merge(into, source) for source in sources)
     say(f"{into}: {counted(n, 'log')} new, {len(into.contents().entries)} in all")
 
@@ -206,12 +205,10 @@ def learn(
 
     Example: dirprim store learn fleet -o map.mcap --half-life 30d
     """
-    for is_alone, option, needed in (
-        (now is not None and half_life is None, "--now", "--half-life"),
-        (zone != UTC and hours is None, "--zone", "--hours"),
-    ):
-        if is_alone:
-            raise ValueError(f"{option}: expected {needed} with it")
+    if now is not None and half_life is None:
+        raise ValueError("--now: expected --half-life with it")
+    if zone != UTC and hours is None:
+        raise ValueError("--zone: expected --hours with it")
     import numpy as np
 
     from dirprim_filter.cli.progress import learning_progress

@@ -105,21 +105,17 @@ def track(
     from dirprim_filter.replay import replay
 
     own, watched, is_learned = taken(Own, settings), bool(save or spawn or connect), motion == "learned"
-    for is_wrong, why, option in (
+    for is_wrong, why, *option in (
         (smooth and lag is not None, "--smooth waits for the whole log: give one of both", "--lag"),
         (sensor is not None and noise is not None, "a sensor's model contains the noise: give one of both", "--noise"),
-        (own.without_map and map_file is None, "without_map is of a map: leave out one of both", "--set"),
-        (own.measured_motion and not is_learned, "constant velocity takes positions alone", "--set"),
-        (
-            own.acceleration_density and is_learned and map_file,
-            "a map says how vehicles accelerate: leave out one",
-            "--set",
-        ),
+        (own.without_map and map_file is None, "without_map is of a map: leave out one of both"),
+        (own.measured_motion and not is_learned, "constant velocity takes positions alone"),
+        (own.acceleration_density and is_learned and map_file, "a map says how vehicles accelerate: leave out one"),
         (forecast > 0 and not is_learned, "forecasts are by a map's motion: leave out --motion", "--forecast"),
-        (own.truth and not watched, "truth needs --save, --spawn or --connect", "--set"),
+        (own.truth and not watched, "truth needs --save, --spawn or --connect"),
     ):
         if is_wrong:
-            raise typer.BadParameter(why, param_hint=option)
+            raise typer.BadParameter(why, param_hint=[*option, "--set"][0])
     truth = options.existing_log(own.truth) if own.truth else None
     smoother = Smoother(lag_s=lag) if smooth or lag is not None else None
     is_live = lag is not None and (str(log) == "-" or log.is_fifo())  # is read once, and may be written while it is
@@ -181,10 +177,8 @@ def track(
         if forecast > 0 and moves.primitive_map is not None:
             drawn, rng = [shown.write_forecast for shown in outputs], np.random.default_rng([seed, 1])
             sinks.append(Forecaster(moves.primitive_map, drawn, horizon_s=forecast, config=filtering, rng=rng))
-        seen = (frame.without_ids() for frame in frames) if no_ids else frames
-        n_frames = replay(
-            with_progress(seen, what=f"tracking {log.name}", end_ns=stream.end_ns), trackers, sinks, rate_hz=rate
-        )
+        seen, what = (frame.without_ids() for frame in frames) if no_ids else frames, f"tracking {log.name}"
+        n_frames = replay(with_progress(seen, what=what, end_ns=stream.end_ns), trackers, sinks, rate_hz=rate)
         reading.require_frames(n_frames, log, stream.losses)
     is_poor = coverage.say(
         f"{output}: {counted(n_frames, 'frame')} of {', '.join(sorted(stream.topics))}", trackers,

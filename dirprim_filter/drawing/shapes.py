@@ -186,8 +186,7 @@ def _rose_reach(modes: _Modes) -> FloatArray:
         return np.zeros(len(area))
     usual_rows, usual_area = (_median(of[drawn], n_rows[drawn]) for of in (n_rows, area))
     traffic = np.clip(n_rows / usual_rows, *TRAFFIC)
-    few = 0.18 * float(area.sum()) ** 0.5  # roses of a map of few cells would hide it
-    usual = min(0.5 * REACH * usual_area**0.5, few)
+    usual = min(0.5 * REACH * usual_area**0.5, 0.18 * float(area.sum()) ** 0.5)  # not to hide a map of few cells
     return np.asarray(usual * (area / usual_area * traffic) ** 0.25)
 
 

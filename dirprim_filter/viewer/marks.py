@@ -61,9 +61,7 @@ OF_VEHICLES: Mapping[str, Sequence[rr.AsComponents]] = {
         rr.Ellipsoids3D.from_fields(line_radii=_points(0.75)), rr.LineStrips3D.from_fields(radii=_points(1.0)),
         rr.GeoPoints.from_fields(radii=_points(4.0)),
     ),
-    "/smoothed": (
-        rr.LineStrips3D.from_fields(radii=_points(2.0)), rr.Ellipsoids3D.from_fields(line_radii=_points(0.5)),
-    ),
+    "/smoothed": (rr.LineStrips3D.from_fields(radii=_points(2)), rr.Ellipsoids3D.from_fields(line_radii=_points(0.5))),
     "/truth": (
         rr.LineStrips3D.from_fields(colors=[WHITE, TRUTH_GREY], radii=_points(0.75, 0.5)),
         rr.GeoPoints.from_fields(colors=WHITE, radii=_points(2.0)),

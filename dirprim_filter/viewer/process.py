@@ -6,7 +6,7 @@ import socket
 import subprocess
 import time
 from collections.abc import Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from importlib.util import find_spec
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -51,17 +51,14 @@ def spawn_viewer(recordings: Sequence[Path] = ()) -> str:
         )  # fmt: skip
     except OSError as error:
         raise ConnectionError(f"the viewer did not start ({error}); {WITHOUT_A_SCREEN}") from error
-    stays = False
-    try:
+    with ExitStack() as left:
+        left.callback(viewer.terminate)
         if _answers(viewer, port):
             time.sleep(SETTLING_S)
-            stays = viewer.poll() is None
-    finally:
-        if not stays:
-            viewer.terminate()
-    if not stays:
-        raise ConnectionError(f"the viewer did not start; {WITHOUT_A_SCREEN}")
-    return f"rerun+http://{THIS_MACHINE}:{port}/proxy"
+            if viewer.poll() is None:
+                left.pop_all()
+                return f"rerun+http://{THIS_MACHINE}:{port}/proxy"
+    raise ConnectionError(f"the viewer did not start; {WITHOUT_A_SCREEN}")
 
 
 def screenshot(recording: Path, elapsed_s: float) -> bytes:

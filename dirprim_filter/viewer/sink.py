@@ -68,8 +68,7 @@ class RerunSink:
         self._trails = {root: Trails() for root in marks.OF_VEHICLES}
         self._waiting: list[_Waiting] = []
         self._sensors: list[str] = []
-        self._shown: list[TrackedFrame] = []
-        self._smoothed: list[TrackedFrame] = []
+        self._shown, self._smoothed = list[TrackedFrame](), list[TrackedFrame]()
         self._not_forecast: set[str] = set()
         self._forecast_ns: int | None = None
         self._sent_s = 0.0
