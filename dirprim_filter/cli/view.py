@@ -59,9 +59,10 @@ def view(
         shown = ", ".join(map(str, runs))
         raise ValueError(f"view: expected at most one run in a file, got {shown}; without --save they open together")
     learned, losses = [dp.load_map(path) for path in maps], Losses()
-    for path, origin in (*((path, of.origin) for path, of in zip(maps, learned, strict=True)),
-                         *((path, origin_of_estimates(path)) for path in runs)):  # fmt: skip
-        reading = reading.on_plane_of(path, origin)
+    for path, of in zip(maps, learned, strict=True):
+        reading = reading.on_plane_of(path, of.origin)
+    for path in runs:
+        reading = reading.on_plane_of(path, origin_of_estimates(path))
     with TemporaryDirectory() as work:
         saved, address = save or (Path(work) / "shown.rrd" if screenshot else None), connect
         for run in runs or [files[0]]:

@@ -36,7 +36,7 @@ def blueprint(box: FloatArray, *, live: bool, tracked: bool, with_truth: bool, o
     """
     legend = rrb.TextDocumentView(origin="/legend", name="Legend")
     (x, y), (width, depth) = box.mean(axis=0), box[1] - box[0]
-    height = 1.02 * float(np.maximum(width / 1.15, depth))  # the view's opening angle is fixed, its common shape so
+    height = 1.02 * float(np.maximum(width / 1.15, depth))  # the eye's angle is fixed; views are of this shape
     eye = rrb.EyeControls3D(position=(x, y, height), look_target=(x, y, 0.0), eye_up=(0.0, 1.0, 0.0))
     above: rrb.View | rrb.Container = rrb.Spatial3DView(
         origin="/", contents=[f"+ {layer}" for layer in LAYERS], name="Map, north up", line_grid=False,

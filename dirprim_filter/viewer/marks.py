@@ -127,11 +127,9 @@ def vehicles(estimates: Estimates, trails: AnyArray, *, depth: float) -> Iterato
     shade = _shade(estimates)
     place, beside = estimates.position, estimates.position + np.array([0.0, 0.035 * depth])
     points = np.stack([_raised(place, HEIGHT["estimates"]), _raised(beside, HEIGHT["ids"])], axis=1)
-    names = [["", short_name(name)] for name in estimates.track_id.astype(np.str_).tolist()]
-    two: dict[str, AnyArray] = {
-        "positions": points, "colors": np.repeat(shade[:, None], 2, axis=1), "labels": np.array(names, object),
-    }  # fmt: skip
-    yield Part(rr.Points3D, two, 2)
+    colors = np.repeat(shade[:, None], 2, axis=1)
+    labels = np.array([["", short_name(name)] for name in estimates.track_id.astype(np.str_).tolist()], object)
+    yield Part(rr.Points3D, {"positions": points, "colors": colors, "labels": labels}, 2)
     arrow = _raised(shapes.motion_arrow(estimates.direction, estimates.speed), 0.0)
     yield Part(rr.Arrows3D, {"origins": _raised(place, HEIGHT["motion"]), "vectors": arrow, "colors": shade})
     yield _covariance(estimates, shade)

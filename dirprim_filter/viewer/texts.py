@@ -56,13 +56,11 @@ class Events:
         """What has changed."""
         now = dict(zip(frame.names, frame.estimates.is_coasting.tolist(), strict=True))
         before, self._coasting = self._coasting, now
-        found = [Event("INFO", f"{name} ended") for name in before if name not in now]
-        found += [Event("INFO", f"{name} initialised") for name in now if name not in before]
-        found += [
-            Event("INFO", f"{name} {'coasts' if coasts else 'measured again'}")
-            for name, coasts in now.items()
-            if coasts != before.get(name, False)
-        ]
+        said = [f"{name} ended" for name in before if name not in now]
+        said += [f"{name} initialised" for name in now if name not in before]
+        changed = (name for name, coasts in now.items() if coasts != before.get(name, False))
+        said += [f"{name} {'coasts' if now[name] else 'measured again'}" for name in changed]
+        found = [Event("INFO", text) for text in said]
         anew = "reinitialised: its belief did not explain its measurements"
         found += [Event("WARN", f"{name} {anew}") for name in frame.reinitialised if name in now]
         return found if matched is None else found + self._against(frame, matched)
