@@ -200,7 +200,7 @@ class RerunSink:
             self.stream.send_columns(lane.path, times[lane.instants].tolist(), rr.ComponentColumnList(columns))
 
     def _is_due(self, batch: Sized) -> bool:
-        """A file gets 64 frames at a time, a viewer those of 0.1 s: one by one, a fast run would wait for its viewer."""
+        """A file gets 64 frames at a time, a viewer those of 0.1 s: one by one, a run would wait for its viewer."""
         return len(batch) >= 64 or (self.stream.live and time.monotonic() >= self._sent_s + 0.1)
 
     def _send_shown(self) -> None:
