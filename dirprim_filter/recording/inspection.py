@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from dirprim_filter.detections import NO_ID
-from dirprim_filter.recording.container.chunk import Chunk
 from dirprim_filter.recording.container.log import LogSource, Scan, opened
 from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.container.records import Channel
@@ -84,9 +83,9 @@ class _Inspection:
             if log.is_wanted(channel.topic):
                 self._count(channel, 0)
 
-    def counted(self, parts: Iterable[tuple[Chunk, MessageColumns]]) -> Iterator[MessageColumns]:
+    def counted(self, parts: Iterable[MessageColumns]) -> Iterator[MessageColumns]:
         """The messages of chunks, once they are counted."""
-        for _, columns in parts:
+        for columns in parts:
             if len(columns):
                 self.times += columns.log_time_ns[[0, -1]].tolist()
                 for i, n in zip(*np.unique(columns.channel, return_counts=True), strict=True):

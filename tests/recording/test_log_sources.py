@@ -132,7 +132,7 @@ def test_chunks_that_overlap_are_merged_in_memory_and_on_disk(tmp_path, monkeypa
     log = scan(tmp_path / "log.mcap")
     assert len(log.log.chunks) > 20
     assert rows(log) == sorted(sent, key=lambda row: row[1])
-    assert sorted(m.data for _, part in log.parts() for m in part.messages()) == sorted(data for _, _, data in sent)
+    assert sorted(m.data for part in log.parts() for m in part.messages()) == sorted(data for _, _, data in sent)
 
 
 @pytest.mark.skipif(not FORGET.exists(), reason="only Linux says how much memory was the most")

@@ -168,22 +168,22 @@ class Scan(AbstractContextManager["Scan"]):
     def columns(self) -> Iterator[MessageColumns]:
         """The messages in order of log time, some at a time, as columns; of a live pipe chunk by chunk."""
         if self._waits:
-            return (columns for _, columns in self.parts())
+            return self.parts()
         return self._merged(self._begin())
 
-    def parts(self) -> Iterator[tuple[Chunk, MessageColumns]]:
-        """Each chunk and its messages, in the order of the files; `damage` grows as they come."""
+    def parts(self) -> Iterator[MessageColumns]:
+        """The messages of each chunk, in the order of the files; `damage` grows as they come."""
         return self._in_file_order(self._begin())
 
     def _begin(self) -> list[Damage]:
         self.damage = [file.named(damage) for file in self.log.files for damage in file.outline.damage]
         return self.damage
 
-    def _in_file_order(self, damage: list[Damage]) -> Iterator[tuple[Chunk, MessageColumns]]:
+    def _in_file_order(self, damage: list[Damage]) -> Iterator[MessageColumns]:
         for file in self.log.files:
             n_known = len(file.outline.damage)
             for chunk in file.chunks():
-                yield chunk, self._messages(file, chunk, damage)
+                yield self._messages(file, chunk, damage)
             damage += map(file.named, file.outline.damage[n_known:])  # of a live pipe
 
     def _merged(self, damage: list[Damage]) -> Iterator[MessageColumns]:

@@ -67,7 +67,7 @@ def recover(
             writer.add_metadata(name, entries)
         ids = {channel: writer.define(channel) for channel in log.channels()}
         saved = 0
-        for done, (_, columns) in enumerate(log.parts(), start=1):
+        for done, columns in enumerate(log.parts(), start=1):
             for log_ns, publish_ns, sequence, channel, data in columns.messages():
                 if channel not in ids:
                     ids[channel] = writer.define(channel)

@@ -125,14 +125,6 @@ def _bounded(chunk: Any, limit: int) -> Any:
 
 
 def _channel(connection: Connection) -> Channel:
-    encoding, definition = _definition(connection)
-    schema = Schema(name=connection.msgtype, encoding=encoding, data=definition.encode())
-    of_messages = "ros1" if encoding == "ros1msg" else "cdr"
-    return Channel(topic=connection.topic, message_encoding=of_messages, schema=schema, metadata=())
-
-
-def _definition(connection: Connection) -> tuple[str, str]:
-    """Encoding of the definition, and the definition."""
     from rosbags.interfaces import ConnectionExtRosbag1, MessageDefinitionFormat  # noqa: PLC0415
     from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415
 
@@ -141,6 +133,8 @@ def _definition(connection: Connection) -> tuple[str, str]:
         known = get_typestore(Stores.LATEST)
         is_known = connection.msgtype in known.fielddefs
         definition = known.generate_msgdef(connection.msgtype, ros_version=2)[0] if is_known else ""
+    encoding, of_messages = "ros2idl" if kind is MessageDefinitionFormat.IDL else "ros2msg", "cdr"
     if isinstance(connection.ext, ConnectionExtRosbag1):
-        return "ros1msg", definition
-    return "ros2idl" if kind is MessageDefinitionFormat.IDL else "ros2msg", definition
+        encoding, of_messages = "ros1msg", "ros1"
+    schema = Schema(name=connection.msgtype, encoding=encoding, data=definition.encode())
+    return Channel(topic=connection.topic, message_encoding=of_messages, schema=schema, metadata=())

@@ -165,8 +165,6 @@ def _repeated(descriptor: Descriptor) -> frozenset[str]:
 def _default_bits(found: FieldDescriptor, form: Form) -> int:
     """What an unset number reads as, as the bits of a cell."""
     value = found.default_value
-    if form == "double":
-        return int(np.float64(value).view(np.int64))
-    if form == "float":
-        return int(np.float32(value).view(np.uint32))
+    if form in ("double", "float"):
+        return int(np.float64(value).view(np.int64) if form == "double" else np.float32(value).view(np.uint32))
     return int(np.uint64(int(value) & 0xFFFFFFFFFFFFFFFF).view(np.int64))

@@ -157,7 +157,7 @@ def _longest(log: Log, topics: set[str]) -> str:
     n_messages = _counted(log, topics)
     if n_messages is None:
         n_messages = Counter()
-        for _, columns in () if log.is_live else Scan(log, topics.__contains__).parts():
+        for columns in () if log.is_live else Scan(log, topics.__contains__).parts():
             n_messages.update(columns.topic.tolist())
     return min(topics, key=lambda topic: (-n_messages[topic], topic))
 

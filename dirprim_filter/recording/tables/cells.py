@@ -251,8 +251,11 @@ class Cells:
         return column
 
 
-def _number(text: str) -> float:
-    return float(_refuse_underscores(text))
+def _number(text: str, kind: Callable[[str], Any] = float) -> Any:
+    """A number of a kind; none of one with underscores, as 1_000 is a number in Python alone."""
+    if "_" in text:
+        raise ValueError(text)
+    return kind(text)
 
 
 def is_number(text: str) -> bool:
@@ -265,16 +268,10 @@ def is_number(text: str) -> bool:
 
 
 def _whole(text: str) -> int:
-    number = int(_refuse_underscores(text))
+    number: int = _number(text, int)
     if not -(2**63) <= number < 2**63:
         raise ValueError(text)
     return number
-
-
-def _refuse_underscores(text: str) -> str:
-    if "_" in text:  # 1_000 is a number in Python alone
-        raise ValueError(text)
-    return text
 
 
 def instant(text: str) -> int | None:
@@ -286,7 +283,7 @@ def instant(text: str) -> int | None:
     if iso_nanoseconds(text) is not None:
         return _iso_time(text)
     try:
-        exact = Decimal(_refuse_underscores(text))
+        exact: Decimal = _number(text, Decimal)
     except InvalidOperation as error:
         raise ValueError(text) from error
     if not exact.is_finite():
