@@ -11,6 +11,7 @@ ESTIMATES_GLOBE, MAP_GLOBE, LOCATION = "/dirprim/tracks/geojson", "/dirprim/map/
 ASSIGNED = "/dirprim/assigned"
 ESTIMATES_SCENE = "/dirprim/tracks/scene"
 SMOOTHED = "/dirprim/smoothed"
+SMOOTHED_SCENE = "/dirprim/smoothed/scene"
 PARTICLES = "/dirprim/particles"
 REPORTS = "/dirprim/detections"
 FORECAST = "/dirprim/forecast"

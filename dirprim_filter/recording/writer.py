@@ -153,7 +153,7 @@ class EstimateWriter:
             ValueError: as `write`.
             OSError: as `write`.
         """
-        self._later(lambda: self._append_smoothed(frame))
+        self._later(lambda: self._append_estimates(topic_names.SMOOTHED, self._smoothed_scene, frame))
 
     def write_map_scene(self, primitive_map: PrimitiveMap | None) -> None:
         """Write the map, if there is one, and draw it: at the next message's time, as a map has none of its own.
@@ -185,7 +185,7 @@ class EstimateWriter:
     def _append(self, frame: TrackedFrame, particles: Particles | None) -> None:
         estimates, detections, time_ns = frame.estimates, frame.detections, frame.time_ns
         origin = self._begin(np.concatenate([estimates.position, detections.position]), time_ns)
-        self._append_estimates(topic_names.ESTIMATES, self._scene, frame, origin)
+        self._append_estimates(topic_names.ESTIMATES, self._scene, frame)
         for topic, is_coasting in ((topic_names.MEASURED, False), (topic_names.COASTING, True)):
             of_state = estimates[estimates.is_coasting == is_coasting]
             self._log.write(topic, encode_estimates(of_state, time_ns), time_ns)
@@ -197,18 +197,15 @@ class EstimateWriter:
         self._log.write(topic_names.REPORTS, detection_cloud(detections.position, time_ns, origin), time_ns)
         self._not_forecast = frozenset(as_texts(estimates.track_id)[has_no_forecast(estimates)].tolist())
 
-    def _append_estimates(self, topic: str, scene: EstimatesScene, frame: TrackedFrame, origin: FloatArray) -> None:
+    def _append_estimates(self, topic: str, scene: EstimatesScene, frame: TrackedFrame) -> None:
         estimates, time_ns = frame.estimates, frame.time_ns
+        origin = self._begin(estimates.position, time_ns)
         self._log.write(topic, encode_estimates(estimates, time_ns), time_ns)
         drawn = scene.update(estimates, frame.detections, time_ns, origin)
         self._log.write_encoded(f"{topic}/scene", schema_of(SceneUpdate), drawn, time_ns)
         if self._ros is not None:
             data = self._ros.encode(estimates, scene.sizes, time_ns)
             self._log.write_encoded(f"{topic}/{self._also_as}", self._ros.schema, data, time_ns)
-
-    def _append_smoothed(self, frame: TrackedFrame) -> None:
-        origin = self._begin(frame.estimates.position, frame.time_ns)
-        self._append_estimates(topic_names.SMOOTHED, self._smoothed_scene, frame, origin)
 
     def _append_forecast(self, forecasts: Forecasts) -> None:
         origin = self._begin(forecasts.start, forecasts.time_ns)
