@@ -83,7 +83,9 @@ def plausible(rows: Rows, losses: Losses, path: Path) -> Rows:
             "one (give each a `group`)? Parts of "
             f"{made[0].rpartition('~')[0]} and others are vehicles of their own, as {made[0]}, {len(made)} in all"
         )
-    elif not jumps.left_out.any():  # a correction of the position
+    elif not jumps.left_out.any():  # corrections of the position, but for those that lead to another vehicle
+        if _exchange_bodies(rows, order, jumps.at, scale.least_m):
+            losses.faults.append(f"{line} to where another id was just before; `dirprim track --no-ids` does without")
         return rows
     else:
         line += ": is that a place that stands for none, such as 0 0, or an outlier?"

@@ -89,6 +89,25 @@ def test_ids_that_vehicles_hand_on_at_each_message_name_none(tmp_path):
             np.testing.assert_allclose(read_tracks(path, **given).speed, 10.0)
 
 
+@pytest.mark.parametrize("noise_m", [0.02, 1.0])
+def test_ids_that_vehicles_exchange_now_and_then_are_reported(tmp_path, caplog, noise_m):
+    """An id is a vehicle's place from west to east: where two are abreast they exchange it, by up to 70 m of jump."""
+    noise = np.random.default_rng(0).normal(scale=noise_m, size=(200, 6, 2))
+    radius, angle = np.arange(40.0, 22.0, -3.0), np.arange(6.0)
+    for ranked, n in ((False, 0), (True, 1)):
+        caplog.clear()
+        sent = []
+        for k in range(200):
+            at = angle + k * STEP_NS * 1e-9 * 5.0 / radius
+            place = (radius * [np.cos(at), np.sin(at)]).T + noise[k]
+            place = place[np.argsort(place[:, 0])] if ranked else place
+            of = [{"id": f"v{i}", "x": x, "y": y} for i, (x, y) in enumerate(place.tolist())]
+            sent.append((k * STEP_NS, {"of": of}))
+        path = json_log(tmp_path / "log.mcap", "Own", sent)
+        read_tracks(path, mapping=FieldMapping.parse("id=.of[].id,x=.of[].x,y=.of[].y"))
+        assert caplog.text.count("dirprim track --no-ids") == n, caplog.text
+
+
 def test_objects_that_are_named_by_their_places_are_reported(tmp_path, caplog):
     for n in (1, 2):
         caplog.clear()
