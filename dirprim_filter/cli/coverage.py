@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections import deque
 from collections.abc import Iterable
 from itertools import chain, islice
 from pathlib import Path
@@ -12,7 +13,7 @@ import numpy as np
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.cli.reading import Reading
 from dirprim_filter.cli.texts import counted, say
-from dirprim_filter.detections import Detections
+from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.estimates import TrackedFrame
 from dirprim_filter.filtering import GroupTracker
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
@@ -21,6 +22,8 @@ from tessellation import GridTessellation
 logger = logging.getLogger(__name__)
 
 NONE = np.empty((0, 2))
+RECENT = 8
+"""Frames, in one of which a vehicle with an id was, whichever sensor saw it."""
 
 
 class Coverage:
@@ -33,11 +36,16 @@ class Coverage:
         self._cells = learned.tessellation if learned else GridTessellation.empty()
         self._is_needed = is_needed and self._cells.n_cells > 0
         self._n_rows = self._n_outside = self._n_estimated = 0
+        self._ids, self._came_again = deque[set[str]](maxlen=RECENT), False
         self._box = np.full((2, 2), np.inf)  # least x and y of the rows, and of the same negated
 
     def write(self, frame: TrackedFrame) -> None:
         """Count the rows of a frame."""
         self.see(frame.detections.position)
+        if not self._came_again:
+            ids = set(frame.detections.track_id.astype(np.str_).tolist())
+            self._came_again = any(NO_ID in ids or not ids.isdisjoint(former) for former in self._ids)
+            self._ids.append(ids)
         self._n_estimated += int((frame.estimates.unseen_s == 0).sum())
 
     def see(self, position: FloatArray) -> bool:
@@ -102,8 +110,10 @@ class Coverage:
         say(what)
         is_poor = self._n_estimated < 0.5 * share_true * self._n_rows
         if is_poor:
-            say("most rows have no estimate: is the noise larger (--noise), or less clutter "
-                "(--set clutter_density=1e-9)?", err=True)  # fmt: skip
+            why = "is the noise larger (--noise), or less clutter (--set clutter_density=1e-9)?"
+            if len(self._ids) > 1 and not self._came_again:
+                why = "no id comes again: `dirprim track --no-ids` does without them"
+            say(f"most rows have no estimate: {why}", err=True)
         return is_poor
 
 

@@ -224,7 +224,15 @@ def test_a_log_most_of_whose_rows_have_no_estimate_is_input_lost(here, capsys):
     assert dirprim(f"track log.mcap {TRACK} --no-ids --end 5 --set clutter_density=10") == INPUT_LOST
     said = capsys.readouterr()
     assert "100.0% of 300 rows without an estimate" in said.out
-    assert "most rows have no estimate" in said.err
+    assert "most rows have no estimate: is the noise larger" in said.err
+
+
+@pytest.mark.parametrize(("ids", "ends"), [("v{0}", DONE), ("v{0}_{1}", INPUT_LOST)])
+def test_ids_that_never_come_again_are_named_where_nothing_is_tracked(here, capsys, ids, ends):
+    rows = [f"{k / 10},{ids.format(v, k)},{k},{9 * v}" for k in range(30) for v in range(2)]
+    Path("t.csv").write_text("\n".join(["time_s,track_id,x_m,y_m", *rows]))
+    assert dirprim("track t.csv -o x.mcap --noise 0.5 --motion constant-velocity") == ends
+    assert ("no id comes again: `dirprim track --no-ids`" in capsys.readouterr().err) == (ends == INPUT_LOST)
 
 
 @pytest.mark.parametrize("form", ["foxglove", "vision_msgs", "autoware"])
