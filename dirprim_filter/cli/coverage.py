@@ -65,9 +65,7 @@ class Coverage:
         first = list(islice(coming, 1))
         if first and self._is_needed and (self._log.is_file() or self._log.is_dir()):
             probe = Coverage(self._map, self._map_file, self._log)
-            if probe.see(first[0].position) and all(
-                probe.see(frame.position) for frame in reading.detections(self._log)
-            ):
+            if probe.see(first[0].position) and all(probe.see(of.position) for of in reading.detections(self._log)):
                 probe.check()
         return chain(first, coming)
 

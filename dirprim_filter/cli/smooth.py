@@ -48,10 +48,7 @@ def smooth(
     from dirprim_filter.cli.progress import working
     from dirprim_filter.cli.results import provenance, read_filter
     from dirprim_filter.detections import NO_ID
-    from dirprim_filter.evaluation.scores import score_rows
-    from dirprim_filter.evaluation.tracked_rows import TrackedRows
     from dirprim_filter.recording.errors import RecordingError
-    from dirprim_filter.recording.estimate_tables import read_tracked_rows
     from dirprim_filter.recording.writer import EstimateWriter
     from dirprim_filter.refining import is_measured, refine
 
@@ -88,6 +85,11 @@ def smooth(
     )
     if truth is None or known is None:
         return exit_codes.of_losses(stream.losses)
+
+    from dirprim_filter.evaluation.scores import score_rows
+    from dirprim_filter.evaluation.tracked_rows import TrackedRows
+    from dirprim_filter.recording.estimate_tables import read_tracked_rows
+
     before = TrackedRows(track_id=rows.track_id, time_ns=rows.time_ns, position=rows.position, group=rows.group)
     both = {"before": before, "after": read_tracked_rows(output, truth=known.tracks)}
     typer.echo(score_text(score_rows(both, known.tracks, with_ids=False), truth.name))

@@ -106,16 +106,14 @@ def forecast(
     from dirprim_filter.evaluation.forecasting import evaluate_forecasts
     from dirprim_filter.evaluation.splits import honest_split
 
-    made = {"split_by": split, "horizons_s": horizon or None, "n_folds": folds, "n_samples": samples, "seed": seed}
-    given = read_experiment(config) | {name: of for name, of in made.items() if of is not None}
+    asked = {"split_by": split, "horizons_s": horizon or None, "n_folds": folds, "n_samples": samples, "seed": seed}
+    given = read_experiment(config) | {name: of for name, of in asked.items() if of is not None}
     log = reading.tracks(logs)
-    if unknown := [name for name in given if name not in made]:
-        raise ValueError(f"experiment: {unknown[0]}: expected one of {', '.join(made)}")
+    if unknown := [name for name in given if name not in asked]:
+        raise ValueError(f"experiment: {unknown[0]}: expected one of {', '.join(asked)}")
     by = honest_split(log.tracks)
-    defaults = {"split_by": by, "horizons_s": list(HORIZONS_S), "n_folds": 4, "n_samples": 100, "seed": 0}
-    return _evaluated(
-        "forecast", logs, reading, log, evaluate_forecasts, forecast_text, as_json=as_json, settings=defaults | given
-    )
+    made = {"split_by": by, "horizons_s": list(HORIZONS_S), "n_folds": 4, "n_samples": 100, "seed": 0} | given
+    return _evaluated("forecast", logs, reading, log, evaluate_forecasts, forecast_text, as_json=as_json, settings=made)
 
 
 def _evaluated(
