@@ -173,7 +173,7 @@ def test_constant_velocity_is_as_wide_as_the_training_vehicles_err():
 
 
 def test_on_a_ring_the_prior_beats_constant_velocity_on_the_same_cases():
-    ring = ring_traffic(np.random.default_rng(0), n_vehicles=12)
+    ring = ring_traffic(np.random.default_rng(0), n_vehicles=12, n_rows=40, dt_s=0.25)
     table = evaluate_forecasts(ring, horizons_s=HORIZONS, n_folds=2, n_samples=40, rng=np.random.default_rng(0))
     rows = {row.name: row.horizons for row in table.methods}
     assert list(rows) == ["prior", "place-free", "prior, leaders", "one cell", "trajectory memory", "constant velocity"]
