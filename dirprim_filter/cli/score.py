@@ -73,8 +73,11 @@ def score(
         }
         table = score_rows(rows, log.tracks, with_ids=with_ids, similarity_m=own.similarity_m, progress=progress)
     for found in table.scores:
+        path = named[found.name.removesuffix(SMOOTHED)]
+        if found.n_rows and found.report.deta == 0.0:
+            far = f"{path}: no estimate is within {table.similarity_m:g} m of a vehicle of {truth}"
+            say(f"{far}: are both in one frame, of one origin and by one clock?", err=True)
         if found.left_out:
-            path = named[found.name.removesuffix(SMOOTHED)]
             say(f"{path}: left out {counted(found.left_out, 'row')} of groups or times without a truth", err=True)
     return report(
         "score", [*estimates, truth], reading, log.losses, table=asdict(table), settings=asdict(own),
