@@ -130,7 +130,7 @@ def test_errors_are_of_the_ids_where_they_are_the_logs(own, few, capsys):
 
 @pytest.mark.parametrize("east_m", [0.0, 3.0, 5000.0])
 def test_estimates_that_are_nowhere_near_the_truth_are_asked_about(own, capsys, east_m):
-    write_log(replace(own, position=own.position + [east_m, 0.0]), "moved.mcap")
+    write_log(replace(own, position=own.position + np.array([east_m, 0.0])), "moved.mcap")
     assert dirprim("score own.mcap moved.mcap --truth log.mcap") == DONE
     asked = "moved.mcap: no estimate is within 5 m of a vehicle of log.mcap: are both in one frame"
     assert [line.startswith(asked) for line in capsys.readouterr().err.splitlines()] == [True] * (east_m > 5.0)
