@@ -37,6 +37,5 @@ def calibrate(log: Log, truth: Truth, output: Output, force: Force = False, *, r
     )
     offset = f"the detections' clock is {measured.clock_offset_s:+.3f} s ahead of the truth's, latency included"
     numbers = number_lines(measured.sensor.numbers(), measured.sensor.uncertainty)
-    unknown = [f"not known: {line}" for line in measured.unknown]
-    say(head, *[offset] * bool(measured.clock_offset_s), *numbers, *unknown)
+    say(head, *[offset] * bool(measured.clock_offset_s), *numbers, *(f"not known: {why}" for why in measured.unknown))
     return exit_codes.of_losses(stream.losses, known.losses)

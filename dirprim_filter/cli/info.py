@@ -117,8 +117,7 @@ def _lines(log: LogSummary, faults: list[str], columns: Sequence[str] = (), unus
         f"groups in {topic}: {len(counts)}, from {min(counts)} to {max(counts)}; --set group=NUMBER takes one of them"
         for topic, counts in log.groups.items()
     ]
-    if log.attachments:
-        lines.append(f"attachments: {', '.join(log.attachments)}")
+    lines += [f"attachments: {', '.join(log.attachments)}"] * bool(log.attachments)
     lines += [f"faults: {line}" for line in faults]
     lines += [f"damage: {damage}" for damage in log.damage]
     return [f"  {line}" for line in lines]

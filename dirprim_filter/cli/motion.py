@@ -77,8 +77,7 @@ def motion_of(
     from dirprim_filter.evaluation.without_map import acceleration_of, background_motion
 
     first, coming, rng = list[Detections](), iter(frames), np.random.default_rng(seed)
-    of_cars = 1.0  # m^2/s^3, density of white acceleration in towns
-    found, how = MotionModel(None, acceleration or fitted or of_cars), f"not learned: {why_not}"
+    found, how = MotionModel(None, acceleration or fitted or 1.0), f"not learned: {why_not}"  # 1.0: cars in towns
     if acceleration or fitted:
         how = "as stated" if acceleration else "fitted to tracks of the log's first minutes, without ids"
     elif not why_not:

@@ -167,8 +167,7 @@ def _lines(found: SelfCalibration) -> list[str]:
     if tracks is not None:
         source, rates = _source(tracks)
         shown |= rates
-    unknown = [f"not known: {line}" for line in found.unknown]
-    return [f"sensor, learned from {source}", *number_lines(shown), *unknown]
+    return [f"sensor, learned from {source}", *number_lines(shown), *(f"not known: {why}" for why in found.unknown)]
 
 
 def _say_default(why: str) -> None:

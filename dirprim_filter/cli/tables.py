@@ -207,10 +207,9 @@ def score_text(table: ScoreTable, truth: str) -> str:
     groups = f" in {counted(table.n_groups, 'group')}, each by itself" if table.n_groups > 1 else ""
     names = [found.name for found in table.scores]
     judged = f"judged at the truth's {counted(table.n_instants, 'instant')}"
-    judged += ", row by row" if not table.n_interpolated else (
-        f"; {table.n_interpolated} of the truth's rows are interpolated, between rows of a vehicle at most "
-        f"{table.longest_gap_s:g} s apart"
-    )  # fmt: skip
+    apart = f"between rows of a vehicle at most {table.longest_gap_s:g} s apart"
+    between = f"; {table.n_interpolated} of the truth's rows are interpolated, {apart}"
+    judged += between if table.n_interpolated else ", row by row"
     return "\n".join([
         f"{truth}: {counted(table.n_vehicles, 'vehicle')}{groups}, {counted(table.n_rows, 'row')}; errors of "
         f"{matched}; similarity is 0 from {table.similarity_m:g} m, GOSPA's cut-off",

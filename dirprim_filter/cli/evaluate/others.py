@@ -116,7 +116,7 @@ def others_of(
         if SEED not in pattern and experiment.n_seeds > 1:
             _refuse("--estimates", f"{pattern}: expected {SEED} in its name, for there are {experiment.n_seeds} runs")
         for seed in range(experiment.seed, experiment.seed + experiment.n_seeds):
-            tables.append(_table(pattern, seed))
+            tables.append(Path(pattern.replace(SEED, str(seed))))
             if not tables[-1].is_file():
                 _refuse("--estimates", f"{tables[-1]}: there is no such file")
         read = partial(_written, pattern)
@@ -143,13 +143,9 @@ def _refuse(option: str, why: str) -> NoReturn:
     raise typer.BadParameter(why, param_hint=option)
 
 
-def _table(pattern: str, seed: int) -> Path:
-    return Path(pattern.replace(SEED, str(seed)))
-
-
 def _written(pattern: str, scenes: Sequence[Scene], seed: int) -> TrackedRows:
     """What a tracker's table of an earlier run has."""
-    return _read(_table(pattern, seed), scenes)
+    return _read(Path(pattern.replace(SEED, str(seed))), scenes)
 
 
 def _read(path: Path, scenes: Sequence[Scene]) -> TrackedRows:
