@@ -289,17 +289,15 @@ def encode(scalars: Mapping[str, int | float | str], tables: Mapping[str, Mappin
         scalars: by name.
         tables: by name, (n, ...) int64 or float64 columns by name.
     """
-    arrays = [pa.array([value]) for value in scalars.values()] + [_listed(columns) for columns in tables.values()]
+    arrays = [pa.array([value]) for value in scalars.values()]
+    for columns in tables.values():
+        struct = pa.StructArray.from_arrays([_array(column) for column in columns.values()], names=list(columns))
+        arrays.append(pa.ListArray.from_arrays(pa.array([0, len(struct)], pa.int32()), struct))
     batch = pa.RecordBatch.from_arrays(arrays, names=[*scalars, *tables])
     sink = pa.BufferOutputStream()
     with pa.ipc.new_stream(sink, batch.schema) as writer:
         writer.write_batch(batch)
     return bytes(sink.getvalue())
-
-
-def _listed(columns: Mapping[str, AnyArray]) -> Any:
-    struct = pa.StructArray.from_arrays([_array(column) for column in columns.values()], names=list(columns))
-    return pa.ListArray.from_arrays(pa.array([0, len(struct)], pa.int32()), struct)
 
 
 def _array(column: AnyArray) -> Any:

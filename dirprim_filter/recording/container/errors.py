@@ -57,8 +57,6 @@ class Damage:
 
 READ_BYTES = 16
 """Enough of a file to know every format."""
-
-
 ZSTD, GZIP = b"\x28\xb5\x2f\xfd", b"\x1f\x8b"
 """What frames and files of zstd, and files of gzip begin with."""
 AS_TABLE = "`dirprim convert` without --format makes a log of it"
@@ -84,8 +82,6 @@ def other_format(opening: bytes) -> tuple[str, str] | None:
 
 
 Path = str | PathLike[str]
-
-
 _USER = re.compile(r"(:/+)[^/\s]*@")
 """Of a URL, with the password."""
 _WORD = re.compile(r'[^\s"\\]+')

@@ -135,7 +135,9 @@ class Outline:
         """Take the record at `at`; the byte after it, or None at the end of the file."""
         header = self._file.peek(at, RECORD_HEADER_SIZE)
         if len(header) < RECORD_HEADER_SIZE:
-            self._ended_early(at)
+            where = "before the end of the data" if self._data_end is None else "after the data, before the footer"
+            n_left, lost = len(self._file) - at, None if self._data_end is None else 0
+            self._damaged("truncated", at, n_left, lost, f"the file ends {where}")
             return None
         opcode, after_index, end = header[0], self._after_index, at + record_end(header, 0)
         self._after_index = opcode in BEFORE_INDEX
@@ -282,11 +284,6 @@ class Outline:
             return None
         self._damaged("record", start, found - start, None, f"a record of {at - start} bytes holds the chunk behind it")
         return found
-
-    def _ended_early(self, at: int) -> None:
-        where = "after the data, before the footer" if self._data_end is not None else "before the end of the data"
-        n_left = len(self._file) - at
-        self._damaged("truncated", at, n_left, None if self._data_end is None else 0, f"the file ends {where}")
 
     def _check_summary(self) -> None:
         """Compare with the data what the summary repeats of them."""

@@ -11,6 +11,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections import ChainMap
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 from mcap.opcode import Opcode
@@ -84,11 +85,10 @@ class Summary:
 
 def read_summary(file: FileBytes) -> Summary | None:
     """The Summary section of a file; None where it has none, or one that cannot be trusted."""
-    try:
+    with suppress(MalformedRecordError, struct.error):
         summary = _summary_of(file)
-    except (MalformedRecordError, struct.error):
-        return None
-    return summary if summary.is_whole else None
+        return summary if summary.is_whole else None
+    return None
 
 
 def _summary_of(file: FileBytes) -> Summary:

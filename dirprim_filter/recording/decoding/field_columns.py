@@ -132,8 +132,6 @@ NANOSECONDS = 1_000_000_000
 TIME_END_NS = 1 << 63
 FARTHEST_S = (1 << 63) // NANOSECONDS - 1
 """Seconds beyond this, to either side, do not fit into int64 nanoseconds."""
-
-
 NO_ROWS: tuple[IntArray, IntArray] = (np.empty(0, np.int64), np.empty(0, np.int64))
 ColumnForm = Literal["number", "cells", "bytes", "names", "time"]
 

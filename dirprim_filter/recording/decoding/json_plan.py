@@ -38,8 +38,6 @@ from dirprim_filter.recording.decoding.field_columns import (
 _CLOCK_NAMES = frozenset(name for names in CLOCKS for name in names)
 _WHOLE = re.compile(r"-?[0-9]{1,20}")
 _NUMBER = re.compile(r"-?[0-9]+(?:\.[0-9]+)?(?:[eE][+-]?[0-9]+)?|NaN|-?Infinity")
-
-
 EXACT = 2.0**53
 """Whole numbers from here on are not all floats, so ids that differ may be one."""
 

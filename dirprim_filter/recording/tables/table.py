@@ -103,7 +103,9 @@ def table_of(path: Path, rows: Rows, *, sensor: AnyArray | None = None, losses: 
         group = own.group[np.unique(own.track_id, return_index=True)[1]]
         own = replace(own, names=np.strings.add(np.strings.add(group.astype(np.str_), "/"), own.names))
     own = plausible(own, losses, path)
-    losses.note("rows earlier than the row before of the same vehicle; sorted", _n_out_of_order(own))
+    order = np.argsort(own.track_id, kind="stable")
+    n_back = int(((np.diff(own.track_id[order]) == 0) & (np.diff(own.time_ns[order]) < 0)).sum())
+    losses.note("rows earlier than the row before of the same vehicle; sorted", n_back)
     partly = int((own.has_motion() & ~own.is_known_throughout()).sum())
     losses.note("rows of vehicles whose course or speed is known of a part; derived from positions", partly)
     labels, alone = _labels(own, losses), Losses()
@@ -143,9 +145,3 @@ def _labels(rows: Rows, losses: Losses) -> dict[int | str, str]:
     other = sum(n for (vehicle, name), n in pairs.items() if labels[vehicle] != name)
     losses.note("rows with another label than most of their vehicle's; it has that of most", other)
     return labels
-
-
-def _n_out_of_order(rows: Rows) -> int:
-    """How many rows are earlier than the row before of the same vehicle."""
-    order = np.argsort(rows.track_id, kind="stable")
-    return int(((np.diff(rows.track_id[order]) == 0) & (np.diff(rows.time_ns[order]) < 0)).sum())

@@ -38,8 +38,6 @@ ROW = np.dtype([
     ("rotation", np.float64, 4), ("is_static", np.bool_), ("ahead_ns", np.int64),
 ])  # fmt: skip
 """A transform: the pose of the child's frame in its parent's, frames by number, the rotation a unit quaternion."""
-
-
 COLUMNS = ("time_ns", "translation", "rotation")
 """Of these, what an edge holds."""
 
