@@ -204,7 +204,7 @@ def opened(tmp_path, ring, ring_map, monkeypatch):
     write_tracks(ring[ring.track_id < 6], "log.mcap")
     Path("cut.mcap").write_bytes(Path("log.mcap").read_bytes()[:-30])
     save_map(ring_map, "map.mcap")
-    monkeypatch.setattr("dirprim_filter.recording.load_map", lambda _: ring_map)
+    monkeypatch.setattr("dirprim_filter.cli.motion.load_map", lambda _: ring_map)
     read, outline, seen = mcap_file.read_contents, mcap_file.Outline, []
     monkeypatch.setattr(mcap_file, "read_contents", lambda file, chunk: seen.append(chunk.offset) or read(file, chunk))
     monkeypatch.setattr(mcap_file, "Outline", lambda file: seen.append("outline") or outline(file))
