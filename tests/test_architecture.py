@@ -8,6 +8,8 @@ import tomllib
 from importlib.metadata import packages_distributions
 from pathlib import Path
 
+import pytest
+
 
 def test_what_packages_import_is_installed_with_them():
     root = Path(__file__).parents[1]
@@ -40,6 +42,7 @@ ABSENT = {
     "dirprim_filter.primitives.learning": "sklearn scipy.stats rerun matplotlib",
     "dirprim_filter.store.learning": "sklearn scipy.stats filterpy",
     "dirprim_filter.recording": "sklearn rerun matplotlib",
+    "dirprim_filter.viewer.figures": "matplotlib.pyplot",
 }
 """What is not loaded yet after a module and those above it."""
 
@@ -56,14 +59,21 @@ def test_heavy_imports_come_late_and_the_public_names_are_there_whatever_was_imp
     assert set(public.split()) == {"True"}
 
 
-def test_what_learns_from_detections_without_ids_is_not_loaded_for_those_with_ids():
-    program = """
-import sys
-from pathlib import Path
-from dirprim_filter.cli.sensing import _scene
+UNUSED = {
+    """from dirprim_filter.cli.sensing import _scene
 from dirprim_filter.detections import Detections
 assert _scene(Detections(track_id=["a"], time_ns=[0], position=[[0.0, 0.0]]), Path("a log"), 0.5) is None
-print(*sys.modules)
-"""
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert "scipy.optimize" not in done.stdout.split()
+""": "scipy.optimize",
+    """from dirprim_filter.cli.main import run
+assert run(["info", "recordings/roundabout_track.mcap"]) == 0
+""": "pyarrow rosbags ruamel.yaml apsw fsspec sklearn matplotlib rerun foxglove scipy.spatial scipy.sparse",
+}
+"""What learns from detections without ids is not loaded for those with ids, nor by `info` what it does not need."""
+
+
+@pytest.mark.parametrize("program", UNUSED)
+def test_what_is_not_used_is_not_loaded(program):
+    program, absent = f"import sys\nfrom pathlib import Path\n{program}print(*sys.modules)", UNUSED[program].split()
+    command, root = [sys.executable, "-c", program], Path(__file__).parents[1]
+    done = subprocess.run(command, cwd=root, capture_output=True, text=True, check=True)
+    assert not set(absent) & set(done.stdout.split())

@@ -2,11 +2,8 @@
 
 import json
 import re
-import subprocess
-import sys
 import tracemalloc
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 from mcap_files import CHUNK, log_bytes, records, scene, write_protobuf_log
@@ -123,17 +120,3 @@ def test_elements_that_hold_nothing_take_memory_of_one_message_at_a_time_and_are
     write_protobuf_log(path, [("/objects", k, update) for k in range(18)])
     with pytest.raises(RecordingError, match="expected at most 1048576 rows of objects in so small a log, got more"):
         read_tracks(path)
-
-
-def test_what_info_does_not_need_it_does_not_import():
-    code = (
-        "import sys; from dirprim_filter.cli.main import run;"
-        "assert run(['info', 'recordings/roundabout_track.mcap']) == 0; print(*sys.modules, file=sys.stderr)"
-    )
-    command, root = [sys.executable, "-c", code], Path(__file__).parents[2]
-    done = subprocess.run(command, cwd=root, capture_output=True, text=True, check=True)
-    late = {
-        "pyarrow", "rosbags", "ruamel.yaml", "apsw", "fsspec", "sklearn", "matplotlib", "rerun", "foxglove",
-        "scipy.spatial", "scipy.sparse",
-    }  # fmt: skip
-    assert not late & set(done.stderr.split())

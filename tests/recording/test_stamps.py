@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from mcap_files import write_log
 
-from dirprim_filter.cli.main import run
 from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.losses import BACKWARD, STRAY, UNTIMED
 from dirprim_filter.recording.objects import observations
@@ -153,13 +152,6 @@ def test_verdicts_do_not_depend_on_how_many_stamps_come_at_once(stamps, n_at_onc
     judged[waiting] = topic.judge(offset_s[waiting], is_last=True)[0]
     at_once = _TopicStamps().judge(offset_s, is_last=True)[0]
     assert (judged != at_once).sum() <= 2
-
-
-def test_a_stamp_a_year_ahead_costs_tracking_one_row(tmp_path, capfd):
-    path = log_of(tmp_path, WRONG["a year ahead"][0])
-    out, fields = tmp_path / "map.mcap", ["--set", "fields=id=.id,x=.x,y=.y,time=.t"]
-    assert run(["learn", str(path), "-o", str(out), "--tessellation", "grid", *fields]) == 3
-    assert "left out 1 rows with a stamp far from" in capfd.readouterr().err
 
 
 UNITS = {

@@ -52,8 +52,6 @@ def inside(polygon, position, tolerance):
 @pytest.mark.parametrize("twin", TWINS)
 def test_every_twin_is_a_tessellation(twin):
     cells: Tessellation = twin(data())
-    for name in ("n_cells", "centers", "area"):
-        assert hasattr(cells, name)
     assert cells.centers.shape == (cells.n_cells, 2)
     assert cells.area.shape == (cells.n_cells,)
     assert len(cells.polygons()) == cells.n_cells
