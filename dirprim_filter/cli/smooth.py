@@ -83,14 +83,12 @@ def smooth(
         f"{output}: {counted(len(after), 'row')} of {counted(np.unique(after.track_id).size, 'track')}, from "
         f"{counted(n_measured, 'measured row')} of {len(rows)}"
     )
-    if truth is None or known is None:
-        return exit_codes.of_losses(stream.losses)
+    if truth is not None and known is not None:
+        from dirprim_filter.evaluation.scores import score_rows
+        from dirprim_filter.evaluation.tracked_rows import TrackedRows
+        from dirprim_filter.recording.estimate_tables import read_tracked_rows
 
-    from dirprim_filter.evaluation.scores import score_rows
-    from dirprim_filter.evaluation.tracked_rows import TrackedRows
-    from dirprim_filter.recording.estimate_tables import read_tracked_rows
-
-    before = TrackedRows(track_id=rows.track_id, time_ns=rows.time_ns, position=rows.position, group=rows.group)
-    both = {"before": before, "after": read_tracked_rows(output, truth=known.tracks)}
-    typer.echo(score_text(score_rows(both, known.tracks, with_ids=False), truth.name))
-    return exit_codes.of_losses(stream.losses, known.losses)
+        before = TrackedRows(track_id=rows.track_id, time_ns=rows.time_ns, position=rows.position, group=rows.group)
+        both = {"before": before, "after": read_tracked_rows(output, truth=known.tracks)}
+        typer.echo(score_text(score_rows(both, known.tracks, with_ids=False), truth.name))
+    return exit_codes.of_losses(stream.losses, *(read.losses for read in [known] if read is not None))
