@@ -33,7 +33,7 @@ from dirprim_filter.primitives._modes import (
     LOG_SPEED,
     LOG_WEIGHT,
     MEAN,
-    N_COLUMNS,
+    N_OF_ROW,
     NO_MODE,
     NORTH,
     SINE,
@@ -85,14 +85,14 @@ def expectation(
         for m in range(k):
             rows, start = columns, first
             if curved:
-                rows, start = room[REST + k + m * N_COLUMNS : REST + k + (m + 1) * N_COLUMNS], 0
+                rows, start = room[REST + k + m * N_OF_ROW : REST + k + (m + 1) * N_OF_ROW], 0
                 _take_back(columns, first, table[m], size, rows)
             _log_density(factor[m], rows, start, columns[LOG_SPEED][first:], size, p[m])
         log_likelihood += _normalise(p, columns[WEIGHT][first:], size, rest)
         for m in range(k):
             rows, start = columns, first
             if curved:
-                rows, start = room[REST + k + m * N_COLUMNS : REST + k + (m + 1) * N_COLUMNS], 0
+                rows, start = room[REST + k + m * N_OF_ROW : REST + k + (m + 1) * N_OF_ROW], 0
             _sum(p[m], rows, start, size, sums[m])
             if curved:
                 _sum_slopes(p[m], rows, columns, first, size, factor[m], rest, sums[m])

@@ -29,9 +29,9 @@ from dirprim_filter.primitives._modes import (
     LOG_SHAPE,
     LOG_WEIGHT,
     MEAN,
-    N_COLUMNS,
     N_CURVED,
     N_FLAT,
+    N_OF_ROW,
     NO_MODE,
     SINE,
     SPEED,
@@ -176,7 +176,7 @@ def ascend(
     for i in range(at, at + n):
         total += columns[WEIGHT, i]
     sums, usual = np.empty((k, CURVED_SUMS if curved else SUMS)), usual_log_density(bounds)
-    room = np.empty((REST + k * (1 + N_COLUMNS), BLOCK))  # of `expectation`, kept from one iteration to the next
+    room = np.empty((REST + k * (1 + N_OF_ROW), BLOCK))  # of `expectation`, kept from one iteration to the next
     history = np.empty((2 * DEPTH + 4, k, width))  # how places changed, how steps did, then what they were last
     history[:] = 0.0
     here, step = 2 * DEPTH, 2 * DEPTH + 1

@@ -22,7 +22,7 @@ from tessellation._kernels import Locator, locate
 # Columns of `ModeTable.mode`.
 LOG_WEIGHT, LOG_DIRECTION, MEAN, TWICE_CONCENTRATION, LOG_SPEED, SHAPE, RATE = 0, 1, 2, 3, 4, 5, 6
 BEND_EAST, BEND_NORTH, GAIN_EAST, GAIN_NORTH, CUMULATIVE, ENVELOPE_Q, ENVELOPE_B = 7, 8, 9, 10, 11, 12, 13
-N_COLUMNS = 14
+N_OF_MODE = 14
 NOTHING = np.empty(0)
 SHARPEST = 1e300
 """Of concentrations: some times as many are still numbers."""
@@ -32,7 +32,7 @@ class ModeTable(NamedTuple):
     """Modes of any number of cells, and what normalises them, as the kernels take them."""
 
     first: IntArray  # (n_cells + 1,) cell c has the modes from first[c] to first[c + 1]
-    mode: FloatArray  # (n_modes, N_COLUMNS), see above
+    mode: FloatArray  # (n_modes, N_OF_MODE), see above
     center: FloatArray  # (n_cells, 2) metres, where bends and gains are 0
 
     @classmethod

@@ -16,7 +16,7 @@ from dirprim_filter.distributions.angles import wrap
 
 COSINE, SINE, SPEED, LOG_SPEED, WEIGHT, EAST, NORTH = range(7)
 """Columns of rows of moving vehicles, or of what stands for several: their means. Metres from the cell's centre."""
-N_COLUMNS = 7
+N_OF_ROW = 7
 LOG_WEIGHT, MEAN, LOG_CONCENTRATION, LOG_SHAPE, LOG_MEAN_SPEED, BEND_EAST, BEND_NORTH, GAIN_EAST, GAIN_NORTH = range(9)
 """Columns of a table of modes, such that steps can be added: of a concentration k, log(1 + k)."""
 N_FLAT, N_CURVED = 5, 9

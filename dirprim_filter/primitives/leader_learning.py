@@ -25,7 +25,7 @@ from dirprim_filter.tracks import Tracks
 
 logger = logging.getLogger(__name__)
 
-EVERY_S, AHEAD_S = 0.5, 1.0
+EVERY_S, RESPONDS_S = 0.5, 1.0
 """How often drivers are looked at, and over how long their acceleration is."""
 MOST_INSTANTS = 5000
 """Of so many every driver has been seen often."""
@@ -42,7 +42,7 @@ TRUSTED_PAIRS = 50.0
 STARTS_SEEN = 5.0
 """Instants of standing vehicles, by which starts lean on those of all that stand."""
 MOST_STARTS = 0.95
-"""Of those that stand, within `AHEAD_S`."""
+"""Of those that stand, within `RESPONDS_S`."""
 
 
 class LeaderSums(NamedTuple):
@@ -50,13 +50,13 @@ class LeaderSums(NamedTuple):
 
     acceleration: Regression  # by `_leader.describe`'s features, a row for each fold; a pair of vehicles counts once
     stood: FloatArray  # (4,) instants at which a vehicle stood: behind a leader of each pace, and without one
-    started: FloatArray  # (4,) of these, where it drove `AHEAD_S` later
+    started: FloatArray  # (4,) of these, where it drove `RESPONDS_S` later
 
     @classmethod
     def of(cls, tracks: Tracks) -> Self:
         """The sums of a log: of every vehicle and the nearest one ahead, `EVERY_S`."""
         group, time_ns = _looks(tracks)
-        now, later = (Instants.of(tracks, group, at_ns) for at_ns in (time_ns, time_ns + int(AHEAD_S * 1e9)))
+        now, later = (Instants.of(tracks, group, at_ns) for at_ns in (time_ns, time_ns + int(RESPONDS_S * 1e9)))
         speed, row = now.state[:, 3], later.rows_of(now)
         seen = np.empty((len(now.state), 3))
         _leader.ahead_of_each(now.state, now.first, seen)
@@ -73,7 +73,7 @@ class LeaderSums(NamedTuple):
         pace = np.where(near, np.digitize(seen[:, 1], [STANDING_BELOW, SLOW]), N_PACES)
         starts = waits & (speed + gained >= STANDING_BELOW)
         return cls(
-            Regression.of(feature, gained[follows] / AHEAD_S, 1.0 / count[pair], _folds(tracks)[driver], N_FOLDS),
+            Regression.of(feature, gained[follows] / RESPONDS_S, 1.0 / count[pair], _folds(tracks)[driver], N_FOLDS),
             np.bincount(pace[waits], minlength=N_PACES + 1).astype(np.float64),
             np.bincount(pace[starts], minlength=N_PACES + 1).astype(np.float64),
         )
@@ -97,7 +97,7 @@ class LeaderSums(NamedTuple):
             gain=gain[0],
             push=float(np.sqrt(whole.mean_square(gain)[0] / PUSHED_SHARE)),
             trust=pairs / (pairs + TRUSTED_PAIRS),
-            start_rate=-np.log1p(-np.minimum(share, MOST_STARTS)) / AHEAD_S,
+            start_rate=-np.log1p(-np.minimum(share, MOST_STARTS)) / RESPONDS_S,
         )
 
 

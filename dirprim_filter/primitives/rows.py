@@ -9,7 +9,7 @@ import numpy as np
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray, read_only
 from dirprim_filter.primitives import _thinning
-from dirprim_filter.primitives._modes import COSINE, EAST, LOG_SPEED, N_COLUMNS, NORTH, SINE, SPEED, WEIGHT
+from dirprim_filter.primitives._modes import COSINE, EAST, LOG_SPEED, N_OF_ROW, NORTH, SINE, SPEED, WEIGHT
 from dirprim_filter.tracks import Tracks
 from tessellation.protocols import Members
 
@@ -147,7 +147,7 @@ class TrackRows:
 class CellRows(NamedTuple):
     """What cells are fitted to: the rows of each that move, cell by cell, and how much there is of them."""
 
-    columns: FloatArray  # (N_COLUMNS, n) see `_modes`; metres from the centre of the cell
+    columns: FloatArray  # (N_OF_ROW, n) see `_modes`; metres from the centre of the cell
     start: IntArray  # (n_cells + 1,) cell c has the columns from start[c] to start[c + 1]
     n_vehicles: FloatArray  # (n_cells,) that these rows are of
     n_moving: FloatArray  # (n_cells,) rows, by weight
@@ -164,7 +164,7 @@ class CellRows(NamedTuple):
         start = np.append(0, np.cumsum(moves))[members.start]
         used, index = (slice(None), row) if row.size > len(rows) else (row, slice(None))  # what costs less
         direction, speed = rows.direction[used], np.maximum(rows.speed[used], 1e-300)
-        columns = np.empty((N_COLUMNS, row.size))
+        columns = np.empty((N_OF_ROW, row.size))
         columns[COSINE], columns[SINE] = np.cos(direction)[index], np.sin(direction)[index]
         columns[SPEED], columns[LOG_SPEED], columns[WEIGHT] = speed[index], np.log(speed)[index], weight
         columns[EAST], columns[NORTH] = (position[row] - members.center[cell]).T

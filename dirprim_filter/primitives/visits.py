@@ -22,7 +22,7 @@ STEP_S = 0.1
 SHORTEST_STAND_S = 0.5
 AHEAD_M = ((8.0, 2.0), (16.0, 3.0), (30.0, 5.0))
 """How far ahead visits are compared by place, and how far apart places are then alike, metres at `Scale.length` 1."""
-AHEAD_S = ((1.5, 1.5), (3.0, 3.0))
+FASTER_S = ((1.5, 1.5), (3.0, 3.0))
 """How long ahead they are compared by speed, seconds or intervals, and how far apart speeds are then alike, m/s."""
 GAINED_S = 1.5
 LATERAL_M, COURSE_CHORD, LOG_PACE, GAINED_MPS = 1.0, 0.2, 0.25, 1.0
@@ -141,7 +141,7 @@ class Visits:
             known = (there < way.size) & (self.segment[np.minimum(there, way.size - 1)] == self.segment[first])
             place = self.position[np.minimum(there, way.size - 1)] / (length * alike)
             columns += list(np.where(known[:, None], place, np.nan).T)
-        for seconds, alike in AHEAD_S:
+        for seconds, alike in FASTER_S:
             columns.append(self._seen_later(self.speed, time * seconds) / alike)
         columns.append((self._seen_later(self.speed, time * GAINED_S) - self.speed[first]) / GAINED_MPS)
         return np.column_stack(columns)

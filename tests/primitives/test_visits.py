@@ -8,7 +8,7 @@ import pytest
 from dirprim_filter.distributions.angles import difference
 from dirprim_filter.primitives._clustering import dp_means
 from dirprim_filter.primitives.rows import TrackRows
-from dirprim_filter.primitives.visits import AHEAD_M, AHEAD_S, GAINED_MPS, GAINED_S, STEP_S, Visits
+from dirprim_filter.primitives.visits import AHEAD_M, FASTER_S, GAINED_MPS, GAINED_S, STEP_S, Visits
 from dirprim_filter.tracks import Tracks
 from oracles import between_rows
 from oracles import dp_means as slow_dp_means
@@ -135,7 +135,7 @@ def test_features_say_where_and_how_fast_a_vehicle_is_later():
         np.testing.assert_allclose(feature[known, 7 + 2 * i] * alike, (x + metres)[known], atol=1.2)  # an instant's way
         np.testing.assert_allclose(feature[known, 8 + 2 * i] * alike, 5.0)
         np.testing.assert_array_equal(known, x + metres < visits.position[-1, 0] + 1e-6)
-    for i, (seconds, alike) in enumerate(AHEAD_S):
+    for i, (seconds, alike) in enumerate(FASTER_S):
         later = visits.speed[visits.begin] + 0.5 * seconds
         known = np.isfinite(feature[:, 13 + i])
         np.testing.assert_allclose((feature[:, 13 + i] * alike)[known], later[known], atol=1e-6)
