@@ -97,7 +97,8 @@ class FilterConfig:
         own_way_rate: 1/s, how often a vehicle in motion leaves the map's manoeuvres and goes its own way, until it
             enters a cell of which a manoeuvre fits it, or to other motion of the background within seconds: what a map
             of few vehicles does not know. Straight on, by the background's own acceleration.
-        step_s: seconds, the longest step of the motion model: a vehicle at 15 m/s passes 1.5 m in it.
+        step_s: seconds, the step of the motion model: a vehicle at 15 m/s passes 1.5 m in it. Who is measured seldom is
+            moved in longer ones, see `particle_filter.longest_step_s`.
         max_gap_s: seconds without a measurement after which a belief ends.
         interaction: "leader": in forecasts vehicles respond to the vehicle ahead, as far as the map's vehicles did;
             "none": each is forecast as if alone. Without leaders the energy score of Lankershim at 5 s is .569 m, with

@@ -38,19 +38,10 @@ PER_SAMPLE = 16
 
 
 def forecast(
-    primitive_map: PrimitiveMap,
-    *,
-    position: npt.ArrayLike,
-    direction: float,
-    speed: float,
-    horizon_s: float = 5.0,
-    dt_s: float = 0.5,
-    n_samples: int = 100,
-    cue: Cue | None = None,
-    config: FilterConfig | None = None,
-    transition: Transition | None = None,
-    rng: np.random.Generator,
-) -> FloatArray:
+    primitive_map: PrimitiveMap, *, position: npt.ArrayLike, direction: float, speed: float, horizon_s: float = 5.0,
+    dt_s: float = 0.5, n_samples: int = 100, cue: Cue | None = None, config: FilterConfig | None = None,
+    transition: Transition | None = None, rng: np.random.Generator,
+) -> FloatArray:  # fmt: skip
     """Sample where a vehicle goes from here.
 
     Args:

@@ -17,7 +17,7 @@ from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import TrackedFrame
 from dirprim_filter.filtering import BayesFilter, GroupTracker
-from dirprim_filter.filtering.smoothing.smoother import Smoother
+from dirprim_filter.filtering.smoother import Smoother
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.replay import Look, follow
 from dirprim_filter.sensor import AxisError, Sensor

@@ -9,7 +9,7 @@ from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import EstimateList, Estimates
 from dirprim_filter.filtering import GroupTracker, Tracker
-from dirprim_filter.filtering.smoothing.smoother import Smoother
+from dirprim_filter.filtering.smoother import Smoother
 from dirprim_filter.replay import replay
 from situations import TRUSTING
 

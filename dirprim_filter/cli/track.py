@@ -98,7 +98,7 @@ def track(
     from dirprim_filter.cli.results import CONFIG_KEY, provenance, read_filter
     from dirprim_filter.cli.sensing import configured, sensor_of
     from dirprim_filter.filtering import GroupTracker, Tracker
-    from dirprim_filter.filtering.smoothing.smoother import Smoother
+    from dirprim_filter.filtering.smoother import Smoother
     from dirprim_filter.forecasting import Forecaster
     from dirprim_filter.recording.losses import Losses
     from dirprim_filter.recording.writer import EstimateWriter

@@ -28,8 +28,9 @@ from dirprim_filter.tracks import Tracks
 
 NOISE = Axis("noise_m", 0.1)
 """Of a log's rows; they are tracks already, so it is small."""
-MOST_VEHICLES, FEWEST_VEHICLES, MOST_SECONDS, N_SAMPLES = 50, 10, 5000.0, 16
-"""Of the training vehicles by which the noise is chosen, and rollouts of each case. Ships are seen for an hour each."""
+MOST_VEHICLES, MOST_SECONDS, MOST_OF_EACH_S, N_SAMPLES = 50, 5000.0, 500.0, 16
+"""Of the training vehicles by which the noise is chosen, in all and of each, and rollouts of each case. Ships are seen
+for an hour each."""
 AT_ONCE = 50
 """So many vehicles that go alone are tracked together."""
 ALL = TrackingConfig(confirm_above=1e-9, report_above=1e-9, forget_below=1e-9)
@@ -55,6 +56,7 @@ def forecast_beliefs(
         (n, n_samples, n_horizons, 2) metres.
     """
     config = FilterConfig(noise_m=noise_m, interaction="leader" if leaders else "none")
+    leaders = leaders and primitive_map.motion.leader is not None
     log, vehicle, seeds = cases.log, cases.log.vehicle, rng.integers(2**63, size=2)
     seen = Detections.of(log) if leaders else _begun_at_once(log)
     path = np.empty((cases.row.size, n_samples, len(horizons_s), 2))
@@ -65,7 +67,9 @@ def forecast_beliefs(
             own = np.isin(cases.vehicle, part)
             tracked = seen[log.group == group if leaders else np.isin(vehicle, part)].in_one_group()
             belief, rollout = map(np.random.default_rng, seeds)
-            tracker = Tracker(primitive_map, config=config, tracking=ALL, rng=belief)
+            tracker = Tracker(
+                primitive_map, config=config, tracking=ALL, unseen_s=LONGEST_UNSEEN_S if leaders else 0.0, rng=belief
+            )  # fmt: skip
             forecaster = _CaseForecaster(
                 primitive_map, cases.name[own].tolist(), seen.time_ns[cases.row[own]].tolist(), horizons_s,
                 config=config, n_samples=n_samples, rng=rollout,
@@ -110,10 +114,13 @@ def chosen_noise(
     primitive_map: PrimitiveMap, known: Cases, horizons_s: tuple[float, ...], *, rng: np.random.Generator
 ) -> tuple[Choice, ...]:
     """The noise with which training vehicles are forecast best, as rivals' settings are chosen; none of few cases."""
+    since_ns = known.log.time_ns - known.log.time_ns[known.log.first_rows][known.log.vehicle]
+    if since_ns.max(initial=0) > MOST_OF_EACH_S * 1e9:
+        known = Cases.of(known.log[since_ns <= MOST_OF_EACH_S * 1e9], horizons_s=horizons_s)
     log, vehicle, seed = known.log, known.log.vehicle[known.row], rng.integers(2**63)
     some = rng.permutation(np.unique(vehicle))[:MOST_VEHICLES]
     seconds = np.cumsum([1e-9 * np.ptp(log.time_ns[log.vehicle == v]) for v in some])
-    cases = known.some(np.isin(vehicle, some[: max(FEWEST_VEHICLES, np.count_nonzero(seconds < MOST_SECONDS))]))
+    cases = known.some(np.isin(vehicle, some[seconds <= MOST_SECONDS]))
     if np.isnan(mean_log_energy(np.zeros((cases.row.size, 2, len(horizons_s), 2)), cases.later)):
         return ()
 

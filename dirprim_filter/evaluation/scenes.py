@@ -18,7 +18,7 @@ from dirprim_filter.evaluation.scores import TrackedScene
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
 from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
 from dirprim_filter.filtering import Tracker
-from dirprim_filter.filtering.smoothing.smoother import Smoother
+from dirprim_filter.filtering.smoother import Smoother
 from dirprim_filter.replay import Look, follow
 from dirprim_filter.simulation.sensor import detect
 from dirprim_filter.tracks import Tracks

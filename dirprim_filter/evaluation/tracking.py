@@ -28,7 +28,7 @@ from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
 from dirprim_filter.evaluation.tracking_report import TrackingReport
 from dirprim_filter.evaluation.without_map import MOST_FITTED
 from dirprim_filter.filtering import ConstantVelocityKalman
-from dirprim_filter.filtering.particle_filter import bayes_filter_of
+from dirprim_filter.filtering.particle_filter import ParticleFilter
 from dirprim_filter.primitives.learning import learn_primitives
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
@@ -184,7 +184,7 @@ def _on_map(
         maps = {"prior": learned, "place-free": learned.without_places()}
     if "one cell" in experiment.methods:
         maps["one cell"] = learn_primitives(train, tessellation="grid", n_cells=1, rng=one_cell_rng)
-    return {name: partial(bayes_filter_of, of, experiment.filter, None) for name, of in maps.items()}
+    return {name: partial(ParticleFilter, of, experiment.filter) for name, of in maps.items()}
 
 
 def _scenes(tracks: Tracks, experiment: TrackingExperiment, *, seed: int) -> list[Scene]:

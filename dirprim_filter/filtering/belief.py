@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -98,6 +99,21 @@ class BeliefSamples:
         return Particles.concatenate(found[1:] or found)
 
 
+class States(NamedTuple):
+    """Beliefs as mixtures of Gaussians about samples, a copy; of a filter without samples of one each.
+
+    Attributes:
+        sample: (v, 9, P) x, y, their rates and one number more that lasts; then cosine and sine of the direction; then
+            what the samples follow, as `Guided.resumed` takes it. Of a filter without samples (v, 7, 1).
+        weight: (v, P) of the samples, sums to 1.
+        covariance: (v, 4, 4) of place and rates about each sample.
+    """
+
+    sample: FloatArray
+    weight: FloatArray
+    covariance: FloatArray
+
+
 def weigh_by_cue(table: MotionTable, cloud: Cloud, vehicle: IntArray, cue: Cue) -> FloatArray:
     """Multiply the weights of vehicles (v,) by a cue's density, and normalise (Senanayake et al. 2020, Eq. 4).
 
@@ -120,16 +136,10 @@ def weigh_by_cue(table: MotionTable, cloud: Cloud, vehicle: IntArray, cue: Cue) 
 def _empty(n_slots: int, n_particles: int) -> Cloud:
     shape = (n_slots, n_particles)
     return Cloud(
-        position=np.zeros((*shape, 2)),
-        direction=np.zeros(shape),
-        speed=np.zeros(shape),
-        cell=np.full(shape, -1, np.int64),
-        manoeuvre=np.zeros(shape, np.int64),
-        push=np.zeros(shape),
-        weight=np.full(shape, 1.0 / n_particles),
-        state=np.zeros((n_slots, 4), np.uint64),
-        since_s=np.zeros(n_slots),
-    )
+        position=np.zeros((*shape, 2)), direction=np.zeros(shape), speed=np.zeros(shape),
+        cell=np.full(shape, -1, np.int64), manoeuvre=np.zeros(shape, np.int64), push=np.zeros(shape),
+        weight=np.full(shape, 1.0 / n_particles), state=np.zeros((n_slots, 4), np.uint64), since_s=np.zeros(n_slots),
+    )  # fmt: skip
 
 
 def birth_key(seed: int, track_id: str, time_ns: int) -> np.uint64:

@@ -11,9 +11,8 @@ from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.filtering import _measuring
-from dirprim_filter.filtering.measurements import TAIL
+from dirprim_filter.filtering.measurements import TAIL, Evidence
 from dirprim_filter.filtering.particle_filter import ParticleFilter
-from dirprim_filter.filtering.protocols import Evidence
 from dirprim_filter.filtering.radar import Measurement
 from dirprim_filter.filtering.transition import Moving, Transition
 from dirprim_filter.primitives.cues import Cue
@@ -40,6 +39,7 @@ class CustomFilter(ParticleFilter):
     ) -> None:  # fmt: skip
         super().__init__(primitive_map, config)
         self.transition, self.measurement = transition, measurement
+        self.longest_step_s = self.longest_step_s if transition is None else self.config.step_s
         self.own = np.zeros((*self.cloud.speed.shape, 0 if transition is None else transition.n_own))
 
     @property
@@ -65,10 +65,12 @@ class CustomFilter(ParticleFilter):
             for _, particles, rng in self._each(slot):
                 self.transition.begin(particles, rng)
 
-    def predict(self, slot: IntArray, dt_s: FloatArray, cue: Cue | None = None) -> None:
+    def predict(
+        self, slot: IntArray, dt_s: FloatArray, cue: Cue | None = None, step_s: FloatArray | None = None
+    ) -> None:  # fmt: skip
         """Move the particles. (v,), (v,) seconds."""
         if self.transition is None:
-            super().predict(slot, dt_s, cue)
+            super().predict(slot, dt_s, cue, step_s)
             return
         self.step += 1
         for i, particles, rng in self._each(slot):

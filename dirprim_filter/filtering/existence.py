@@ -63,13 +63,9 @@ def probability(existence: FloatArray, outside: FloatArray) -> FloatArray:
 
 
 def later(
-    existence: FloatArray,
-    dt_s: FloatArray,
-    config: TrackingConfig,
-    *,
-    ends: FloatArray | float = 0.0,
+    existence: FloatArray, dt_s: FloatArray, config: TrackingConfig, *, ends: FloatArray | float = 0.0,
     pace: FloatArray | float = 1.0,
-) -> FloatArray:
+) -> FloatArray:  # fmt: skip
     """(n, 3) -> (n, 3) after `dt_s` (n,) seconds without a frame.
 
     Args:

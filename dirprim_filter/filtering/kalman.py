@@ -17,8 +17,8 @@ from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.distributions import gaussian
-from dirprim_filter.filtering.measurements import LOST, TAIL, measured_covariance
-from dirprim_filter.filtering.protocols import Evidence, States
+from dirprim_filter.filtering.belief import States
+from dirprim_filter.filtering.measurements import LOST, TAIL, Evidence, measured_covariance
 from dirprim_filter.primitives.motion import JUMP_S
 from dirprim_filter.tracks import Tracks
 

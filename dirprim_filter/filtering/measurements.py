@@ -7,10 +7,11 @@ course and speed say for a vehicle is the ratio of their densities to these.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
-from dirprim_filter.arrays import FloatArray
+from dirprim_filter.arrays import BoolArray, FloatArray
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.distributions import gaussian
@@ -23,6 +24,21 @@ LOST = 1e-3
 """Share of wrong positions by which it is judged whether a belief explains one, where none are said to be wrong."""
 FASTEST = 60.0
 """m/s; an outlier of a measured speed, or a false detection's, lies anywhere below it."""
+
+
+class Evidence(NamedTuple):
+    """How well beliefs explain their measurements.
+
+    Attributes:
+        log_density: (v,) natural log of the density of each measurement given those before it: per square metre of
+            position; that of course and speed is a ratio to a false detection's, see above.
+        is_unexplained: (v,) where an outlier explains it better, or nothing does.
+        is_moved: (v,) whose belief was moved: samples were, not only weighed, or there are none.
+    """
+
+    log_density: FloatArray
+    is_unexplained: BoolArray
+    is_moved: BoolArray
 
 
 def measured_covariance(measured: Detections, config: FilterConfig) -> FloatArray:

@@ -20,14 +20,14 @@ from dirprim_filter.course import MOVING_FROM
 from dirprim_filter.detections import Detections
 from dirprim_filter.distributions import von_mises
 from dirprim_filter.filtering import _conditioning, _kernels, _measuring, _resampling
-from dirprim_filter.filtering.belief import BeliefSamples, ParticleBelief, weigh_by_cue
+from dirprim_filter.filtering.belief import BeliefSamples, ParticleBelief, States, weigh_by_cue
 from dirprim_filter.filtering.kalman import ConstantVelocityKalman, WanderingKalman
-from dirprim_filter.filtering.measurements import FASTEST, LOST
-from dirprim_filter.filtering.protocols import BayesFilter, Evidence, Places, States
-from dirprim_filter.filtering.smoothing import _kernels as smoothing
+from dirprim_filter.filtering.measurements import FASTEST, LOST, Evidence
+from dirprim_filter.filtering.protocols import Places
 from dirprim_filter.primitives._leader import ALONE
 from dirprim_filter.primitives._manoeuvres import OWN_WAY
 from dirprim_filter.primitives.cues import Cue
+from dirprim_filter.primitives.motion import CREEP
 from dirprim_filter.primitives.motion_table import motion_table, under
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.traffic import Traffic
@@ -35,6 +35,9 @@ from dirprim_filter.sensor import Sensor
 
 OWN_WAY_SHARE = 0.5
 """Of vehicles out of sight: the evidence of where they come back says which (`smoothing.bridge`)."""
+QUICK, CELL_SHARE, LONGEST_STEP_S = 0.05, 0.4, 0.5
+"""Of the ways through cells, the share of the quickest; of a cell, what these pass in the longest step; and seconds:
+in one a deviation from a course is forgotten, and regions would be up to a tenth wider."""
 PARALLEL_FROM_NS = 400_000.0
 """Work below which handing a part of it to a second thread, some 0.1 ms, costs more than it saves."""
 PARTS_PER_THREAD = 4
@@ -68,6 +71,7 @@ class ParticleFilter(ParticleBelief):
         self._of_manoeuvre[: len(primitive_map.motion), 0] = primitive_map.motion.cell >= 0
         if self.traffic is not None:
             self._of_manoeuvre[: self.traffic.ends.size, 1] = self.traffic.ends
+        self.longest_step_s = max(longest_step_s(primitive_map), config.step_s)
         self._noise, self._sensor = _noise(config, free=len(self._table.row) + OWN_WAY), sensor
         self._n_threads = os.cpu_count() or 1
         self._threads = ThreadPoolExecutor(self._n_threads - 1, "dirprim") if self._n_threads > 1 else None
@@ -111,23 +115,27 @@ class ParticleFilter(ParticleBelief):
 
     def states(self, slot: IntArray) -> States:
         """The particles; the number that lasts is their acceleration."""
-        sample = np.empty((slot.size, smoothing.N_COLUMNS, self.n_particles))
-        self._split(smoothing.columns_of, (self.cloud, self._table.row), (slot, sample), each_ns=12.0)
+        sample = np.empty((slot.size, _kernels.N_SAMPLE, self.n_particles))
+        self._split(_kernels.columns_of, (self.cloud, self._table.row), (slot, sample), each_ns=12.0)
         return States(sample, self.cloud.weight[slot], np.zeros((slot.size, 4, 4)))
 
     def joint(self, then: States, now: States, *, vehicle: IntArray, dt_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """As `Smoothable.joint`: those of one belief at two times are the same ones, moved on, whatever the time."""
-        mean = np.empty((vehicle.size, 2 * smoothing.N_MEANS))
-        covariance = np.empty((vehicle.size, 2 * smoothing.N_STATES, 2 * smoothing.N_STATES))
+        mean = np.empty((vehicle.size, 2 * _kernels.N_MEANS))
+        covariance = np.empty((vehicle.size, 2 * _kernels.N_STATES, 2 * _kernels.N_STATES))
         pairs = vehicle, then.sample, mean, covariance
-        self._split(smoothing.joint_moments, (now.weight, now.sample), pairs, each_ns=40.0)
+        self._split(_kernels.joint_moments, (now.weight, now.sample), pairs, each_ns=40.0)
         return mean, covariance
 
-    def predict(self, slot: IntArray, dt_s: FloatArray, cue: Cue | None = None) -> None:
-        """Move the particles by the map's motion model, under a cue by Eq. 4. (v,), (v,) seconds."""
+    def predict(
+        self, slot: IntArray, dt_s: FloatArray, cue: Cue | None = None, step_s: FloatArray | None = None
+    ) -> None:  # fmt: skip
+        """Move the particles by the map's motion model, under a cue by Eq. 4. (v,), (v,), (v,) seconds."""
         self.step += 1
-        shared = under(self._table, cue), ALONE, self.cloud, _kernels.NO_SCENE
-        self._split(_kernels.advance, shared, (slot, dt_s), each_ns=60.0)
+        table, steps = under(self._table, cue), np.full(slot.size, self.config.step_s) if step_s is None else step_s
+        for longest in set(steps.tolist()):
+            own, shared = steps == longest, (table._replace(step_s=longest), ALONE, self.cloud, _kernels.NO_SCENE)
+            self._split(_kernels.advance, shared, (slot[own], dt_s[own]), each_ns=60.0)
         self.cloud.since_s[slot] += dt_s
 
     def log_likelihood(self, slot: IntArray, measured: Detections) -> FloatArray:
@@ -216,22 +224,19 @@ def _noise(config: FilterConfig, *, free: int) -> _measuring.Noise:
     outlier, astray = config.outlier_probability, config.motion_outlier_probability
     concentration = np.array(1.0 / config.direction_noise**2)
     return _measuring.Noise(
-        few=min(_conditioning.FEWEST, config.resample_below),
-        outlier=outlier,
-        lost=outlier or LOST,
-        leaves=config.innovation_outlier_rate,
-        free=free,
-        direction_concentration=float(concentration),
+        few=min(_conditioning.FEWEST, config.resample_below), outlier=outlier, lost=outlier or LOST,
+        leaves=config.innovation_outlier_rate, free=free, direction_concentration=float(concentration),
         direction_scale=(1.0 - astray) * 2.0 * np.pi * float(np.exp(-von_mises.log_normaliser(concentration))),
-        direction_outlier=astray,
-        speed_precision=1.0 / config.speed_noise**2,
+        direction_outlier=astray, speed_precision=1.0 / config.speed_noise**2,
         speed_scale=(1.0 - astray) * FASTEST / (config.speed_noise * float(np.sqrt(2.0 * np.pi))),
         speed_outlier=astray,
-    )
+    )  # fmt: skip
 
 
-def bayes_filter_of(model: PrimitiveMap | BayesFilter, config: FilterConfig, sensor: Sensor | None) -> BayesFilter:
-    """A particle filter on a map, by a sensor's model where there is one; or the filter given."""
-    if not isinstance(model, PrimitiveMap):
-        return model
-    return ParticleFilter(model, config, sensor)
+def longest_step_s(primitive_map: PrimitiveMap) -> float:
+    """Seconds of the longest step in which particles neither pass most of a cell nor forget their deviation."""
+    motion, drives = primitive_map.motion, np.flatnonzero(primitive_map.motion.start_rate == 0.0)
+    drives = drives[motion.cell[drives] >= 0]
+    side, pace = np.sqrt(primitive_map.tessellation.area)[motion.cell[drives]], np.exp(motion.log_pace[drives]) - CREEP
+    passed_s = np.append(side / np.maximum(pace, CREEP), np.inf)
+    return float(min(CELL_SHARE * np.quantile(passed_s, QUICK, method="lower"), LONGEST_STEP_S))

@@ -6,31 +6,16 @@ alone. What some filters can do beside that are protocols of their own.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple, Protocol, Self, runtime_checkable
+from typing import NamedTuple, Protocol, Self, runtime_checkable
 
-from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
+from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Samples
+from dirprim_filter.filtering.belief import States
+from dirprim_filter.filtering.kalman import ConstantVelocityKalman
+from dirprim_filter.filtering.measurements import Evidence
 from dirprim_filter.primitives.cues import Cue
 from dirprim_filter.primitives.traffic import Traffic
-
-if TYPE_CHECKING:
-    from dirprim_filter.filtering.kalman import ConstantVelocityKalman
-
-
-class Evidence(NamedTuple):
-    """How well beliefs explain their measurements.
-
-    Attributes:
-        log_density: (v,) natural log of the density of each measurement given those before it: per square metre of
-            position; that of course and speed is a ratio to a false detection's, see `measurements`.
-        is_unexplained: (v,) where an outlier explains it better, or nothing does.
-        is_moved: (v,) whose belief was moved: samples were, not only weighed, or there are none.
-    """
-
-    log_density: FloatArray
-    is_unexplained: BoolArray
-    is_moved: BoolArray
 
 
 class Places(NamedTuple):
@@ -91,12 +76,15 @@ class BayesFilter(Protocol):
 
 @runtime_checkable
 class OnMap(Protocol):
-    """A filter of samples on a map, which hold what vehicles will do next."""
+    """A filter of samples on a map, which hold what vehicles will do next.
 
-    @property
-    def traffic(self) -> Traffic | None:
-        """Of the map; None for one without cells."""
-        ...
+    Attributes:
+        traffic: of the map; None for one without cells.
+        longest_step_s: seconds of the longest step of motion that the map allows.
+    """
+
+    traffic: Traffic | None
+    longest_step_s: float
 
     def places(self, slot: IntArray) -> Places:
         """Where vehicles are on the map."""
@@ -106,28 +94,18 @@ class OnMap(Protocol):
         """The samples behind the beliefs, until the next step; `vehicle` counts the slots given."""
         ...
 
-    def predict(self, slot: IntArray, dt_s: FloatArray, cue: Cue | None = None) -> None:
-        """As a `BayesFilter`'s, of vehicles that give a cue: what they do next is drawn from the product of Eq. 4."""
+    def predict(
+        self, slot: IntArray, dt_s: FloatArray, cue: Cue | None = None, step_s: FloatArray | None = None
+    ) -> None:  # fmt: skip
+        """As a `BayesFilter`'s, of vehicles that give a cue: what they do next is drawn from the product of Eq. 4.
+
+        In steps of at most (v,) `step_s`, left out the configured.
+        """
         ...
 
     def weigh_by_cue(self, slot: IntArray, cue: Cue) -> FloatArray:
         """Weigh beliefs by a cue, Eq. 4. (v,) -> (v,) natural log of the cue's density under each, per radian."""
         ...
-
-
-class States(NamedTuple):
-    """Beliefs as mixtures of Gaussians about samples, a copy; of a filter without samples of one each.
-
-    Attributes:
-        sample: (v, 9, P) x, y, their rates and one number more that lasts; then cosine and sine of the direction; then
-            what the samples follow, as `Guided.resumed` takes it. Of a filter without samples (v, 7, 1).
-        weight: (v, P) of the samples, sums to 1.
-        covariance: (v, 4, 4) of place and rates about each sample.
-    """
-
-    sample: FloatArray
-    weight: FloatArray
-    covariance: FloatArray
 
 
 @runtime_checkable

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
-from dirprim_filter.config import TrackingConfig
+from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import NO_ID
 from dirprim_filter.filtering import existence
 from dirprim_filter.filtering.protocols import BayesFilter, OnMap
@@ -23,6 +23,8 @@ GAP_INTERVALS = 3.0
 """Of the usual intervals between detections of a vehicle so many may pass without one before its belief ends."""
 SLOW_NS = 1e9
 """A sensor that looks at a vehicle less often is for vehicles that stay longer: existence changes slower."""
+STEPS = 20
+"""Of the motion in a usual interval, as many as its shortest allow, are enough."""
 TENTATIVE = "\0"
 """Prefix of the names of tentative unlabelled tracks: no sensor's id begins with it."""
 REMEMBERED = 9
@@ -40,7 +42,7 @@ _EMPTY: dict[str, Any] = {
     "outside": 0.0, "ends": 0.0, "n_unexplained": np.int64(0), "log_evidence": 0.0, "innovation": np.nan,
     "expected": np.full(2, np.nan),
     "cue": np.full(2, np.nan), "cue_ns": np.int64(0), "gaps": NO_GAPS, "interval": np.full(2, np.nan),
-    "size": np.full(3, np.nan),
+    "size": np.full(3, np.nan), "stride": np.int64(1),
 }  # fmt: skip
 """The columns, and what a track has in each before it begins."""
 
@@ -66,7 +68,8 @@ class Roster:
     Args:
         bayes_filter: holds their beliefs.
         config: rates, and when a track is confirmed.
-        max_gap_s: seconds without a measurement after which a track ends, where its sensor's intervals are not longer.
+        moves: the shortest step of motion, and seconds without a measurement after which a track ends, where its
+            sensor's intervals are not longer.
 
     Attributes:
         longest_gap_ns: nanoseconds without a measurement after which every track ends.
@@ -92,16 +95,19 @@ class Roster:
     cue_ns: IntArray  # (slots,) the time of the last measurement that gave it
     gaps: FloatArray  # (slots, 9) ns, last times between two frames that had its label; NaN for none
     size: FloatArray  # (slots, 3) m, of its last detection with one, as in `Detections`
+    stride: IntArray  # (slots,) how many of the motion's shortest steps a belief takes at once until it is measured
     interval: FloatArray  # (slots, 2) ns, usual time between two of its detections, and jitter; NaN while unknown
 
-    def __init__(self, bayes_filter: BayesFilter, config: TrackingConfig, *, max_gap_s: float) -> None:
+    def __init__(self, bayes_filter: BayesFilter, config: TrackingConfig, *, moves: FilterConfig) -> None:
         self._filter, self._config = bayes_filter, config
         self._on_map = bayes_filter if isinstance(bayes_filter, OnMap) else None
+        self._step_s, longest_s = moves.step_s, moves.step_s if self._on_map is None else self._on_map.longest_step_s
+        self._longest_stride = int(longest_s / self._step_s + 1e-9)
         self._slot: dict[str, int] = {}
         self._n_tentative = self._n_numbered = 0
         self._former: dict[str, tuple[int, FloatArray]] = {}  # of labelled tracks that ended, `seen_ns` and `gaps`
         self._shared = np.array([NO_GAPS, NO_GAPS])  # gaps of frames, and of hits of unlabelled tracks
-        self._max_gap_ns = self._least_gap_ns = max_gap_s * 1e9
+        self._max_gap_ns = self._least_gap_ns = moves.max_gap_s * 1e9
         self.longest_gap_ns = int(self._max_gap_ns)
         first = config.birth_density / (config.birth_density + config.clutter_density)  # existence of a first detection
         self._forget_below = config.forget_below * first
@@ -220,6 +226,8 @@ class Roster:
         if since_ns.size:
             self._shared[1:] = remembered(self._shared[1:], np.trunc([np.median(since_ns)]))
         self.measured_ns[hit] = time_ns
+        sparse = np.fmax(self.interval[hit, 0] * 1e-9 / (STEPS * self._step_s), 1.0)
+        self.stride[hit] = np.minimum(sparse, self._longest_stride)
         due_ns = DUE_FROM * self.interval[:, 0] + JITTERS * self.interval[:, 1]
         is_missed = is_scan & (self.measured_ns < time_ns) & (time_ns - self.counted_ns >= due_ns)
         is_missed[hit] = ~is_explained

@@ -19,7 +19,7 @@ from dirprim_filter.filtering.association import associated
 from dirprim_filter.filtering.belief import birth_key
 from dirprim_filter.filtering.existence import Tally, Undetected
 from dirprim_filter.filtering.measurements import innovation, with_unseen_errors
-from dirprim_filter.filtering.particle_filter import bayes_filter_of
+from dirprim_filter.filtering.particle_filter import ParticleFilter
 from dirprim_filter.filtering.protocols import BayesFilter, OnMap
 from dirprim_filter.filtering.roster import Roster
 from dirprim_filter.filtering.smoothing.recorder import Recorder
@@ -56,6 +56,8 @@ class Tracker:
             of misses, clutter and outliers replaces that of the configurations, for any filter.
             Beliefs are of the time when a detection was true, its latency ago; estimates are of the frame's own time.
         with_innovations: report innovations, to find the frame where a filter went wrong; costs some 5 % of the time.
+        unseen_s: seconds without a measurement up to which frames report labelled tracks that they do not have; in a
+            log of many vehicles that tell seldom where they are, such estimates cost most of the time.
         rng: one number drawn from it seeds every vehicle, together with its id.
 
     Attributes:
@@ -66,7 +68,7 @@ class Tracker:
     def __init__(
         self, model: PrimitiveMap | BayesFilter, *, config: FilterConfig | None = None,
         tracking: TrackingConfig | None = None, sensor: Sensor | None = None, with_innovations: bool = False,
-        rng: np.random.Generator,
+        unseen_s: float = np.inf, rng: np.random.Generator,
     ) -> None:  # fmt: skip
         self.config = require("config", FilterConfig() if config is None else config, FilterConfig)
         self.tracking = require("tracking", TrackingConfig() if tracking is None else tracking, TrackingConfig)
@@ -77,14 +79,15 @@ class Tracker:
             self.config, self.tracking = require("sensor", sensor, Sensor).informs(self.config, self.tracking)
         self.sensor = sensor
         self.recoveries = 0
-        self._with_innovations = with_innovations
-        self._filter = bayes_filter_of(model, self.config, sensor)
+        self._with_innovations, self._unseen_s = with_innovations, unseen_s
         self._origin = model.origin if isinstance(model, PrimitiveMap) else None
+        model = ParticleFilter(model, self.config, sensor) if isinstance(model, PrimitiveMap) else model
+        self._filter: BayesFilter = model
         self._recorder: Recorder | None = None
         self._latency_ns = 0 if sensor is None else round(sensor.latency_s * 1e9)
         self._step_ns = max(round(self.config.step_s * 1e9), 1)
-        self._roster = Roster(self._filter, self.tracking, max_gap_s=self.config.max_gap_s)
         self._on_map = self._filter if isinstance(self._filter, OnMap) else None
+        self._roster = Roster(self._filter, self.tracking, moves=self.config)
         traffic = None if self._on_map is None else self._on_map.traffic
         self._undetected = Undetected(traffic, self.tracking, self.config)
         self._seed = int(rng.integers(2**63))
@@ -187,10 +190,12 @@ class Tracker:
             by_chance = self._undetected.by_chance(detections.position, is_labelled, false)
             roster.tally.log_density += float(np.log(by_chance).sum())
         labelled, unlabelled = roster.labelled, roster.unlabelled
-        n_steps = (now_ns - roster.time_ns[labelled]) // self._step_ns
+        moved = labelled[(roster.seen_ns[labelled] == now_ns) | self._is_reported(labelled)]
+        step_ns = self._step_ns * roster.stride[moved]
+        n_steps = (now_ns - roster.time_ns[moved]) // step_ns
         for i in range(int(n_steps.max(initial=0))):
-            on = labelled[n_steps > i]
-            self._advance(on, roster.time_ns[on] + self._step_ns)
+            on = moved[n_steps > i]
+            self._advance(on, roster.time_ns[on] + step_ns[n_steps > i])
         self._advance(np.concatenate([slot[slot >= 0], unlabelled]), now_ns)
         away = np.flatnonzero((slot >= 0) & (now_ns - roster.measured_ns[slot] > AWAY_S * 1e9))
         if away.size:
@@ -230,11 +235,15 @@ class Tracker:
         """
         roster, now_ns = self._roster, self._time_ns
         labelled, unlabelled = roster.labelled, roster.unlabelled
-        absent = labelled[roster.seen_ns[labelled] < now_ns]
+        absent = labelled[(roster.seen_ns[labelled] < now_ns) & self._is_reported(labelled)]
         home = np.concatenate([seen, absent])
         held = self._at(home, now_ns)
         roster.age(home, held, now_ns)
         return np.concatenate([home, unlabelled]), np.concatenate([held, unlabelled])
+
+    def _is_reported(self, slot: IntArray) -> BoolArray:
+        """(v,) of tracks, whether frames that do not have them report them."""
+        return np.asarray(self._time_ns - self._roster.measured_ns[slot] <= self._unseen_s * 1e9)
 
     def _at(self, slot: IntArray, time_ns: int) -> IntArray:
         """Slots that hold beliefs (v,) at a time: of those that are of an earlier one, copies, predicted to it."""
@@ -254,10 +263,11 @@ class Tracker:
                 self._recorder.moves(slot, roster.time_ns[slot])
             lasts = roster.time_ns[slot] - roster.cue_ns[slot] < CUE_LASTS_S * 1e9
             for cue, rows in self._by_cue(slot, lasts & (roster.cue_ns == roster.measured_ns)[slot]):
-                if cue is None or self._on_map is None:
+                if self._on_map is None:
                     self._filter.predict(slot[rows], _seconds(dt_ns[rows]))
-                else:
-                    self._on_map.predict(slot[rows], _seconds(dt_ns[rows]), cue)
+                elif rows.size:
+                    step_s = _seconds(self._step_ns * roster.stride[slot[rows]])
+                    self._on_map.predict(slot[rows], _seconds(dt_ns[rows]), cue, step_s)
             roster.time_ns[slot] += dt_ns
 
     def _by_cue(self, slot: IntArray, counts: BoolArray) -> Iterator[tuple[Cue | None, IntArray]]:

@@ -23,7 +23,7 @@ from dirprim_filter.evaluation.scores import TrackedScene, scored
 from dirprim_filter.evaluation.splits import held_out
 from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
 from dirprim_filter.filtering import Tracker
-from dirprim_filter.filtering.particle_filter import bayes_filter_of
+from dirprim_filter.filtering.particle_filter import ParticleFilter
 from dirprim_filter.primitives.learning import learn_primitives
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording.tables import read_named
@@ -98,7 +98,7 @@ class Simulated:
         scenes = [scene._replace(tracking=replace(scene.tracking, **off.tracking)) for scene in self.scenes]
 
         def make() -> Any:
-            return off.stripped(bayes_filter_of(learned, experiment.filter, None))
+            return off.stripped(ParticleFilter(learned, experiment.filter))
 
         tracked = followed(scenes, make, experiment, seed=self.seed).filtered
         return errors_of(tracked, with_ids=experiment.with_ids, experiment=experiment)
@@ -203,7 +203,7 @@ class Drives:
             sensor = mcity.calibrated(drive)
             config, tracking = mcity.configured(sensor)
             config = replace(config, **off.filter)
-            model = off.stripped(bayes_filter_of(mcity.fair_map(drive, self.seed), config, sensor))
+            model = off.stripped(ParticleFilter(mcity.fair_map(drive, self.seed), config, sensor))
             tracker = Tracker(
                 model, config=config, sensor=sensor,
                 tracking=replace(tracking, **off.tracking), rng=np.random.default_rng(self.seed),
@@ -228,7 +228,7 @@ class Harbour:
             scenario = scenario._replace(
                 config=replace(scenario.config, **off.filter), tracking=replace(scenario.tracking, **off.tracking)
             )
-            model = off.stripped(bayes_filter_of(ferry.learned(number, self.seed), scenario.config, None))
+            model = off.stripped(ParticleFilter(ferry.learned(number, self.seed), scenario.config))
             found = ferry.nearby(scenario.tracked(model, self.seed), number)
             hotas.append(ferry.hota_of(found, number, scenario.instants))
             parts.append(_of_keys(found, ferry.true(number), scenario.instants, ferry.SIMILARITY_M, number))

@@ -15,7 +15,7 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import EstimateList
 from dirprim_filter.evaluation.without_map import acceleration_of, background_motion
 from dirprim_filter.filtering import ConstantVelocityKalman, GroupTracker
-from dirprim_filter.filtering.smoothing.smoother import Smoother
+from dirprim_filter.filtering.smoother import Smoother
 from dirprim_filter.recording.reader import stream_detections
 from dirprim_filter.recording.scan import scan
 from dirprim_filter.replay import replay

@@ -16,7 +16,7 @@ from dirprim_filter.evaluation.calibration import self_calibration
 from dirprim_filter.evaluation.calibration.own_tracks import own_tracks
 from dirprim_filter.evaluation.calibration.self_calibration import SHARE, Pieces, pieces_of, self_calibrate
 from dirprim_filter.filtering import ConstantVelocityKalman
-from dirprim_filter.filtering.smoothing.smoother import Smoother
+from dirprim_filter.filtering.smoother import Smoother
 from dirprim_filter.replay import replay
 from dirprim_filter.sensor import WIDE, AxisError, Sensor
 from dirprim_filter.simulation.sensor import detect

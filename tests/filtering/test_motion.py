@@ -9,7 +9,7 @@ from scipy import stats
 from dirprim_filter import forecast
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
-from dirprim_filter.filtering.particle_filter import ParticleFilter
+from dirprim_filter.filtering.particle_filter import ParticleFilter, longest_step_s
 from moving import motion_by_hand, moved, only_places, squares
 from situations import one_cell_map
 
@@ -47,6 +47,33 @@ def test_motion_is_the_same_however_time_is_cut():
             assert stats.ks_2samp(mine, theirs).pvalue > FALSE_ALARM
     for mine, theirs in zip(once, laws(curved, key=5, seconds=5.0), strict=True):
         assert stats.ks_2samp(mine, theirs).pvalue < FALSE_ALARM
+
+
+@pytest.mark.parametrize("seconds", [1.0, 10.0, 60.0])
+def test_beliefs_moved_in_the_longest_steps_that_a_map_allows_are_those_of_fine_steps(seconds):
+    """After the next measurement of a sensor that looks so seldom; steps of most of a minute are the control."""
+    wide = one_cell_map(concentration=150.0, shape=30.0, side=4000.0, bend=(2e-4, -1e-4))
+    config = FilterConfig(n_particles=4000, noise_m=2.0)
+
+    def moved_in(step_s, key):
+        found = ParticleFilter(wide, config)
+        slot, start = np.zeros(1, np.int64), Detections(track_id=["a"], time_ns=[0], position=[[0.0, 0.0]])
+        found.begin(slot, np.array([key], np.uint64), start)
+        found.predict(slot, np.array([seconds]), None, np.array([step_s]))
+        cloud = found.cloud
+        drives = cloud.speed[0] > 1.0  # those that creep do so for a step
+        return *cloud.position[0].T, cloud.direction[0], cloud.speed[0, drives]
+
+    fine, longest, coarse = moved_in(0.05, 1), moved_in(longest_step_s(wide), 2), moved_in(40.0, 3)
+    assert min(stats.ks_2samp(*pair).pvalue for pair in zip(fine, longest, strict=True)) > FALSE_ALARM
+    if seconds > 1.0:
+        assert min(stats.ks_2samp(*pair).pvalue for pair in zip(fine, coarse, strict=True)) < FALSE_ALARM
+
+
+def test_the_quick_pass_less_than_half_a_cell_in_the_longest_step():
+    for side, step_s in ((4.0, 0.4 * 4.0 / 10.0), (10.0, 0.4), (4000.0, 0.5)):
+        assert longest_step_s(one_cell_map(side=side)) == pytest.approx(step_s)
+    assert longest_step_s(one_cell_map().without_places()) == 0.5
 
 
 def test_where_no_place_tells_vehicles_go_on_at_constant_velocity_with_noise():

@@ -10,11 +10,11 @@ from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import EstimateList
 from dirprim_filter.filtering import ConstantVelocityKalman, GroupTracker, ParticleFilter
+from dirprim_filter.filtering.belief import States
 from dirprim_filter.filtering.kalman import FIRST_SPEED_STD
-from dirprim_filter.filtering.protocols import States
+from dirprim_filter.filtering.smoother import Smoother
 from dirprim_filter.filtering.smoothing.links import Before, links_of, tempered
 from dirprim_filter.filtering.smoothing.recorder import Recorder
-from dirprim_filter.filtering.smoothing.smoother import Smoother
 from dirprim_filter.primitives.motion import PUSH_RATE
 from dirprim_filter.replay import Look, follow, replay
 from moving import ring_road

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from dirprim_filter.columns import column_fields
-from dirprim_filter.config import TrackingConfig
+from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates
+from dirprim_filter.filtering import ParticleFilter, Tracker
 from dirprim_filter.filtering.belief import FIRST_CAPACITY
 from oracles import kalman_known_velocity
 from situations import TRUSTING, beside, on_the_ring, one_cell_map, ring_traffic, seen_at, tracker_of
@@ -239,6 +240,38 @@ def test_out_of_sight_a_vehicle_is_the_same_whenever_others_are_seen(ring_map, f
         return of_vehicle(found[found.time_ns == 3_000_000_000], "a", but=["existence"])
 
     assert at_the_end([]) == at_the_end([0.93, 1.0, 1.777, 2.95]) == at_the_end([2.999999999])
+
+
+class CountedSteps(ParticleFilter):
+    """Counts the steps of its particles' motion."""
+
+    n_steps = 0
+
+    def predict(self, slot, dt_s, *under):
+        step_s = under[1] if len(under) > 1 else self.config.step_s
+        self.n_steps += int(np.ceil(dt_s / step_s - 1e-9).sum())
+        super().predict(slot, dt_s, *under)
+
+
+def test_a_vehicle_measured_seldom_moves_in_longer_steps_that_are_its_own():
+    """Others cut its time in odd pieces; of one measured often steps stay short. Frames may leave out who is unseen."""
+    config, road = FilterConfig(n_particles=200, max_gap_s=60.0), one_cell_map(side=1e5, concentration=1e3, shape=100.0)
+
+    def at_the_end(every_s, others, **settings):
+        times = every_s * np.arange(8)
+        seen = [*(one("a", t, 10.0 * t, 0.0) for t in times), *(one("b", t, 0.0, 90.0) for t in others)]
+        counted = CountedSteps(road, config)
+        tracker = Tracker(counted, config=config, tracking=TRUSTING, rng=np.random.default_rng(1), **settings)
+        frames = sorted(seen, key=lambda frame: frame.time_ns[0])
+        found = Estimates.concatenate([tracker.step(frame) for frame in frames])
+        return of_vehicle(found[found.time_ns == int(times[-1] * 1e9)], "a", but=["existence"]), counted.n_steps
+
+    alone, n_steps = at_the_end(10.0, [])
+    assert n_steps <= 100 + 6 * 21  # until two intervals are known, in tenths of a second
+    odd = [60.93, 61.0, 63.777, 69.5]
+    assert at_the_end(10.0, odd)[0] == alone == at_the_end(10.0, odd, unseen_s=0.0)[0]
+    assert at_the_end(10.0, odd, unseen_s=0.0)[1] < at_the_end(10.0, odd)[1]
+    assert at_the_end(1.0, [])[1] == 7 * 10
 
 
 def coverage(primitive_map, stated_noise_m, *, n_vehicles, seed):

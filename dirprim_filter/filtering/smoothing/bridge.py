@@ -19,8 +19,9 @@ import numpy as np
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions import gaussian
 from dirprim_filter.filtering._kernels import effective_sample_size
+from dirprim_filter.filtering.belief import States
 from dirprim_filter.filtering.kalman import ConstantVelocityKalman
-from dirprim_filter.filtering.protocols import Guided, Smoothable, States
+from dirprim_filter.filtering.protocols import Guided, Smoothable
 from dirprim_filter.filtering.smoothing.links import LEAST_VARIANCE, MOVES, tempered
 
 MORE = 2

@@ -10,9 +10,9 @@ import numpy.typing as npt
 
 from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from dirprim_filter.distributions import gaussian
+from dirprim_filter.filtering import _kernels
+from dirprim_filter.filtering.belief import States
 from dirprim_filter.filtering.kalman import ConstantVelocityKalman
-from dirprim_filter.filtering.protocols import States
-from dirprim_filter.filtering.smoothing import _kernels
 from dirprim_filter.filtering.smoothing.bridge import Ends, Gaussian, without
 from dirprim_filter.filtering.smoothing.links import LINK, MOVES, Before, Belief, unlinked
 
@@ -159,10 +159,7 @@ class Chain:
             known[-1] = expected[-1]
         ends_ns = [*(span.start.time_ns for span in self._spans[1:]), self.last.time_ns]
         return [
-            (
-                Ends(span.start.time_ns, end_ns, span.straight, before, without(at, before)),
-                span.samples,
-            )
+            (Ends(span.start.time_ns, end_ns, span.straight, before, without(at, before)), span.samples)
             for span, end_ns, at, before in zip(self._spans, ends_ns, known[1:], expected, strict=True)
             if span.took_ns > GAP_NS
         ]  # fmt: skip

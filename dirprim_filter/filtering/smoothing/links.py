@@ -16,9 +16,9 @@ from typing import NamedTuple
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
-from dirprim_filter.filtering._kernels import effective_sample_size
-from dirprim_filter.filtering.protocols import Smoothable, States
-from dirprim_filter.filtering.smoothing._kernels import N_MEANS, N_STATES
+from dirprim_filter.filtering._kernels import N_MEANS, N_STATES, effective_sample_size
+from dirprim_filter.filtering.belief import States
+from dirprim_filter.filtering.protocols import Smoothable
 
 LEAST_VARIANCE = np.diag([1e-8, 1e-8, 1e-6, 1e-6, 1e-6])
 """Added to what a later state varies by: standing vehicles' velocities do not vary at all."""

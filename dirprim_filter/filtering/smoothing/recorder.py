@@ -9,9 +9,9 @@ import numpy as np
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.estimates import Estimates
-from dirprim_filter.filtering.belief import birth_key
-from dirprim_filter.filtering.measurements import of_sensor
-from dirprim_filter.filtering.protocols import BayesFilter, Evidence, Smoothable, States
+from dirprim_filter.filtering.belief import States, birth_key
+from dirprim_filter.filtering.measurements import Evidence, of_sensor
+from dirprim_filter.filtering.protocols import BayesFilter, Smoothable
 from dirprim_filter.filtering.smoothing import bridge
 from dirprim_filter.filtering.smoothing.bridge import Gaussian
 from dirprim_filter.filtering.smoothing.chain import GAP_NS, LABELLED_GAP_NS, PAUSE_NS, Chain, Smoothed, may_lead

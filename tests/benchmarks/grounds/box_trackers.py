@@ -23,7 +23,7 @@ from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.evaluation.settings import Axis, choose
 from dirprim_filter.filtering import BayesFilter, ConstantVelocityKalman, Tracker
-from dirprim_filter.filtering.smoothing.smoother import Smoother
+from dirprim_filter.filtering.smoother import Smoother
 from grounds.boxes import Boxes, Fitted, Scene, alike
 from grounds.findings import STRAIGHT, Findings
 

@@ -23,7 +23,7 @@ from dirprim_filter.evaluation.intervals import mean_over, paired, reduction_of_
 from dirprim_filter.evaluation.settings import Axis, Choice, choose
 from dirprim_filter.evaluation.tracking_report import coverage, normalised_squared
 from dirprim_filter.filtering import ConstantVelocityKalman, Tracker
-from dirprim_filter.filtering.smoothing.smoother import Smoother
+from dirprim_filter.filtering.smoother import Smoother
 from grounds.findings import STRAIGHT, WITH, Findings
 
 N_SAMPLES = 100

@@ -65,8 +65,11 @@ def stitch(
     starts = [Belief(*(column[0] for column in chain.smoothed()[:4])) for chain in chains]
     pairs = _candidates(chains, starts, before_ns=before_ns, gap_ns=gap_ns)
     out_s = np.array([starts[j].time_ns - chains[i].last.time_ns for i, j in pairs]) * 1e-9
-    gain = np.array([evidence_of(recorder, chains[i], chains[j]) for i, j in pairs])
-    gain += _log_odds(out_s, frame_s, config, starts)
+    gain = _log_odds(out_s, frame_s, config, starts)
+    for k, (i, j) in enumerate(pairs):
+        ends, start = chains[j].gap_after(chains[i], recorder.straight)
+        key = int(birth_key(0, f"{chains[i].name}/{chains[j].name}", ends.end_ns))
+        gain[k] += bridge.log_density(recorder.filter, recorder.straight, ends, start, key=key)
     one, other = np.array(pairs, np.int64).reshape(-1, 2).T
     best = best_pairs(one, other, gain).tolist()
     names = []
@@ -77,13 +80,6 @@ def stitch(
     gone = {id(chains[pairs[k][0]]) for k in best}
     recorder.chains = [chain for chain in recorder.chains if id(chain) not in gone]
     return names
-
-
-def evidence_of(recorder: Recorder, former: Chain, later: Chain) -> float:
-    """Log density of the state in which a chain began, given that another ended as it did, per m^2 (m/s)^2."""
-    ends, start = later.gap_after(former, recorder.straight)
-    key = int(birth_key(0, f"{former.name}/{later.name}", ends.end_ns))
-    return bridge.log_density(recorder.filter, recorder.straight, ends, start, key=key)
 
 
 def trim(chain: Chain, *, frame_s: float, log_density: float, config: TrackingConfig) -> None:

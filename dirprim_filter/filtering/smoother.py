@@ -21,7 +21,7 @@ from dirprim_filter.filtering.measurements import with_unseen_errors
 from dirprim_filter.filtering.protocols import BayesFilter
 from dirprim_filter.filtering.smoothing.chain import Chain, Smoothed
 from dirprim_filter.filtering.smoothing.recorder import Recorder
-from dirprim_filter.filtering.smoothing.stitching import stitch
+from dirprim_filter.filtering.stitching import stitch
 from dirprim_filter.filtering.tracker import Tracker
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 
@@ -151,19 +151,13 @@ def _estimates(chains: list[tuple[Chain, Smoothed]]) -> Estimates:
     across = np.column_stack([-along[:, 1], along[:, 0]])
     n = of.time_ns.size
     return Estimates(
-        track_id=np.repeat([chain.name for chain, _ in chains], n_each),
-        time_ns=of.time_ns,
-        position=of.mean[:, :2],
-        covariance=of.covariance[:, :2, :2],
-        direction=np.arctan2(facing[:, 1], facing[:, 0]),
-        direction_resultant=np.exp(-0.5 * _variance(across, spread) / length**2),
-        speed=np.hypot(*velocity.T),
-        speed_std=np.sqrt(_variance(along, spread)),
-        effective_sample_size=np.ones(n),
-        log_evidence=np.zeros(n),
+        track_id=np.repeat([chain.name for chain, _ in chains], n_each), time_ns=of.time_ns, position=of.mean[:, :2],
+        covariance=of.covariance[:, :2, :2], direction=np.arctan2(facing[:, 1], facing[:, 0]),
+        direction_resultant=np.exp(-0.5 * _variance(across, spread) / length**2), speed=np.hypot(*velocity.T),
+        speed_std=np.sqrt(_variance(along, spread)), effective_sample_size=np.ones(n), log_evidence=np.zeros(n),
         existence=np.repeat([chain.existence for chain, _ in chains], n_each),
         unseen_s=np.asarray((of.time_ns - of.measured_ns) * 1e-9, np.float64),
-    )
+    )  # fmt: skip
 
 
 def _variance(axis: FloatArray, covariance: FloatArray) -> FloatArray:
