@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from dirprim_filter.arrays import FloatArray, IntArray
+from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.faults import find_faults, wrong_scale
 from dirprim_filter.jumps import ACCELERATION, FASTEST, MOST_JUMPS, Jumps, Scale
 from dirprim_filter.recording.errors import RecordingError
@@ -30,6 +31,9 @@ SAMPLED, NEARER = 200, 4.0
 """Steps that are looked at; and by how many times another id was nearer than the own one, where they are exchanged."""
 AT_ZERO_M = 0.5
 """Where what counts from its own start begins."""
+TWIN_M, TOGETHER, LEAST_TIMES, MOST_BESIDE = 0.4, 0.9, 10, 8
+"""Two are one within so many metres, in such a share of the times at which both are there, and so many at least; and
+with how many that are next on an axis each is compared."""
 COMPARED = 100_000
 """About so many rows have stated motion compared with their way."""
 
@@ -53,6 +57,7 @@ def plausible(rows: Rows, losses: Losses, path: Path) -> Rows:
         raise ImplausibleError(f"{path}: {wrong}")
     if (rows.group == rows.group[:1]).all():  # groups are worlds of their own
         losses.faults += _in_own_frames(vehicle, time_ns, position)
+        losses.faults += _twins(vehicle, time_ns, position, rows.names, longest_ns=3e9 * scale.interval_s)
     if (absurd := rows.speed > FASTEST).any():
         if 2 * np.count_nonzero(absurd) > np.count_nonzero(np.isfinite(rows.speed)):
             raise ImplausibleError(
@@ -121,6 +126,42 @@ def _in_own_frames(vehicle: IntArray, time_ns: IntArray, position: FloatArray) -
     return [
         f"{len(begins)} of {len(first)} vehicles begin at 0 0, while others go on from there: does each count from "
         "where it began, as odometry does? Then they are not of one frame; learn from each alone"
+    ]
+
+
+def _twins(
+    vehicle: IntArray, time_ns: IntArray, position: FloatArray, names: AnyArray, *, longest_ns: float
+) -> list[str]:  # fmt: skip
+    """A line where vehicles are in one place whenever both are there: rows in their order.
+
+    Places are compared at some of the times, between a vehicle's rows on the straight line, if these are near in time.
+    """
+    by_time = np.argsort(time_ns, kind="stable")
+    of, at_ns, there, met = vehicle[by_time], time_ns[by_time], list[IntArray](), Counter[tuple[int, ...]]()
+    for t in np.unique(at_ns[:: 1 + at_ns.size // SAMPLED]).tolist():
+        begin, now, end = np.searchsorted(at_ns, [t - longest_ns, t + 1, t + longest_ns])
+        before, last = np.unique(of[begin:now][::-1], return_index=True)
+        after, first = np.unique(of[now:end], return_index=True)
+        present, i, j = np.intersect1d(before, after, assume_unique=True, return_indices=True)
+        one, then = by_time[now - 1 - last[i]], by_time[now + first[j]]
+        share = ((t - time_ns[one]) / (time_ns[then] - time_ns[one]))[:, None]
+        place = position[one] * (1.0 - share) + position[then] * share
+        east = np.argsort(place[:, 0])
+        for k in range(1, min(MOST_BESIDE, east.size)):
+            close = np.hypot(*(place[east[k:]] - place[east[:-k]]).T) < TWIN_M
+            pairs = np.sort(present[np.column_stack([east[:-k], east[k:]])[close]], axis=1)
+            met.update(map(tuple, pairs.tolist()))
+        there.append(present)
+    twins = [
+        pair for pair, n in met.most_common()
+        if n >= LEAST_TIMES and n >= TOGETHER * sum(np.isin(pair, present).all() for present in there)
+    ]  # fmt: skip
+    if not twins or np.unique(twins).size < OFTEN * np.count_nonzero(np.diff(vehicle, prepend=-1)):
+        return []  # two of a crowd may stand side by side
+    more = f", and so are {len(twins) - 1} other pairs" if twins[1:] else ""
+    return [
+        f"{' and '.join(names[list(twins[0])].tolist())} are in one place whenever both are there{more}: is it one "
+        "vehicle under several names, or on several topics? --topics chooses"
     ]
 
 

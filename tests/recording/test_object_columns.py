@@ -284,3 +284,16 @@ def test_one_group_is_played_alone(tmp_path, capsys):
     assert run(["info", str(tmp_path / "both.mcap")]) == 0
     assert "groups in /objects: 2, from 3 to 8" in capsys.readouterr().out
     assert len(read_tracks(tmp_path / "both.mcap", group=4)) == 0
+
+
+def test_a_detection_whose_box_is_not_filled_in_is_where_its_likeliest_result_is(tmp_path):
+    def made(k, i):
+        guesses = [(0.2, SCENE.pose(0, 2)), (0.8, SCENE.pose(k, i))]
+        results = [{"hypothesis": {"class_id": "car", "score": p}, "pose": {"pose": pose}} for p, pose in guesses]
+        empty = {"center": {"position": point(0, 0, 0)}, "size": point(0, 0, 0)}
+        return detection(k, i) | {"results": results, "bbox": detection(k, i)["bbox"] if i == 2 else empty}
+
+    seen = read_tracks(array_log(tmp_path, VISION, lambda k, _: [made(k, i) for i in range(3)]))
+    boxed = read_tracks(array_log(tmp_path, VISION, lambda k, _: [detection(k, i) for i in range(3)]))
+    np.testing.assert_array_equal(seen.position, boxed.position)
+    np.testing.assert_array_equal(seen.heading, boxed.heading)

@@ -515,3 +515,32 @@ def test_a_small_file_that_becomes_much_is_refused_before_it_does(tmp_path, make
     with pytest.raises(TableError, match=r"expected at most 64 MiB in memory of so small a file"):
         cells_of(path)
     assert pa.total_allocated_bytes() - before < budget.SMALL_BYTES
+
+
+@pytest.mark.parametrize(
+    ("second", "is_said"),
+    [
+        ({}, True), ({"late_s": 0.037, "noise_m": 0.1, "n_others": 3}, True),
+        ({"aside_m": 1.5}, False),  # another beside it
+        ({"behind_s": 2.0}, False),  # or behind it
+        ({"aside_m": 0.3, "noise_m": 0.05, "n_others": 25}, False),  # two of a crowd
+    ],
+)  # fmt: skip
+def test_one_vehicle_under_two_names_is_asked_about(tmp_path, caplog, second, is_said):
+    of = {"late_s": 0.0, "behind_s": 0.0, "aside_m": 0.0, "noise_m": 0.0, "n_others": 0} | second
+    seen_s, rows = 0.1 * np.arange(100), ["time_s,track_id,x_m,y_m"]
+
+    def report(name, at_s, x, y):
+        rows.extend(f"{t:.3f},{name},{a:.3f},{b:.3f}" for t, a, b in zip(at_s, x, y, strict=True))
+
+    for i in range(of["n_others"]):
+        report(i, seen_s, 9.0 * seen_s, np.full(100, 20.0 + 4.0 * i))
+    report("a", seen_s, 50.0 + 9.0 * seen_s, np.zeros(100))
+    x, y = of["noise_m"] * np.random.default_rng(0).standard_normal((2, 100))
+    late_s = seen_s + of["late_s"]
+    report("b", late_s, x + 50.0 + 9.0 * (late_s - of["behind_s"]), y + of["aside_m"])
+    path = tmp_path / "table.csv"
+    path.write_text("\n".join(rows))
+    read_tracks(path)
+    assert ("a and b are in one place whenever both are there" in caplog.text) == is_said
+    assert len(caplog.messages) == is_said

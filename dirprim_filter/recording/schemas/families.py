@@ -1,12 +1,13 @@
 """The schemas that are known: ROS 2, OSI, Autoware, Foxglove and our own, by the paths of their fields.
 
 ROS 2. `nav_msgs/Odometry` and `foxglove.Odometry` have pose and covariance in the header's frame and the velocity in
-the axes of the body, whose frame is the vehicle's name. Poses have neither velocity nor name: one to a message they
-are named after the topic, several after their places in it. A marker that adds or changes a cube, sphere, cylinder or
-mesh is an object, `namespace/id`; of a mesh the scale is a factor, so its size is unknown. Boxes of `vision_msgs`
-keep their `id` (`tracking_id` before version 3) where the detector tracks; class, covariance and confidence are
-those of the result with the highest score. CARLA's bridge and radar drivers write `derived_object_msgs`, whose twist
-is in the header's frame. A transform is, where its topic is named, an object: the child, in the axes of its parent.
+the axes of the body, whose frame is the vehicle's name. Poses have neither velocity nor name: one to a message they are
+named after the topic, several after their places in it. A marker that adds or changes a cube, sphere, cylinder or mesh
+is an object, `namespace/id`; of a mesh the scale is a factor, so its size is unknown. Boxes of `vision_msgs` keep their
+`id` (`tracking_id` before version 3) where the detector tracks; class, covariance and confidence are those of the
+result with the highest score, and so is the pose of a box that is not filled in. CARLA's bridge and radar drivers write
+`derived_object_msgs`, whose twist is in the header's frame. A transform is, where its topic is named, an object: the
+child, in the axes of its parent.
 
 Autoware. The pose is that of the shape's centre. `orientation_availability` 0 is an unknown heading; a detection's
 twist and covariance count where `has_twist` and `has_position_covariance` say so. A probability of 0 was not set.
@@ -113,7 +114,7 @@ def _boxes(schema: str, *, at: str = "", box: str = ".bbox") -> Family:
         f"header=.header own=@.header id=@.id|@.tracking_id pose=@{box}.center size=@{box}.size "
         "label=@.results[].hypothesis.class_id|@.results[].hypothesis.id|@.results[].id "
         "score=@.results[].hypothesis.score|@.results[].score existence=@.results[].hypothesis.score|@.results[].score "
-        "covariance6=@.results[].pose.covariance",
+        "covariance6=@.results[].pose.covariance guess=@.results[].pose.pose",
         at=at,
     )  # fmt: skip
 

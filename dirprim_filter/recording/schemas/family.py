@@ -45,6 +45,8 @@ GROUPS: dict[str, dict[str, str]] = {
     "quaternion": {"qx": ".x", "qy": ".y", "qz": ".z", "qw": ".w"},
     "pose": {f"{axis}": f".position.{axis}" for axis in "xyz"}
     | {f"q{axis}": f".orientation.{axis}" for axis in "xyzw"},
+    "guess": {f"guess_{axis}": f".position.{axis}" for axis in "xyz"}
+    | {f"guess_q{axis}": f".orientation.{axis}" for axis in "xyzw"},
     "velocity": {"vx": ".x", "vy": ".y", "vz": ".z"},
     "size": {"length": ".x", "width": ".y", "height": ".z"},
     "covariance6": {"cxx": "[0]", "cxy": "[1]", "cyy": "[7]"},
@@ -123,6 +125,8 @@ class Family:
             "heading": facing,
             **self._motion(of, facing, frame),
         }
+        if "guess_x" in of:
+            _fill_in(known, of)
         if is_geodetic:
             _forget_no_fixes(known["place"], of.read("status", 0))
         kept = np.ones(of.message.size, np.bool_) if self.amend is None else self.amend(columns, of.message, known)
@@ -230,6 +234,17 @@ class FieldMapping:
         is_alone = not any("[]" in self.paths.get(name, "") for name in (*GLOBE, "x", "position", "pose"))
         paths = " ".join(f"{name}={path}" for name, path in self.paths.items())
         return family("", paths, required=True, names="topic" if is_alone else "id")
+
+
+def _fill_in(known: dict[str, Any], of: ObjectColumns) -> None:
+    """Where nobody filled in the box, which is at (0, 0, 0) then and of no size, the likeliest guess says where."""
+    empty = np.flatnonzero(~known["place"].any(axis=1) & ~(known["size"] > 0).any(axis=1))
+    if empty.size:
+        guess = of.vectors([f"guess_{name}" for name in ("x", "y", "z", *QUATERNION)])[empty]
+        here = np.isfinite(guess[:, :3]).all(axis=1)
+        known["place"][empty[here]] = guess[here, :3]
+        known["heading"] = known["heading"].copy()
+        known["heading"][empty[here]] = heading(guess[here, 3:])
 
 
 def _forget_no_fixes(place: FloatArray, status: IntArray) -> None:
