@@ -31,9 +31,11 @@ SAMPLED, NEARER = 200, 4.0
 """Steps that are looked at; and by how many times another id was nearer than the own one, where they are exchanged."""
 AT_ZERO_M = 0.5
 """Where what counts from its own start begins."""
-TWIN_M, TOGETHER, LEAST_TIMES, MOST_BESIDE = 0.4, 0.9, 10, 8
-"""Two are one within so many metres, in such a share of the times at which both are there, and so many at least; and
-with how many that are next on an axis each is compared."""
+TWIN_M, TWIN_NOISES, TOGETHER, LEAST_TIMES, MOST_BESIDE = 0.4, 2.0, 0.9, 10, 8
+"""Two are one within so many metres, or times the log's noise, in such a share of the times at which both are there,
+and so many at least; and with how many that are next on an axis each is compared."""
+GAPS = 3.0
+"""So many usual intervals between two rows are a gap, in which nobody knows where a vehicle was."""
 COMPARED = 100_000
 """About so many rows have stated motion compared with their way."""
 
@@ -57,7 +59,7 @@ def plausible(rows: Rows, losses: Losses, path: Path) -> Rows:
         raise ImplausibleError(f"{path}: {wrong}")
     if (rows.group == rows.group[:1]).all():  # groups are worlds of their own
         losses.faults += _in_own_frames(vehicle, time_ns, position)
-        losses.faults += _twins(vehicle, time_ns, position, rows.names, longest_ns=3e9 * scale.interval_s)
+        losses.faults += _twins(vehicle, time_ns, position, rows.names, scale)
     if (absurd := rows.speed > FASTEST).any():
         if 2 * np.count_nonzero(absurd) > np.count_nonzero(np.isfinite(rows.speed)):
             raise ImplausibleError(
@@ -130,13 +132,14 @@ def _in_own_frames(vehicle: IntArray, time_ns: IntArray, position: FloatArray) -
 
 
 def _twins(
-    vehicle: IntArray, time_ns: IntArray, position: FloatArray, names: AnyArray, *, longest_ns: float
+    vehicle: IntArray, time_ns: IntArray, position: FloatArray, names: AnyArray, scale: Scale
 ) -> list[str]:  # fmt: skip
     """A line where vehicles are in one place whenever both are there: rows in their order.
 
     Places are compared at some of the times, between a vehicle's rows on the straight line, if these are near in time.
     """
-    by_time = np.argsort(time_ns, kind="stable")
+    by_time, longest_ns = np.argsort(time_ns, kind="stable"), GAPS * 1e9 * scale.interval_s
+    near_m = max(TWIN_M, TWIN_NOISES * scale.noise)
     of, at_ns, there, met = vehicle[by_time], time_ns[by_time], list[IntArray](), Counter[tuple[int, ...]]()
     for t in np.unique(at_ns[:: 1 + at_ns.size // SAMPLED]).tolist():
         begin, now, end = np.searchsorted(at_ns, [t - longest_ns, t + 1, t + longest_ns])
@@ -148,7 +151,7 @@ def _twins(
         place = position[one] * (1.0 - share) + position[then] * share
         east = np.argsort(place[:, 0])
         for k in range(1, min(MOST_BESIDE, east.size)):
-            close = np.hypot(*(place[east[k:]] - place[east[:-k]]).T) < TWIN_M
+            close = np.hypot(*(place[east[k:]] - place[east[:-k]]).T) < near_m
             pairs = np.sort(present[np.column_stack([east[:-k], east[k:]])[close]], axis=1)
             met.update(map(tuple, pairs.tolist()))
         there.append(present)

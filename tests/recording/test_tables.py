@@ -520,7 +520,7 @@ def test_a_small_file_that_becomes_much_is_refused_before_it_does(tmp_path, make
 @pytest.mark.parametrize(
     ("second", "is_said"),
     [
-        ({}, True), ({"late_s": 0.037, "noise_m": 0.1, "n_others": 3}, True),
+        ({}, True), ({"late_s": 0.037, "noise_m": 0.1, "n_others": 3}, True), ({"noise_m": 1.0}, True),
         ({"aside_m": 1.5}, False),  # another beside it
         ({"behind_s": 2.0}, False),  # or behind it
         ({"aside_m": 0.3, "noise_m": 0.05, "n_others": 25}, False),  # two of a crowd
@@ -534,11 +534,10 @@ def test_one_vehicle_under_two_names_is_asked_about(tmp_path, caplog, second, is
         rows.extend(f"{t:.3f},{name},{a:.3f},{b:.3f}" for t, a, b in zip(at_s, x, y, strict=True))
 
     for i in range(of["n_others"]):
-        report(i, seen_s, 9.0 * seen_s, np.full(100, 20.0 + 4.0 * i))
-    report("a", seen_s, 50.0 + 9.0 * seen_s, np.zeros(100))
-    x, y = of["noise_m"] * np.random.default_rng(0).standard_normal((2, 100))
-    late_s = seen_s + of["late_s"]
-    report("b", late_s, x + 50.0 + 9.0 * (late_s - of["behind_s"]), y + of["aside_m"])
+        report(i, seen_s, 9.0 * seen_s, np.full(100, 90.0 + 4.0 * i))
+    off, late_s = 50.0 + of["noise_m"] * np.random.default_rng(0).standard_normal((4, 100)), seen_s + of["late_s"]
+    report("a", seen_s, off[0] + 9.0 * seen_s, off[1])
+    report("b", late_s, off[2] + 9.0 * (late_s - of["behind_s"]), off[3] + of["aside_m"])
     path = tmp_path / "table.csv"
     path.write_text("\n".join(rows))
     read_tracks(path)
