@@ -31,7 +31,7 @@ SAMPLED, NEARER = 200, 4.0
 """Steps that are looked at; and by how many times another id was nearer than the own one, where they are exchanged."""
 AT_ZERO_M = 0.5
 """Where what counts from its own start begins."""
-TWIN_M, TWIN_NOISES, TOGETHER, LEAST_TIMES, MOST_BESIDE = 0.4, 2.0, 0.9, 10, 8
+TWIN_M, TWIN_NOISES, TOGETHER, LEAST_TIMES, MOST_BESIDE = 0.4, 5.0, 0.9, 10, 8
 """Two are one within so many metres, or times the log's noise, in such a share of the times at which both are there,
 and so many at least; and with how many that are next on an axis each is compared."""
 GAPS = 3.0
