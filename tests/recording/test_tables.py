@@ -467,7 +467,7 @@ def test_ids_that_became_floats_are_whole_again_and_inexact_or_like_ones_are_ref
 @pytest.mark.parametrize(("ours", "theirs"), [
     ("time_s", "timestamp_ms"), ("time_ns", "timestampMs"), ("time_ns", "Time [us]"), ("x_m", "pos_cm"),
     ("x_m", "x_ft"), ("speed_mps", "v_kmh"), ("speed_mps", "sog_kn"), ("course_rad", "cog_deg"),
-    ("latitude_deg", "lat_rad"),
+    ("latitude_deg", "lat_rad"), ("time_s", "frame"), ("time_s", "Frame_ID"), ("time_s", "frameNumber"),
 ])  # fmt: skip
 def test_a_renamed_column_whose_name_states_another_unit_is_refused(tmp_path, ours, theirs):
     names = ["time_s", "track_id", "x_m", "y_m", theirs]

@@ -63,8 +63,9 @@ REMEDY: Mapping[str, str] = {
     "deg": "multiply by pi/180, and make it counter-clockwise from east", "kmh": "divide by 3.6",
     "kph": "divide by 3.6", "mph": "multiply by 0.44704", "fps": "multiply by 0.3048", "kn": "multiply by 0.514444",
     "degrees": "multiply by pi/180, and make it counter-clockwise from east", "knots": "multiply by 0.514444",
+    "frames": "divide by the frames per second",
 }  # fmt: skip
-"""By the unit that a name ends with."""
+"""By the unit that a name ends with; a time whose name begins with frame counts them."""
 UNREAD = "; or leave it out by --set format=csv,{}="
 TO_NS = {"s": "1e9", "ms": "1e6", "us": "1e3"}
 
@@ -191,8 +192,10 @@ def _names(table: Cells, renamed: Mapping[str, str]) -> tuple[dict[str, str], li
 
 def _check_unit(table: Cells, name: str, column: str) -> None:
     """Raises where a column's name ends with another unit than ours of it."""
-    ours, words = name.rpartition("_")[2], WORDS.findall(column)
-    unit = words[-1].lower() if len(words) > 1 else ""
+    ours, words = name.rpartition("_")[2], [word.lower() for word in WORDS.findall(column)]
+    unit = words[-1] if len(words) > 1 else ""
+    if name == "time_s" and words[:1] in (["frame"], ["frames"]) and unit in ("", "id", "number", "index", "no", "nr"):
+        unit = "frames"
     has_unit = name in (*PLACE, *GLOBE, *MEASURED, *TIMES) and unit in REMEDY.keys() | TO_NS.keys()
     if not has_unit or unit == ours or (ours, unit) == ("deg", "degrees"):
         return
