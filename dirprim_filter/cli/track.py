@@ -104,6 +104,7 @@ def track(
     from dirprim_filter.recording.writer import EstimateWriter
     from dirprim_filter.replay import replay
 
+    is_live = lag is not None and (str(log) == "-" or log.is_fifo())  # is read once, and may be written while it is
     own, watched, is_learned = taken(Own, settings), bool(save or spawn or connect), motion == "learned"
     for is_wrong, why, *option in (
         (smooth and lag is not None, "--smooth waits for the whole log: give one of both", "--lag"),
@@ -112,13 +113,17 @@ def track(
         (own.measured_motion and not is_learned, "constant velocity takes positions alone"),
         (own.acceleration_density and is_learned and map_file, "a map says how vehicles accelerate: leave out one"),
         (forecast > 0 and not is_learned, "forecasts are by a map's motion: leave out --motion", "--forecast"),
+        (
+            forecast > 0 and not map_file and (no_ids or is_live or own.acceleration_density),
+            "needs --map: with --no-ids, a stated acceleration or a live pipe no motion is learned",
+            "--forecast",
+        ),
         (own.truth and not watched, "truth needs --save, --spawn or --connect"),
     ):
         if is_wrong:
             raise typer.BadParameter(why, param_hint=[*option, "--set"][0])
     truth = options.existing_log(own.truth) if own.truth else None
     smoother = Smoother(lag_s=lag) if smooth or lag is not None else None
-    is_live = lag is not None and (str(log) == "-" or log.is_fifo())  # is read once, and may be written while it is
     (primitive_map, reading), lost = map_of(map_file, reading), Losses()
     filtering, association = read_filter(config, settings, Own, n_particles=particles, noise_m=noise)
     stream = reading.detections(log, motion=own.measured_motion, live=is_live)

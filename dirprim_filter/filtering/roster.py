@@ -7,7 +7,7 @@ nothing of it. And a sensor that looks at a vehicle each ten seconds needs belie
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import NO_ID
 from dirprim_filter.filtering import existence
 from dirprim_filter.filtering.protocols import BayesFilter, OnMap
+from dirprim_filter.primitives.cues import Cue
 
 FIRST_CAPACITY = 8
 GAP_INTERVALS = 3.0
@@ -184,6 +185,16 @@ class Roster:
             self._name(one, name or f"{TENTATIVE}{self._n_tentative}")
             self._n_tentative += name == NO_ID
         return slot
+
+    def by_cue(self, slot: IntArray, counts: BoolArray) -> Iterator[tuple[Cue | None, IntArray]]:
+        """Rows of slots (v,) for each cue that their vehicles give, as far as it counts (v,), and of the others."""
+        cue = self.cue[slot]
+        counts = counts & ~np.isnan(cue[:, 0])
+        yield None, np.flatnonzero(~counts)
+        given = np.flatnonzero(counts)
+        kinds, kind = np.unique(cue[given], axis=0, return_inverse=True) if given.size else ((), given)
+        for i, (turn, concentration) in enumerate(kinds):
+            yield Cue(turn=turn, concentration=concentration), given[kind == i]
 
     def aside(self, slot: IntArray) -> IntArray:
         """(v,) slots of copies of these, which last until the next frame; a copy stays where it is."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
 from dataclasses import replace
 from os import PathLike
 
@@ -23,7 +22,6 @@ from dirprim_filter.filtering.particle_filter import ParticleFilter
 from dirprim_filter.filtering.protocols import BayesFilter, OnMap
 from dirprim_filter.filtering.roster import Roster
 from dirprim_filter.filtering.smoothing.recorder import Recorder
-from dirprim_filter.primitives.cues import Cue
 from dirprim_filter.primitives.motion_sums import AHEAD_S
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.sensor import Sensor
@@ -262,23 +260,13 @@ class Tracker:
             if self._recorder is not None:
                 self._recorder.moves(slot, roster.time_ns[slot])
             lasts = roster.time_ns[slot] - roster.cue_ns[slot] < CUE_LASTS_S * 1e9
-            for cue, rows in self._by_cue(slot, lasts & (roster.cue_ns == roster.measured_ns)[slot]):
+            for cue, rows in roster.by_cue(slot, lasts & (roster.cue_ns == roster.measured_ns)[slot]):
                 if self._on_map is None:
                     self._filter.predict(slot[rows], _seconds(dt_ns[rows]))
                 elif rows.size:
                     step_s = _seconds(self._step_ns * roster.stride[slot[rows]])
                     self._on_map.predict(slot[rows], _seconds(dt_ns[rows]), cue, step_s)
             roster.time_ns[slot] += dt_ns
-
-    def _by_cue(self, slot: IntArray, counts: BoolArray) -> Iterator[tuple[Cue | None, IntArray]]:
-        """Rows of slots (v,) for each cue that their vehicles give, as far as it counts (v,), and of the others."""
-        cue = self._roster.cue[slot]
-        counts = counts & ~np.isnan(cue[:, 0])
-        yield None, np.flatnonzero(~counts)
-        given = np.flatnonzero(counts)
-        kinds, kind = np.unique(cue[given], axis=0, return_inverse=True) if given.size else ((), given)
-        for i, (turn, concentration) in enumerate(kinds):
-            yield Cue(turn=turn, concentration=concentration), given[kind == i]
 
     def _weigh(self, slot: IntArray, measured: Detections, by_chance: FloatArray, *, is_scan: bool) -> IntArray:
         """Weigh the moved beliefs by the frame's measurements; reinitialise those that have lost their vehicle.
@@ -290,7 +278,7 @@ class Tracker:
         given = ~np.isnan(measured.cue[:, 0])
         lasts = (measured.cue == roster.cue[slot]).all(axis=1) & (now_ns - roster.cue_ns[slot] <= CUE_LASTS_S * 1e9)
         roster.cue[slot[given]], roster.cue_ns[slot[given]] = measured.cue[given], now_ns
-        for cue, rows in self._by_cue(slot, given & ~lasts):
+        for cue, rows in roster.by_cue(slot, given & ~lasts):
             if cue is not None and self._on_map is not None:  # at its onset: it weighs once, however long it lasts
                 self._on_map.weigh_by_cue(slot[rows], cue)
         since_s = _seconds(now_ns - roster.measured_ns[slot])

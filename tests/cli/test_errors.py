@@ -53,6 +53,7 @@ CASES = [
     (f"{STRAIGHT} --forecast 3", USAGE, "leave out --motion"),
     (f"{TRACK} --set acceleration_density=2", USAGE, "a map says how vehicles accelerate"),
     ("track log.mcap -o x --set acceleration_density=-1", USAGE, "acceleration_density: expected 0 to"),
+    ("track log.mcap -o x --no-ids --forecast 3", USAGE, "--forecast: needs --map: with --no-ids"),
     ("track no_ids.csv -o x --forecast 3", FAILED,
      "--forecast needs --map, or a log from which motion can be learned"),
     ("learn no_ids.csv -o x", FAILED, "detections without ids; `dirprim track --no-ids`"),
