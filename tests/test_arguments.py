@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dirprim_filter import Detections, FilterConfig, Tracker, Tracks, forecast, learn_primitives, save_map
+from dirprim_filter import Detections, FilterConfig, Tracker, Tracks, forecast, learn_primitives, save_map, write_tracks
 from dirprim_filter.config import LearningConfig, TrackingConfig
 from dirprim_filter.distributions import Gamma
 from dirprim_filter.evaluation.metrics.comparison import Comparison
@@ -68,6 +68,7 @@ CALLS = {
     ),
     "write, stride": (lambda _: EstimateWriter("x", metadata={}, particle_stride=0), "particle_stride: expected at"),
     "read, scale": (lambda _: read_sdd("x", metres_per_pixel=0.0), "metres_per_pixel: expected a positive number"),
+    "write, swapped": (lambda _: write_tracks("t.mcap", tracks()), "tracks: expected a Tracks, as read_tracks"),
     "save, swapped": (lambda m: save_map("m.mcap", m), "primitive_map: expected a PrimitiveMap, as load_map"),
 }
 

@@ -16,6 +16,8 @@ from dirprim_filter.recording.name_patterns import is_table
 
 SMOOTHED = " smoothed"
 """Ends the name of what a smoother wrote."""
+LATE_S, LATE_SHARE, BEYOND_SHARE = 0.1, 0.5, 0.1
+"""A clock is asked about from such a delay on that explains so much of the errors; and a truth that goes on alone."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,6 +79,13 @@ def score(
         if found.n_rows and found.report.deta == 0.0:
             far = f"{path}: no estimate is within {table.similarity_m:g} m of a vehicle of {truth}"
             say(f"{far}: are both in one frame, of one origin and by one clock?", err=True)
+        if found.late_share > LATE_SHARE and abs(found.late_s) > LATE_S:
+            way = f"{abs(found.late_s):.2g} s {'late' if found.late_s > 0 else 'early'}"
+            say(f"{path}: {found.late_share:.0%} of the squared error is that of estimates {way}: are both by one "
+                "clock? A sensor's latency is found by `dirprim calibrate`", err=True)  # fmt: skip
+        if found.beyond > BEYOND_SHARE * table.n_rows:
+            say(f"{path}: {found.beyond} of the truth's {table.n_rows} rows are before or after all estimates, and "
+                "count as missed; --start and --end choose a part of the truth", err=True)  # fmt: skip
         if found.left_out:
             say(f"{path}: left out {counted(found.left_out, 'row')} of groups or times without a truth", err=True)
     return report(

@@ -71,10 +71,11 @@ def scored(
     hidden = [of.both(scene.is_hidden) for of, scene in zip(judged, scenes, strict=True)]
     is_hidden = np.concatenate(hidden)[order]
     rows = judged_rows(TrackedRows.concatenate(scene.rows for scene in scenes), truth).rows
-    report, (squared, normalised) = report_of(
+    found = report_of(
         rows, truth, is_hidden=is_hidden, with_ids=with_ids, similarity_m=similarity_m,
         interpolated=sum(of.n_interpolated for of in judged) / len(truth),
     )  # fmt: skip
+    report, (squared, normalised) = found.report, found.errors
     names = truth.group.astype(np.str_) if len(scenes) > 1 else qualified_names(truth.track_id, truth.group)
     return report, RowErrors(names, squared, normalised, is_hidden, _unseen_s(truth, is_hidden), truth.position)
 
@@ -99,6 +100,9 @@ class Score:
         n_rows: of it at the instants that were judged, interpolated ones included.
         n_interpolated: of these rows: see `judged_rows`.
         left_out: how many of its rows are of groups or times without a truth.
+        beyond: how many rows of the truth are before or after all of its own.
+        late_s: seconds by which its errors look late, see `Judged`,
+        late_share: and the share of the squared error that is of that.
         n_tracks: how many tracks they are of.
         n_instants: at how many instants they are.
         report: the figures.
@@ -108,6 +112,9 @@ class Score:
     n_rows: int
     n_interpolated: int
     left_out: int
+    beyond: int
+    late_s: float
+    late_share: float
     n_tracks: int
     n_instants: int
     report: TrackingReport
@@ -165,25 +172,21 @@ def score_rows(
     n_rows = len(judged.tracks)
     scores = []
     for name, rows in results.items():
-        kept, n_interpolated, left_out = judged_rows(rows, judged.tracks)
+        kept, n_interpolated, left_out, beyond = judged_rows(rows, judged.tracks)
         if len(kept) == 0:
             raise ValueError(
                 f"{name}: expected rows at instants at which the truth is known, {_span(truth)}, got none; its own are "
                 f"{_span(rows)}"
             )
-        report = report_of(
-            kept,
-            judged.tracks,
-            with_ids=with_ids,
-            similarity_m=similarity_m,
+        found = report_of(
+            kept, judged.tracks, with_ids=with_ids, similarity_m=similarity_m,
             interpolated=judged.n_interpolated / n_rows,
-        ).report
-        scores.append(
-            Score(
-                name=name, n_rows=len(kept), n_interpolated=n_interpolated, left_out=left_out,
-                n_tracks=kept.n_tracks, n_instants=_n_instants(kept), report=report,
-            )
         )  # fmt: skip
+        scores.append(Score(
+            name=name, n_rows=len(kept), n_interpolated=n_interpolated, left_out=left_out, beyond=beyond,
+            late_s=found.late_s, late_share=found.late_share, n_tracks=kept.n_tracks, n_instants=_n_instants(kept),
+            report=found.report,
+        ))  # fmt: skip
         done()
     return ScoreTable(
         n_groups=int(np.unique(truth.group).size), n_vehicles=judged.tracks.n_tracks, n_rows=n_rows,

@@ -84,10 +84,14 @@ class Judged(NamedTuple):
     Attributes:
         report: the figures.
         errors: (2, n) of each row of the truth: squared error, m2, and in units of the covariance; or NaN.
+        late_s: seconds by which the estimates were later, if errors along the way came of that; earlier below 0.
+        late_share: of the squared error that which they would have so.
     """
 
     report: TrackingReport
     errors: FloatArray
+    late_s: float
+    late_share: float
 
 
 def report_of(
@@ -130,7 +134,10 @@ def report_of(
         gospa=sets.distance * np.sqrt(per_row), localisation=sets.localisation * per_row,
         missed=sets.missed * per_row, false=sets.false * per_row,
     )  # fmt: skip
-    return Judged(report, by_row)
+    velocity = truth.speed[row, None] * np.column_stack([np.cos(truth.direction[row]), np.sin(truth.direction[row])])
+    behind = float(((truth.position[row] - rows.position[column]) * velocity).sum())
+    late_s = behind / max(float((velocity**2).sum()), 1e-300)
+    return Judged(report, by_row, late_s, late_s * behind / max(float(squared.sum()), 1e-300))
 
 
 def _errors(rows: TrackedRows, truth: Tracks, row: IntArray, column: IntArray) -> FloatArray:

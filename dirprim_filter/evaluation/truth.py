@@ -81,11 +81,13 @@ class JudgedRows(NamedTuple):
         rows: (m,) those at these instants, and those interpolated.
         n_interpolated: how many the tracker did not have.
         left_out: how many of its rows are of groups or times without a truth.
+        beyond: how many rows of the truth are before its first or after its last row, or of groups without one.
     """
 
     rows: TrackedRows
     n_interpolated: int
     left_out: int
+    beyond: int
 
 
 def judged_rows(rows: TrackedRows, truth: Tracks) -> JudgedRows:
@@ -105,17 +107,18 @@ def judged_rows(rows: TrackedRows, truth: Tracks) -> JudgedRows:
     _, before, after = found = known_at(rows, group, time_ns, longest_gap_s=OWN_INTERVALS * interval_s)
     order = np.lexsort((found.instant, before))
     before, after, when = before[order], after[order], time_ns[found.instant[order]]
-    left_out = len(rows)
+    left_out, beyond = len(rows), len(truth)
     for one in np.unique(group):
-        own, there = rows.time_ns[rows.group == one], time_ns[group == one]
+        own, there = rows.time_ns[rows.group == one], truth.time_ns[truth.group == one]
         left_out -= int(((own >= there.min()) & (own <= there.max())).sum())
+        beyond -= int(((there >= own.min()) & (there <= own.max())).sum()) if own.size else 0
     at, is_between = rows[before], before != after
     if is_between.any():
         share = _share(rows, before, after, when)
         columns: dict[str, Any] = {name: _between(getattr(rows, name), before, after, share)
                    for name in ("position", "covariance", "speed", "unseen_s")}  # fmt: skip
         at = replace(at, time_ns=when, direction=_turned(rows, before, after, share), **columns)
-    return JudgedRows(at, int(is_between.sum()), left_out)
+    return JudgedRows(at, int(is_between.sum()), left_out, beyond)
 
 
 def _instants(rows: Tracks) -> tuple[IntArray, IntArray]:

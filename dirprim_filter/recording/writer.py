@@ -11,7 +11,7 @@ from typing import Self
 import numpy as np
 from foxglove.messages import SceneUpdate
 
-from dirprim_filter.arrays import FloatArray
+from dirprim_filter.arrays import FloatArray, require
 from dirprim_filter.detections import Detections
 from dirprim_filter.drawing.vehicles import has_no_forecast
 from dirprim_filter.estimates import Particles, TrackedFrame
@@ -62,7 +62,9 @@ def write_tracks(
         OutputExistsError: the file exists, and `force` is not set.
         OSError: the file cannot be written.
         ValueError: a time is negative, which MCAP cannot hold.
+        TypeError: no tracks.
     """
+    require("tracks", tracks, Tracks)
     by_sensor = {"": detections} if isinstance(detections, Detections) else detections or {}
     sources: dict[str, Tracks | Detections] = {topic_names.OBJECTS: tracks} if len(tracks) or not by_sensor else {}
     sources |= {f"{topic_names.DETECTIONS}/{name}".rstrip("/"): seen for name, seen in by_sensor.items()}

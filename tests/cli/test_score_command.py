@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cli.commands import DONE, FAILED, USAGE, dirprim
-from dirprim_filter import read_estimates, write_tracks
+from dirprim_filter import read_estimates, read_tracks, write_tracks
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
@@ -134,6 +134,25 @@ def test_estimates_that_are_nowhere_near_the_truth_are_asked_about(own, capsys, 
     assert dirprim("score own.mcap moved.mcap --truth log.mcap") == DONE
     asked = "moved.mcap: no estimate is within 5 m of a vehicle of log.mcap: are both in one frame"
     assert [line.startswith(asked) for line in capsys.readouterr().err.splitlines()] == [True] * (east_m > 5.0)
+
+
+@pytest.mark.parametrize(
+    ("late_s", "until_s", "asked"),
+    [
+        (0.0, 60.0, []),
+        (0.3, 60.0, ["0.3 s late: are both by one clock?"]), (-0.3, 60.0, ["0.3 s early: are both by one clock?"]),
+        (0.0, 8.0, ["are before or after all estimates, and count as missed"]),
+    ],
+)  # fmt: skip
+def test_estimates_by_another_clock_and_of_a_part_of_the_truth_are_asked_about(own, capsys, late_s, until_s, asked):
+    moved = replace(own, time_ns=own.time_ns + round((1.0 + late_s) * 1e9))[own.time_ns < until_s * 1e9]
+    write_log(moved, "moved.mcap")
+    truth = read_tracks("log.mcap")
+    write_tracks(replace(truth, time_ns=truth.time_ns + 1_000_000_000), "truth.mcap")
+    assert dirprim("score moved.mcap --truth truth.mcap") == DONE
+    said = [line for line in capsys.readouterr().err.splitlines() if "without a truth" not in line]
+    assert len(said) == len(asked)
+    assert all(part in line for part, line in zip(asked, said, strict=True))
 
 
 def test_groups_are_scenes_and_rows_say_which_they_are_of(ring, here, capsys):

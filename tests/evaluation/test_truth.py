@@ -137,19 +137,33 @@ def test_rows_of_a_tracker_are_interpolated_within_its_own_interval():
     """Direction turns the shorter way round; a covariance is the mean of both; 0.5 s without a row are a silence."""
     covariance = np.array([1.0, 3.0, 3.0, 3.0, 5.0, 5.0])[:, None, None] * np.eye(2)
     rows = row_of([0.0, 0.2, 0.4, 0.6, 1.1, 1.3], [3.0, -3.0, 3.0, 3.0, 0.0, 0.0], covariance=covariance)
-    found, n_interpolated, left_out = judged_rows(rows, judged_truth(of_one(np.arange(13) / 10)).tracks)
+    found, n_interpolated, left_out, beyond = judged_rows(rows, judged_truth(of_one(np.arange(13) / 10)).tracks)
     np.testing.assert_allclose(found.time_ns * 1e-9, [0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 1.1, 1.2])
     np.testing.assert_allclose(found.position[:, 0], found.time_ns * 1e-8)
     np.testing.assert_allclose(found.direction[:4], [3.0, np.pi, -3.0, np.pi])
     np.testing.assert_allclose(
         found.covariance[[0, 1, 2, 8]], np.array([1.0, 2.0, 3.0, 5.0])[:, None, None] * np.eye(2)
     )
-    assert (n_interpolated, left_out) == (4, 1)
+    assert (n_interpolated, left_out, beyond) == (4, 1, 0)
+    assert judged_rows(rows[2:4], of_one(np.arange(13) / 10)).beyond == 10
+
+
+@pytest.mark.parametrize("late_s", [-0.4, 0.0, 0.15])
+def test_the_delay_that_errors_come_of_is_found(late_s):
+    """Beside errors of half a metre of their own."""
+    truth, rng = truth_of(), np.random.default_rng(0)
+    place, _, _ = where(truth.vehicle, truth.time_ns * 1e-9 - late_s)
+    rows = TrackedRows(
+        track_id=truth.track_id, time_ns=truth.time_ns, position=place + rng.normal(0.0, 0.5, place.shape)
+    )
+    found = report_of(rows, truth, with_ids=True)
+    assert found.late_s == pytest.approx(late_s, abs=0.02)
+    assert (found.late_share > 0.5) == (late_s != 0.0)
 
 
 def test_times_that_were_rounded_are_those_of_the_truth():
     truth = of_one(np.arange(31) / 30)
-    found, n_interpolated, left_out = judged_rows(row_of(np.round(np.arange(31) / 30, 3), np.zeros(31)), truth)
+    found, n_interpolated, left_out, _ = judged_rows(row_of(np.round(np.arange(31) / 30, 3), np.zeros(31)), truth)
     assert (found.time_ns.tolist(), n_interpolated, left_out) == (truth.time_ns.tolist(), 0, 0)
 
 
@@ -269,7 +283,7 @@ def report(of, *, is_hidden=None, with_ids=True, truth=LANES):
 def test_errors_are_those_of_a_slow_loop_over_the_rows_of_the_same_name(seed, is_hidden):
     rows = tracked_on(seed)
     expected, by_row = slowly(rows, LANES, is_hidden)
-    found, errors = report_of(rows, LANES, is_hidden=is_hidden, with_ids=True)
+    found, errors = report_of(rows, LANES, is_hidden=is_hidden, with_ids=True)[:2]
     assert {name: getattr(found, name) for name in expected} == pytest.approx(expected, rel=1e-9)
     np.testing.assert_allclose(errors, by_row, rtol=1e-9)
     unknown = report(replace(rows, unseen_s=(), covariance=()), is_hidden=None)
