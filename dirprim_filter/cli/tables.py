@@ -146,11 +146,10 @@ def forecast_text(table: ForecastTable) -> str:
 
 def _off_energy(found: Interval, name: str) -> str:
     """What the first method takes off the energy of another, or adds to it."""
-    sign, word = (1.0, "less") if found.value >= 0 else (-1.0, "more")
-    low, high = sorted((100.0 * sign * found.low, 100.0 * sign * found.high))
+    percent, word = (100.0, "less") if found.value >= 0 else (-100.0, "more")
     chance = "" if found.is_apart else ": not distinguishable"
     of = SAID.get(name, name)
-    return f"{100.0 * sign * found.value:.1f} % ({low:.1f} to {high:.1f} %) {word} than {of}{chance}"
+    return f"{percent * found.value:.1f} % ({found.ends('.1f', percent, ' %')}) {word} than {of}{chance}"
 
 
 def tracking_text(table: TrackingTable) -> str:

@@ -288,9 +288,8 @@ def _gain(of: str, scores: Sequence[tuple[DensityScore | None, str]]) -> list[st
     if not known:
         return []
     best, over = max(known, key=lambda scored: scored[0].mean_log.value)
-    value, low, high, _ = best.behind
     sure = "" if best.behind.is_apart else ", not distinguishable"
-    return [f"{of}{value:+.2f} nat ({low:.2f} to {high:.2f}{sure}) over {over}"]
+    return [f"{of}{best.behind.value:+.2f} nat ({best.behind.ends('.2f')}{sure}) over {over}"]
 
 
 def _judged(

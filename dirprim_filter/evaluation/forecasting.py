@@ -236,8 +236,10 @@ def evaluate_forecasts(
     (child,) = rng.spawn(1)
     folds = split(tracks, by=split_by, n_folds=n_folds, rng=child)
     done = steps(len(folds) * len(methods), progress)
-    for fold in folds:
-        cases = Cases.of(fold.test, horizons_s=horizons, among=tracks)
+    held_out = [Cases.of(fold.test, horizons_s=horizons, among=tracks) for fold in folds]
+    if sum(np.count_nonzero(np.isfinite(cases.later[:, 0, 0])) for cases in held_out) < MIN_CASES:
+        raise ValueError(f"tracks: expected {MIN_CASES} held-out forecasts {horizons[0]:g} s ahead, got fewer")
+    for fold, cases in zip(folds, held_out, strict=True):
         clusters.append(cases.group if split_by == "group" else cases.name)
         n_vehicles += int(np.unique(cases.vehicle).size)
         for fit, own in zip(methods, child.spawn(len(methods)), strict=True):
@@ -248,8 +250,6 @@ def evaluate_forecasts(
     scored = {name: np.concatenate(folds) for name, folds in scores.items()}
     first = next(iter(scored.values()))
     at = np.flatnonzero(np.isfinite(first[..., 0]).sum(axis=0) >= MIN_CASES)
-    if not at.size:
-        raise ValueError(f"tracks: expected {MIN_CASES} held-out forecasts {horizons[0]:g} s ahead, got fewer")
     cluster = np.concatenate(clusters)
     rows = [
         MethodForecasts(

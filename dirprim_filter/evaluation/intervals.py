@@ -44,6 +44,13 @@ class Interval(NamedTuple):
         """Whether 0 lies beyond the interval: two methods are statistically distinguishable."""
         return self.low > 0.0 or self.high < 0.0
 
+    def ends(self, form: str, scale: float = 1.0, unit: str = "") -> str:
+        """Both times a scale, in this form, the lesser first."""
+        if np.isnan(self.low):
+            return "no interval"
+        low, high = sorted((scale * self.low, scale * self.high))
+        return f"{low:{form}} to {high:{form}}{unit}"
+
     @property
     def half_width(self) -> float:
         """Of the interval."""

@@ -285,8 +285,7 @@ def _said(name: str) -> str:
 def _percent(found: Interval) -> str:
     """A share by which errors are smaller."""
     sign, word = (1.0, "smaller") if found.value >= 0 else (-1.0, "larger")
-    low, high = sorted((sign * found.low, sign * found.high))
-    return f"{sign * found.value:.0%} {word} ({low:.0%} to {high:.0%}){_chance(found)}"
+    return f"{sign * found.value:.0%} {word} ({found.ends('.0%', sign)}){_chance(found)}"
 
 
 def _chance(found: Interval) -> str:

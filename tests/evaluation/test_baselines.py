@@ -128,6 +128,7 @@ def test_on_a_ring_it_goes_along_the_ring_and_off_it_straight_on(memory):
     assert np.median(np.abs(radius - RADIUS)) < 1.0
     np.testing.assert_allclose(np.median(angle % (2 * np.pi), axis=1), [[0.4, 1.2]] * 2, rtol=0.1)
     beside = States(np.array([[200.0, 0.0]]), np.array([0.0]), np.array([SPEED]))  # the control: no vehicle was there
+    assert drawn(memory, on_ring([]), (3.0,)).shape == (0, 200, 1, 2)
     unfamiliar = drawn(memory, beside, (3.0,))
     bend = np.linalg.norm(unfamiliar - [200.0, 0.0], axis=-1)
     assert np.median(np.abs(np.linalg.norm(unfamiliar, axis=-1) - RADIUS)) > 100.0

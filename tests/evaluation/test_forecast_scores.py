@@ -9,7 +9,13 @@ from scipy import stats
 from dirprim_filter.course import motion_of
 from dirprim_filter.evaluation import belief_forecasts
 from dirprim_filter.evaluation.forecast_cases import SCORES, Cases, score_cases, seen_so_far
-from dirprim_filter.evaluation.forecasting import Forecaster, by_constant_velocity, evaluate_forecasts, rollouts_of
+from dirprim_filter.evaluation.forecasting import (
+    METHODS,
+    Forecaster,
+    by_constant_velocity,
+    evaluate_forecasts,
+    rollouts_of,
+)
 from dirprim_filter.primitives.learning import learn_primitives
 from situations import ring_traffic, tracks_of
 
@@ -225,6 +231,7 @@ def test_the_gain_is_paired_over_vehicles():
         ({"horizons_s": (-1.0,)}, "ascending"),
         ({"n_samples": 19}, "at least 20"),
         ({"horizons_s": (100.0,)}, "held-out forecasts 100 s ahead"),
+        ({"horizons_s": (100.0,), "methods": METHODS}, "held-out forecasts 100 s ahead"),
         ({"n_folds": 1}, "n_folds"),
     ],
 )

@@ -26,6 +26,8 @@ def test_of_a_mean_of_paired_differences_it_is_the_paired_t_test_and_of_one_clus
     assert found.value == 1.0
     assert np.isnan(found.low)
     assert not found.is_apart
+    assert found.ends(".0f", unit=" %") == "no interval"
+    assert Interval(-1.0, -1.5, -0.25, 3).ends(".0f", -100.0, " %") == "25 to 150 %"
     assert Interval(1.0, 0.5, 1.5, 3).is_apart
     assert Interval(-1.0, -1.5, -0.5, 3).is_apart
     assert not Interval(1.0, -0.5, 2.5, 3).is_apart

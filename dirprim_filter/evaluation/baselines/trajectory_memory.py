@@ -133,6 +133,8 @@ class TrajectoryMemory:
             (n, n_samples, n_times, 2) metres.
         """
         n = start.speed.size
+        if n == 0:  # of a fold there may be none
+            return np.empty((0, n_samples, len(time_s), 2))
         but = np.full(n, -1) if but is None else but
         now = start.of(np.repeat(np.arange(n), n_samples))
         path = np.empty((now.speed.size, len(time_s), 2))
