@@ -126,7 +126,7 @@ class _Program:
     def emit(self, code: int, *numbers: int) -> int:
         """Append an operation; its number."""
         if len(self.ops) >= MAX_OPERATIONS:
-            raise SchemaError(f"{self.output.schema}: expected at most {MAX_OPERATIONS} fields, all written out")
+            raise self.output.error(f"expected at most {MAX_OPERATIONS} fields, all written out")
         is_counted = code == kernels.TEXT or (code in (kernels.BLOCK, kernels.LOOP) and numbers[0] < 0)
         element = numbers[int(code == kernels.BLOCK)] if code in (kernels.READ, kernels.BLOCK) else 1
         aligned = (min(size, self._widest) - 1 for size in (element, 4 if is_counted else element))
@@ -145,15 +145,13 @@ class _Program:
         """Walk a message; `want` is what is wanted of it, None for nothing."""
         name = full_name(name)
         if name not in self._types:
-            raise SchemaError(
-                f"{self.output.schema}: expected a definition of {name}, which is missing or not supported"
-            )
+            raise self.output.error(f"expected a definition of {name}, which is missing or not supported")
         self._nesting += 1
         if self._nesting > MAX_DEPTH:
-            raise SchemaError(f"{self.output.schema}: expected at most {MAX_DEPTH} messages within each other")
+            raise self.output.error(f"expected at most {MAX_DEPTH} messages within each other")
         self._entered += 1
         if self._entered > MAX_OPERATIONS:  # skips of messages without fields are one operation, however many
-            raise SchemaError(f"{self.output.schema}: expected at most {MAX_OPERATIONS} messages, all written out")
+            raise self.output.error(f"expected at most {MAX_OPERATIONS} messages, all written out")
         members = self._types[name]
         if self._sizes_all:
             self.skip(4)
@@ -180,9 +178,7 @@ class _Program:
         elif node in (self._node.ARRAY, self._node.SEQUENCE):
             self._array(description, want, at)
         else:
-            raise SchemaError(
-                f"{self.output.schema}: expected {at.path} to be otherwise built than its definition says"
-            )
+            raise self.output.error(f"expected {at.path} to be otherwise built than its definition says")
 
     def _value(self, base: tuple[str, int], want: Wanted, at: Place) -> None:
         name, bound = base
@@ -194,7 +190,7 @@ class _Program:
 
     def _number(self, name: str) -> tuple[int, Form]:
         if name not in _SIZES:
-            raise SchemaError(f"{self.output.schema}: expected numbers and strings, got {name}, which is not supported")
+            raise self.output.error(f"expected numbers and strings, got {name}, which is not supported")
         return _SIZES[name]
 
     def _array(self, description: Description, want: dict[int | None, Wanted], at: Place) -> None:
@@ -206,9 +202,7 @@ class _Program:
             self.emit(kernels.BLOCK, length if fixed else -1, 1, 0 if fixed else length, column)
             return
         if None in want or (EACH in want and len(want) > 1):
-            raise SchemaError(
-                f"{self.output.schema}: expected [], or numbers in brackets, behind the repeated {at.path}"
-            )
+            raise self.output.error(f"expected [], or numbers in brackets, behind the repeated {at.path}")
         if self._has_size(element):
             self.skip(4)
         if EACH in want:

@@ -65,7 +65,6 @@ class OutputTables:
         columns: by label, table, column and form.
         clocks: by label, the same of seconds and of nanoseconds.
         presence: by table and column, the columns that say whether its value is there.
-        enough: by table and column, the column that counts, and which element its value is.
     """
 
     def __init__(self, schema: str, fields: Mapping[str, Field]) -> None:
@@ -76,7 +75,10 @@ class OutputTables:
         self.columns: dict[str, tuple[int, int, Form]] = {}
         self.clocks: dict[str, tuple[tuple[int, int, Form], tuple[int, int, Form]]] = {}
         self.presence: dict[tuple[int, int], list[int]] = {}
-        self.enough: dict[tuple[int, int], tuple[int, int]] = {}
+
+    def error(self, text: str) -> SchemaError:
+        """Of the schema, to be raised."""
+        return SchemaError(f"{self.schema}: {text}")
 
     def table(self, path: str) -> int:
         """The number of a table, made at first."""
@@ -102,11 +104,11 @@ class OutputTables:
                 continue
             if kind == "time" and form not in ("int", "unsigned"):
                 way = "; time_s= takes seconds" if form in ("float", "double") else ""
-                raise SchemaError(f"{self.schema}: expected a time at {self.fields[label].path}, got a {form}{way}")
+                raise self.error(f"expected a time at {self.fields[label].path}, got a {form}{way}")
             if kind == "presence" and form != "presence":
-                raise SchemaError(f"{self.schema}: expected a message at {self.fields[label].path}, got a {form}")
+                raise self.error(f"expected a message at {self.fields[label].path}, got a {form}")
             if kind == "number" and form in ("cells", "bytes"):
-                raise SchemaError(f"{self.schema}: expected a number at {self.fields[label].path}, got text")
+                raise self.error(f"expected a number at {self.fields[label].path}, got text")
             self.columns[label] = place
         if at.presence:
             self.presence[at.table, column] = list(at.presence)
@@ -124,7 +126,7 @@ class OutputTables:
                     below.setdefault(part, {}).setdefault(None, Wanted()).labels.append((f"{label}/{part}", "number"))
                 self.clocks[label] = (_NOWHERE, _NOWHERE)
                 return
-        raise SchemaError(f"{self.schema}: expected a time at {self.fields[label].path}, got another message")
+        raise self.error(f"expected a time at {self.fields[label].path}, got another message")
 
     def check(self) -> None:
         """The schema has all fields that are not optional.
@@ -134,7 +136,7 @@ class OutputTables:
         """
         has = self.columns.keys() | self.clocks.keys()
         if lacking := [one.path for label, one in self.fields.items() if label not in has and not one.optional]:
-            raise SchemaError(f"{self.schema}: expected the fields {', '.join(lacking)}, which its definition lacks")
+            raise self.error(f"expected the fields {', '.join(lacking)}, which its definition lacks")
 
 
 SLACK, MOST_TIMES = 1.25, 16
@@ -223,10 +225,6 @@ class ColumnPlan:
         cells = tables[table][column]
         presence = self._output.presence.get((table, column))
         missing = (tables[table][presence] == 0).any(axis=0) if presence else None
-        if (table, column) in self._output.enough:
-            seen, wanted = self._output.enough[table, column]
-            too_few = tables[table][seen] <= wanted
-            missing = too_few if missing is None else missing | too_few
         if form == "cells" or form == "bytes":  # noqa: PLR1714 - mypy follows this
             return Column(form=form, values=cells, missing=missing)
         if form == "float":

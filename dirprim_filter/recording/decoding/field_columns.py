@@ -237,11 +237,9 @@ class FieldColumns:
         gather(self.data, start, start + np.minimum(length, width), at, gathered.reshape(-1))
         if not is_text:
             digits = np.frombuffer(b"0123456789abcdef", np.uint8)
-            pairs = np.stack([digits[gathered >> 4], digits[gathered & 15]], axis=-1)
+            pairs = np.ascontiguousarray(np.stack([digits[gathered >> 4], digits[gathered & 15]], axis=-1))
             pairs[np.arange(width) >= length[:, None]] = 0
-            return (
-                np.ascontiguousarray(pairs).reshape(cells.size, 2 * width).view(f"S{2 * width}")[:, 0].astype(np.str_)
-            )
+            return pairs.reshape(cells.size, 2 * width).view(f"S{2 * width}")[:, 0].astype(np.str_)
         if ((length > 0) & (gathered[np.arange(cells.size), np.minimum(length, width) - 1] == 0)).any():
             self.notes.add("texts end in NUL characters, which are left off: ids that differ by these alone are one")
         if not (gathered & 0x80).any():  # ASCII: one character is one byte
@@ -251,9 +249,8 @@ class FieldColumns:
             first = cell >> kernels.TEXT_BITS
             text = self.data[first : first + size].tobytes()
             try:
-                name = (
-                    text.decode() if size <= MAX_NAME_LENGTH else text.decode(errors="replace")[: MAX_NAME_LENGTH + 1]
-                )
+                is_cut = size > MAX_NAME_LENGTH
+                name = text.decode(errors="replace" if is_cut else "strict")[: MAX_NAME_LENGTH + 1]
             except UnicodeDecodeError as error:
                 self.failures[int(self.message_of(table)[row])] = f"a text that is no UTF-8: {error}"
                 name = ""
