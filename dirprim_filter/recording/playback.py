@@ -19,7 +19,6 @@ from dirprim_filter.recording.foxglove.scenes import forecasts_of
 from dirprim_filter.recording.losses import Losses
 from dirprim_filter.recording.objects.options import EVERYTHING, ReadOptions
 from dirprim_filter.recording.reader import estimate_messages
-from dirprim_filter.recording.schemas import ASSIGNMENTS_SCHEMA
 
 
 class Playback:
@@ -60,9 +59,7 @@ class Playback:
         self.losses, other = Losses(), replace(self._options, strict=False)
         assigned: dict[int, Assignments] = {}
         if self._topic == topic_names.ESTIMATES:
-            assigned |= estimate_messages(
-                self._log, topic_names.ASSIGNED, Losses(), other, schema=ASSIGNMENTS_SCHEMA
-            )  # fmt: skip
+            assigned |= estimate_messages(self._log, topic_names.ASSIGNED, Losses(), other)
         for time_ns, estimates in estimate_messages(self._log, self._topic, self.losses, self._options):
             of = assigned.pop(time_ns, Assignments.none())
             known = {name: getattr(of, name) for name in ("track_id", "time_ns", "position", "group", "origin")}

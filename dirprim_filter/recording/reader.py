@@ -48,6 +48,10 @@ __all__ = [
 ]  # fmt: skip
 
 PathOrText = str | PathLike[str]
+SCHEMA_OF = {topic_names.ASSIGNED: ASSIGNMENTS_SCHEMA} | dict.fromkeys(
+    (topic_names.ESTIMATES, topic_names.SMOOTHED), ESTIMATES_SCHEMA
+)
+"""Of the topics of a tracker that are read again."""
 
 
 def read_tracks(source: LogSource | Sequence[PathOrText], options: ReadOptions = EVERYTHING, **changes: Any) -> Tracks:
@@ -230,22 +234,22 @@ def read_estimates(source: LogSource, *, smoothed: bool = False, losses: Losses 
         NoTracksError: the log has no such topic.
     """
     topic = topic_names.SMOOTHED if smoothed else topic_names.ESTIMATES
-    return Estimates.concatenate(_parts(source, topic, ESTIMATES_SCHEMA, losses))
+    return Estimates.concatenate(_parts(source, topic, losses))
 
 
 def read_assigned(source: LogSource, *, losses: Losses | None = None) -> Assignments:
     """Which track each detection was assigned to, of a log of `dirprim track`; the rest as `read_estimates`."""
-    return Assignments.concatenate(_parts(source, topic_names.ASSIGNED, ASSIGNMENTS_SCHEMA, losses))
+    return Assignments.concatenate(_parts(source, topic_names.ASSIGNED, losses))
 
 
-def _parts(source: LogSource, topic: str, schema: str, losses: Losses | None) -> list[Any]:
+def _parts(source: LogSource, topic: str, losses: Losses | None) -> list[Any]:
     """What each message of a topic of ours holds."""
     own = Losses()
     with opened(source) as log:
-        if not has_estimates(log, topic, schema):
-            wanted = f"topic {topic!r} of {schema}"
+        if not has_estimates(log, topic):
+            wanted = f"topic {topic!r} of {SCHEMA_OF[topic]}"
             raise NoTracksError(log.path, has=log.channels(), wanted=wanted, damage=Scan(log).damage)
-        found = [part for _, part in estimate_messages(log, topic, own, schema=schema)]
+        found = [part for _, part in estimate_messages(log, topic, own)]
     if losses is not None:
         losses += own
     return found
@@ -259,22 +263,21 @@ def origin_of_estimates(path: PathOrText) -> Origin | None:
         return next(found, None)
 
 
-def has_estimates(log: Log, topic: str, schema: str = ESTIMATES_SCHEMA) -> bool:
-    """Whether a topic of a log is of estimates, or of another schema that is `decoded`."""
-    return any(channel.topic == topic and channel.schema.name == schema for channel in log.channels())
+def has_estimates(log: Log, topic: str) -> bool:
+    """Whether a log has a topic of `SCHEMA_OF`, of its schema."""
+    return any(channel.topic == topic and channel.schema.name == SCHEMA_OF[topic] for channel in log.channels())
 
 
 def estimate_messages(
-    log: Log, topic: str, losses: Losses, options: ReadOptions = EVERYTHING, *, schema: str = ESTIMATES_SCHEMA
+    log: Log, topic: str, losses: Losses, options: ReadOptions = EVERYTHING
 ) -> Iterator[tuple[int, Any]]:
-    """The log time and the estimates of each message of a topic within the wanted times.
+    """The log time and the estimates, or assignments, of each message of a topic within the wanted times.
 
     Args:
         log: what is read.
-        topic: of estimates.
+        topic: of `SCHEMA_OF`.
         losses: gets what is damaged, and messages that are not what their schema says.
         options: the times, and `strict`.
-        schema: one that is `decoded`, where the topic is not of estimates.
 
     Raises:
         DamagedRecordingError: strict, and the log is damaged.
@@ -282,9 +285,9 @@ def estimate_messages(
     scan = Scan(log, topic.__eq__, start_ns=options.start_ns, end_ns=options.end_ns)
     messages, losses.damage = iter(scan), scan.damage
     for message in messages:
-        if message.schema_name == schema:
+        if message.schema_name == SCHEMA_OF[topic]:
             try:
-                yield message.log_time_ns, decoded(schema, message.data)
+                yield message.log_time_ns, decoded(message.schema_name, message.data)
             except ProtobufDecodeError as error:
                 losses.fail([str(error)])
     if options.strict and losses.damage:

@@ -167,9 +167,7 @@ class TrackResult:
     labels: Mapping[str, str] = field(default_factory=dict)
 
 
-OF_MESSAGES = (
-    "message", "stamp_ns", "frame_id", "height", "climb", "other_axes", "covariance", "label", "cue", "confidence",
-)  # fmt: skip
+OF_MESSAGES = tuple(Rows.NOTHING.keys() - {column.name for column in column_fields(Tracks)})
 """Columns that tracks do not hold."""
 
 

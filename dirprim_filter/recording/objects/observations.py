@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from dirprim_filter.recording.objects.stamps import Stamps
 from dirprim_filter.recording.objects.twist_axes import TwistAxes
 from dirprim_filter.recording.rows import Rows
 from dirprim_filter.recording.schemas.decoders import Decoders, batches, by_schema, joined
+from dirprim_filter.recording.schemas.family import finite
 from dirprim_filter.recording.transforms.frame_change import FrameChange
 from dirprim_filter.recording.transforms.geodesy import FARTHEST_M
 from dirprim_filter.recording.transforms.transform_tree import SharedTransforms
@@ -51,10 +53,8 @@ class Observations:
         self._axes = TwistAxes(scan.log.path)
         topics = {c.topic for c in scan.log.channels() if scan.is_wanted(c.topic) and self._decoders.reads(c)}
         self._are_several = len(topics) > 1
-        self._stamps, self._open = (
-            Stamps(scan.log.path),
-            list[MessageColumns](),
-        )  # messages whose stamps are not judged yet
+        self._stamps = Stamps(scan.log.path)
+        self._open: list[MessageColumns] = []  # whose stamps are not judged yet
 
     def __iter__(self) -> Iterator[Rows]:
         """Objects in order of log time; messages of other schemas are passed over.
@@ -235,20 +235,16 @@ class DetectionStream:
         """What of a batch may be used: covariances that are none, or of zeros, leave the filter its own noise."""
         is_one_world = self._options.group is not None  # the group that was asked for goes under its own ids
         known_cue = np.isfinite(rows.cue).all(axis=1) & (rows.cue[:, 1] >= 0) & (rows.cue[:, 1] <= SHARPEST)
-        seen = Detections(
+        motion: dict[str, Any] = {}
+        if self._motion:
+            motion = {"direction": wrap(finite(rows.direction, np.nan)), "speed": finite(rows.speed, np.nan)}
+        return Detections(
             track_id=np.where(np.isin(rows.track_id, NO_NAMES), NO_ID, rows.track_id), time_ns=rows.time_ns,
             position=rows.position, size=rows.size, confidence=rows.confidence,
             covariance=known_covariances(rows.covariance),
             cue=np.where(known_cue[:, None], rows.cue, np.nan) if known_cue.any() else np.empty((0, 2)),
-            group=np.zeros_like(rows.group) if is_one_world else rows.group,
+            group=np.zeros_like(rows.group) if is_one_world else rows.group, **motion,
         )  # fmt: skip
-        if not self._motion:
-            return seen
-        return replace(
-            seen,
-            direction=wrap(np.where(np.isfinite(rows.direction), rows.direction, np.nan)),
-            speed=np.where(np.isfinite(rows.speed), rows.speed, np.nan),
-        )
 
     def _without_repeats(self, seen: Detections) -> Detections:
         """Of the rows of a vehicle and an instant the first; all of those that have no name."""

@@ -15,13 +15,13 @@ from dirprim_filter.recording.errors import DamagedRecordingError, NoTracksError
 from dirprim_filter.recording.name_patterns import matching
 from dirprim_filter.recording.objects.options import ReadOptions
 from dirprim_filter.recording.schemas.decoders import NOT_KNOWN, Decoders, batches, by_schema, schema_name
-from dirprim_filter.recording.schemas.families import KINDS, OBSERVATIONS, SCENE_UPDATE
+from dirprim_filter.recording.schemas.families import KINDS, MARKERS, OBSERVATIONS, SCENE_UPDATE
 from dirprim_filter.recording.summary import TopicKey, key_of, summarise_by_index
 
 _KINDS = [{name for family in kind for name in family.schemas} for kind in KINDS]
 OUTPUT_PREFIX = "/dirprim/"
 """Topics that this package writes as results; never taken for input unless named."""
-DRAWINGS = frozenset(SCENE_UPDATE.schemas) | {"visualization_msgs/msg/MarkerArray"}
+DRAWINGS = {*SCENE_UPDATE.schemas, *MARKERS.schemas}
 SHOWN = 5
 """Of the topics that could be read too."""
 

@@ -160,6 +160,13 @@ SCENE_UPDATE = family(
 )  # fmt: skip
 
 
+MARKERS = family(
+    "visualization_msgs/msg/MarkerArray",
+    "header=@.header space=@.ns id=@.id type=@.type shape=@.type action=@.action pose=@.pose size=@.scale",
+    at=".markers[]", only={"type": BODIES, "action": (ADD,)}, shapes=dict.fromkeys(BODIES[:3], AS_BOX),
+)  # fmt: skip
+
+
 KINDS: tuple[tuple[Family, ...], ...] = (
     (OBSERVATIONS,),
     (osi.ground_truth("osi3.GroundTruth", ""), osi.ground_truth("osi3.SensorView", ".global_ground_truth")),
@@ -169,13 +176,7 @@ KINDS: tuple[tuple[Family, ...], ...] = (
         _derived("ObjectWithCovarianceArray", pose=".pose", twist=".twist"),
     ),
     (SCENE_UPDATE,),
-    (
-        family(
-            "visualization_msgs/msg/MarkerArray",
-            "header=@.header space=@.ns id=@.id type=@.type shape=@.type action=@.action pose=@.pose size=@.scale",
-            at=".markers[]", only={"type": BODIES, "action": (ADD,)}, shapes=dict.fromkeys(BODIES[:3], AS_BOX),
-        ),
-    ),
+    (MARKERS,),
     (
         _autoware("PredictedObjects", "initial_"),
         _autoware("DetectedObjects"),

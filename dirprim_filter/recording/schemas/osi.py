@@ -37,6 +37,7 @@ VEHICLES = (
 """`MovingObject.VehicleClassification.Type`; of those that are unknown or other no more is known than of the object."""
 _ANGLES = ("yaw", "pitch", "roll")
 _TRUTH = ".sensor_view[0].global_ground_truth"
+_HOST = f"{_TRUTH}.moving_object[]"
 
 
 def _signs(columns: FieldColumns, _: IntArray, known: dict[str, Any]) -> BoolArray:
@@ -56,7 +57,7 @@ def _signs(columns: FieldColumns, _: IntArray, known: dict[str, Any]) -> BoolArr
 
 def _in_the_world(columns: FieldColumns, message: IntArray, known: dict[str, Any]) -> BoolArray:
     """Places and headings out of the axes of the sensor; which objects have a place and a host."""
-    movers = columns.message_of(f"{_TRUTH}.moving_object[]")
+    movers = columns.message_of(_HOST)
     is_host = columns.read("mover", "") == columns.read("host", "")[movers]
     host = np.full(columns.n_messages, -1, np.int64)
     host[movers[is_host]] = np.flatnonzero(is_host)
@@ -104,7 +105,6 @@ def ground_truth(schema: str, truth: str) -> Family:
 
 
 _SIZE = " ".join(f"{side}=@.base.dimension.{side}" for side in SIZE)
-_HOST = f"{_TRUTH}.moving_object[]"
 _AXES = {
     "error": "@.base_rmse.position", "mount": ".mounting_position.position", "at": f"{_HOST}.base.position",
     "rear": f"{_HOST}.vehicle_attributes.bbcenter_to_rear",
