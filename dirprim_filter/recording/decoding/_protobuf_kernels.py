@@ -101,8 +101,9 @@ def walk_protobuf(
         tables: out.
         status: (n_messages,) out.
         room: (5, as many as tables, and as levels of wanted messages and two) for its work.
-        entries: (n_entries, 10) field number, wire type, what it holds, form, which of its values, table, column,
-            child node, presence, and the column that counts its values; those of a node one after the other, sorted.
+        entries: (n_entries, 9) field number, wire type, what it holds, form, which of its values, table, column,
+            child node, presence; those of a node one after the other, sorted. Which of several values came is counted
+            in the presence, of messages in the column.
         node_start: (n_nodes + 1,) where the entries of each node start.
     """
     cells, base, width, n_rows = tables.cells, tables.base, tables.width, tables.n_rows
@@ -136,7 +137,7 @@ def walk_protobuf(
             while state == OK and entry < last and entries[entry, 0] == number and not descends:
                 want, what, which = entries[entry, 1], entries[entry, 2], entries[entry, 4]
                 table, column, presence = entries[entry, 5], entries[entry, 6], entries[entry, 8]
-                form, child, counter = entries[entry, 3], entries[entry, 7], entries[entry, 9]
+                form, child = entries[entry, 3], entries[entry, 7]
                 entry += 1
                 is_packed = what == NUMBER and which != LAST and wire == 2
                 if wire != want and not is_packed:
@@ -161,14 +162,15 @@ def walk_protobuf(
                             return True
                         row = base[table] + of * width[table]
                     elif which != LAST:
-                        cells[row + counter] += 1
-                        if cells[row + counter] != which + 1:
+                        counter = row + (column if what == MESSAGE else presence)
+                        cells[counter] += 1
+                        if cells[counter] != which + 1:
                             continue
-                    if presence >= 0:
-                        cells[row + presence] = 1
                     if what != MESSAGE:
                         cells[row + column] = bits
                         continue
+                    if presence >= 0:
+                        cells[row + presence] = 1
                     depth += 1
                     ends[depth], nodes[depth], rows[depth], numbers[depth] = after, child, row, of
                     descends = True

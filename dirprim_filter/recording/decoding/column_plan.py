@@ -65,6 +65,7 @@ class OutputTables:
         columns: by label, table, column and form.
         clocks: by label, the same of seconds and of nanoseconds.
         presence: by table and column, the columns that say whether its value is there.
+        enough: by table and column, the column that counts, and which element its value is.
     """
 
     def __init__(self, schema: str, fields: Mapping[str, Field]) -> None:
@@ -75,6 +76,7 @@ class OutputTables:
         self.columns: dict[str, tuple[int, int, Form]] = {}
         self.clocks: dict[str, tuple[tuple[int, int, Form], tuple[int, int, Form]]] = {}
         self.presence: dict[tuple[int, int], list[int]] = {}
+        self.enough: dict[tuple[int, int], tuple[int, int]] = {}
 
     def error(self, text: str) -> SchemaError:
         """Of the schema, to be raised."""
@@ -225,6 +227,10 @@ class ColumnPlan:
         cells = tables[table][column]
         presence = self._output.presence.get((table, column))
         missing = (tables[table][presence] == 0).any(axis=0) if presence else None
+        if (table, column) in self._output.enough:
+            seen, wanted = self._output.enough[table, column]
+            too_few = tables[table][seen] <= wanted
+            missing = too_few if missing is None else missing | too_few
         if form == "cells" or form == "bytes":  # noqa: PLR1714 - mypy follows this
             return Column(form=form, values=cells, missing=missing)
         if form == "float":

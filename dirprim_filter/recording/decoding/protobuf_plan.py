@@ -50,7 +50,7 @@ def protobuf_plan(schema: str, definition: bytes, fields: Mapping[str, Field]) -
     program.message(message_descriptor(schema, definition), program.output.wanted, Place(), 0)
     program.output.check()
     nodes = [sorted(node, key=lambda entry: entry[0]) for node in program.nodes]
-    entries = np.array([entry for node in nodes for entry in node], np.int64).reshape(-1, 10)
+    entries = np.array([entry for node in nodes for entry in node], np.int64).reshape(-1, 9)
     starts = np.cumsum([0, *(len(node) for node in nodes)])
     return ColumnPlan(program.output, kernels.walk_protobuf, program.deepest + 2, entries, starts.astype(np.int64))
 
@@ -121,7 +121,7 @@ class _Program:
             path = f"{at.path}.{found.name}[]"
             inner = Place(self.output.table(path), path)
             child = self.message(descriptor, want, inner, depth + 1)
-            return [found.number, 2, kernels.MESSAGE, 0, kernels.EACH, inner.table, 0, child, -1, -1]
+            return [found.number, 2, kernels.MESSAGE, 0, kernels.EACH, inner.table, 0, child, -1]
         clocks = [label for label, kind in want.labels if kind == "time"]
         presence = self.output.column(at.table) if selector is not None or want.labels else -1
         for label, kind in want.labels:
@@ -132,24 +132,25 @@ class _Program:
         step = f".{found.name}" if selector is None else f".{found.name}[{selector}]"
         below = at.at(step, *([presence] if selector is not None or clocks else []))
         child = self.message(descriptor, want, below, depth + 1)
-        which, counter = (kernels.LAST, -1) if selector is None else (selector, self.output.column(at.table))
-        return [found.number, 2, kernels.MESSAGE, 0, which, at.table, 0, child, presence, counter]
+        which, counter = (kernels.LAST, 0) if selector is None else (selector, self.output.column(at.table))
+        return [found.number, 2, kernels.MESSAGE, 0, which, at.table, counter, child, presence]
 
     def _value(self, found: FieldDescriptor, selector: int | None, want: Wanted, at: Place) -> list[int]:
         if want.below:
             raise self.output.error(f"expected a message at {found.full_name}, got a value")
         is_text = found.type in _TEXTS
         wire, bits, form = (2, 0, _TEXTS[found.type]) if is_text else _SCALARS[found.type]
-        what, which, presence, counter = kernels.TEXT if is_text else kernels.NUMBER, kernels.LAST, -1, -1
+        what, seen = kernels.TEXT if is_text else kernels.NUMBER, -1
         if selector == EACH:
-            path, which = f"{at.path}.{found.name}[]", kernels.EACH
+            path = f"{at.path}.{found.name}[]"
             at = Place(self.output.table(path), path)
-        elif selector is not None:
-            which, presence, counter = selector, self.output.column(at.table), self.output.column(at.table)
-            at = at.at(f"[{selector}]", presence)
         default = _default_bits(found, form) if selector is None and not is_text else 0
         column = self.output.value(want, at, form, default)
-        return [found.number, wire, what, bits, which, at.table, column, -1, presence, counter]
+        if selector is not None and selector != EACH:
+            seen = self.output.column(at.table)
+            self.output.enough[at.table, column] = (seen, selector)
+        which = kernels.LAST if selector is None else selector
+        return [found.number, wire, what, bits, which, at.table, column, -1, seen]
 
 
 def _repeated(descriptor: Descriptor) -> frozenset[str]:
