@@ -94,21 +94,17 @@ def load_map(path: str | Path, *, tessellation: Callable[..., Tessellation] | No
         OSError: the file cannot be read.
     """
     # Of its topic alone: the drawing of a city is many times as large as what it is drawn from.
-    found, scan = [], Scan(path, topic_names.MAP.__eq__)
-    try:
+    with Scan(path, topic_names.MAP.__eq__) as scan:
         found = [message for message in scan if message.schema_name == MAP]
+    if not found and not scan.damage:
+        raise RecordingError(f"{path}: expected a map, with messages of {MAP}, got none; make one with `dirprim learn`")
+    try:
         primitive_map = map_of(_data(found), tessellation)
     except ValueError as error:
-        if not found and not scan.damage:
-            raise RecordingError(
-                f"{path}: expected a map, with messages of {MAP}, got none; make one with `dirprim learn`"
-            ) from error
         broken = f" (the file is damaged: {scan.damage[0]})" if scan.damage else ""
         raise RecordingError(
             f"{path}: cannot be read as a map: {error}{broken}; learn it again with `dirprim learn`"
         ) from error
-    finally:
-        scan.close()
     if scan.damage:
         warn(path, f"the map is whole, but the file is damaged: {scan.damage[0]}")
     return primitive_map

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
-from inspect import Parameter, signature
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -31,6 +29,8 @@ READERS: Mapping[str, Callable[..., Table]] = {
     **dict.fromkeys(FORMATS, read_named),
     "sumo-fcd": read_sumo_fcd, "sdd": read_sdd, "trajnet": read_trajnet,
 }  # fmt: skip
+STATED = {"sdd": {"metres_per_pixel": True, "frames_per_second": False}, "trajnet": {"frames_per_second": True}}
+"""Numbers that tables of a format do not contain, and whether one must be stated."""
 
 
 def read_as(path: Path, stated: str | None = None, origin: Origin | None = None) -> Table:
@@ -51,22 +51,16 @@ def read_as(path: Path, stated: str | None = None, origin: Origin | None = None)
     form, _, rest = (stated or form_of(path)).partition(",")
     if form not in READERS:
         raise ValueError(f"format: expected one of {', '.join(READERS)}, got {form!r}")
-    takes = dict([*signature(READERS[form]).parameters.items()][1:])
-    is_named = takes.pop("columns", None) is not None
-    takes.pop("origin", None)
+    read, takes, is_named = READERS[form], STATED.get(form, {}), READERS[form] is read_named
     if rest and not (takes or is_named):
         raise ValueError(f"format {form}: expected nothing more, got {rest!r}")
-    known = COLUMNS if is_named else takes
-    given: dict[str, Any] = named_values(rest, known, of=f"format {form}", emptied=is_named) if rest else {}
+    given = named_values(rest, COLUMNS if is_named else takes, of=f"format {form}", emptied=is_named) if rest else {}
     if is_named:
-        return READERS[form](path, columns=given, origin=origin)
-    for name, parameter in takes.items():
-        if name in given:
-            given[name] = float(given[name])
-        elif parameter.default is Parameter.empty:
-            way = f"--set format={form},{name}=... states it"
-            raise ValueError(f"{path}: expected {name}, which a table of {form} does not contain; {way}")
-    return READERS[form](path, **given).on_plane(origin)
+        return read(path, columns=given, origin=origin)
+    if missing := [name for name, is_needed in takes.items() if is_needed and name not in given]:
+        way = f"--set format={form},{missing[0]}=... states it"
+        raise ValueError(f"{path}: expected {missing[0]}, which a table of {form} does not contain; {way}")
+    return read(path, **{name: float(number) for name, number in given.items()}).on_plane(origin)
 
 
 def read_table(path: Path, options: ReadOptions) -> Table:

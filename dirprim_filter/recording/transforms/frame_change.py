@@ -75,9 +75,8 @@ class FrameChange:
                 of the object's frame is one that moves.
         """
         placed = np.ones(len(rows), np.bool_)
-        for name in (
-            np.unique(rows.frame_id).tolist() if (rows.frame_id != rows.frame_id[:1]).any() else rows.frame_id[:1]
-        ):
+        is_one = (rows.frame_id == rows.frame_id[:1]).all()
+        for name in rows.frame_id[:1] if is_one else np.unique(rows.frame_id).tolist():
             frame = name.lstrip("/")
             plane = Origin.of_frame(frame)
             is_geodetic = plane is not None or frame == GEODETIC
