@@ -127,6 +127,23 @@ def test_sizes_of_scenes(tmp_path, encoding):
         np.testing.assert_array_equal(rows.position, [[10.0 * i + k, 0.0] for k in range(5)])
 
 
+def test_cubes_beside_the_first_of_an_entity_are_named(tmp_path, caplog):
+    def crowd(k):
+        update = scene([("all", 0.0, float(k))])
+        for i in range(3):
+            update.entities[0].cubes.add().pose.position.x = 9.0 * (i + 1)
+        return update
+
+    for make, n_seen, lines in ((crowd, 1, 1), (mixed, 4, 0)):
+        caplog.clear()
+        path = write_protobuf_log(tmp_path / "log.mcap", [("/objects", k * 10**8, make(k)) for k in range(5)])
+        assert read_tracks(path).n_tracks == n_seen
+        assert len(caplog.messages) == lines
+        assert ("several cubes" in caplog.text) == lines
+        if lines:
+            assert len(detections(path, mapping=FieldMapping.parse("pose=.entities[].cubes[].pose"))) == 20
+
+
 def test_a_box_that_stands_for_an_estimate_is_no_measured_size(tmp_path):
     with EstimateWriter(tmp_path / "out.mcap", metadata={}) as log:
         for k in range(3):

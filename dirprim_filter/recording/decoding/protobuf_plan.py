@@ -49,7 +49,8 @@ def protobuf_plan(schema: str, definition: bytes, fields: Mapping[str, Field]) -
     program = _Program(OutputTables(schema, fields))
     program.message(message_descriptor(schema, definition), program.output.wanted, Place(), 0)
     program.output.check()
-    nodes = [sorted(node, key=lambda entry: entry[0]) for node in program.nodes]
+    # of several elements the last first: then each that comes is counted for those before it is entered
+    nodes = [sorted(node, key=lambda entry: (entry[0], -entry[4])) for node in program.nodes]
     entries = np.array([entry for node in nodes for entry in node], np.int64).reshape(-1, 9)
     starts = np.cumsum([0, *(len(node) for node in nodes)])
     return ColumnPlan(program.output, kernels.walk_protobuf, program.deepest + 2, entries, starts.astype(np.int64))
@@ -110,7 +111,7 @@ class _Program:
         if is_repeated == (None in selectors):
             expected = "repeated: expected" if is_repeated else "single: expected no"
             raise self.output.error(f"{what} {expected} [] behind it")
-        if found.message_type and len(selectors) > 1:
+        if found.message_type and len(selectors) > 1 and EACH in selectors:
             raise self.output.error(f"{what} repeated: expected one of [] and [k] behind it, got several")
         if found.type == _F.TYPE_GROUP:
             raise self.output.error(f"{what} a group: expected a message")

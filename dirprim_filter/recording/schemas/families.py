@@ -124,6 +124,10 @@ def _both(name: str) -> str:
     return f"foxglove.{name} foxglove_msgs/msg/{name}"
 
 
+ONE_BODY = (
+    "entities have several cubes: the first is the body of each, the others are not read; where each is an object, "
+    "--set fields=pose=.entities[].cubes[].pose reads them all"
+)
 _NOTES = ".entities[].metadata[]"
 _ROUND = ("round.x", "round.y", "round.z")
 _OTHERS = {"cylinder": (("r.x", "r.y", "r.z"), _ROUND), "model": (("m.x", "m.y", "m.z"), SIZE)}
@@ -136,6 +140,8 @@ def _by_bodies_and_notes(columns: FieldColumns, message: IntArray, known: dict[s
     """The size, the place and the heading of the body, and what it is; which entities have one."""
     entity, key, value = columns.parent_of(_NOTES), columns.read("key", ""), columns.read("value", "")
     is_body = columns.is_set("cube")
+    if columns.is_set("second", 0).any():
+        columns.notes.add(ONE_BODY)
     known["heading"] = np.where(is_body, known["heading"], np.nan)
     for body, (place, size) in _OTHERS.items():
         here = ~is_body & columns.is_set(body, 0)
@@ -150,8 +156,8 @@ def _by_bodies_and_notes(columns: FieldColumns, message: IntArray, known: dict[s
 
 SCENE_UPDATE = family(
     "foxglove.SceneUpdate foxglove_msgs/msg/SceneUpdate",
-    f"foxglove=@ id=@.id cube=@.cubes[0] cylinder=@.cylinders[0] model=@.models[0] pose=@.cubes[0].pose "
-    f"size=@.cubes[0].size key={_NOTES}.key value={_NOTES}.value "
+    "foxglove=@ id=@.id cube=@.cubes[0] second=@.cubes[1] cylinder=@.cylinders[0] model=@.models[0] "
+    f"pose=@.cubes[0].pose size=@.cubes[0].size key={_NOTES}.key value={_NOTES}.value "
     + " ".join(
         f"r.{axis}=@.cylinders[0].pose.position.{axis} m.{axis}=@.models[0].pose.position.{axis} "
         f"round.{axis}=@.cylinders[0].size.{axis}" for axis in "xyz"

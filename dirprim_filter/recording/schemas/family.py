@@ -57,7 +57,7 @@ GROUPS: dict[str, dict[str, str]] = {
 _KINDS: dict[str, Kind] = {
     **dict.fromkeys(("id", "frame", "own_frame", "axes", "label", "space", "key", "value", "host", "mover"), "name"),
     **dict.fromkeys(("time", "own_time", "measured"), "time"),
-    **dict.fromkeys(("placed", "moves", "turned", "faces", "cube", "cylinder", "model"), "presence"),
+    **dict.fromkeys(("placed", "moves", "turned", "faces", "cube", "second", "cylinder", "model"), "presence"),
 }  # fmt: skip
 REQUIRED = frozenset({"x", "y", "longitude", "latitude", "time", "frame", "placed"})
 """Without these a schema of a known name is not read; a `frame` that is missing would be taken for the map's."""
