@@ -115,7 +115,7 @@ def nasty(want, rng):
         return NASTY[rng.integers(len(NASTY))]
     if not want.below:
         kind = want.labels[0][1]
-        return {"number": 1.5, "name": "car", "mark": {}, "time": {"sec": 1, "nsec": 2}}[kind]
+        return {"number": 1.5, "name": "car", "presence": {}, "time": {"sec": 1, "nsec": 2}}[kind]
     value = {}
     for name, selected in want.below.items():
         for selector, one in selected.items():
