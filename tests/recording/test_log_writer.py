@@ -28,9 +28,9 @@ COLUMNS = ("track_id", "time_ns", "position", "direction", "speed", "group")
 
 
 def crossing(vehicles):
-    """1000 instants of some of the vehicles; numbers of many magnitudes and at the edges of intervals."""
+    """200 instants of some of the vehicles; numbers of many magnitudes and at the edges of intervals."""
     rng = np.random.default_rng(5)
-    instant, vehicle = np.nonzero(rng.random((1000, len(vehicles))) < 0.6)
+    instant, vehicle = np.nonzero(rng.random((200, len(vehicles))) < 0.6)
     n = len(instant)
     return Tracks(
         track_id=np.asarray(vehicles)[vehicle],
@@ -59,19 +59,15 @@ def test_tracks_read_back_equal(tmp_path, vehicles):
 
 
 def test_the_same_tracks_give_the_same_bytes_and_a_record_names_producer_and_source(tmp_path):
-    digests = set()
-    for name in ("a", "b"):
-        write_tracks(crossing(NAMES), tmp_path / name)
-        digests.add(hashlib.sha256((tmp_path / name).read_bytes()).digest())
-    assert len(digests) == 1
-    write_tracks(crossing(NAMES[1:]), tmp_path / "c")
-    assert hashlib.sha256((tmp_path / "c").read_bytes()).digest() not in digests
-    write_tracks(crossing(NAMES), tmp_path / "a.mcap", metadata={"source": "x.csv"})
-    with (tmp_path / "a.mcap").open("rb") as file:
+    digests = []
+    for name, vehicles in (("a", NAMES), ("b", NAMES), ("c", NAMES[1:])):
+        write_tracks(crossing(vehicles), tmp_path / name, metadata={"source": "x.csv"})
+        digests.append(hashlib.sha256((tmp_path / name).read_bytes()).digest())
+    assert digests[0] == digests[1] != digests[2]
+    with (tmp_path / "a").open("rb") as file:
         (record,) = make_reader(file).iter_metadata()
     assert record.name == "dirprim"
-    assert record.metadata["producer"] == "dirprim-filter"
-    assert record.metadata["source"] == "x.csv"
+    assert record.metadata.items() >= {"producer": "dirprim-filter", "source": "x.csv"}.items()
     assert "version" in record.metadata
 
 
@@ -88,20 +84,14 @@ def test_after_a_kill_all_but_the_last_chunk_is_in_the_partial_file(tmp_path):
     with LogWriter(tmp_path / "a.mcap", metadata={}, max_chunk_ns=1_000_000_000) as log:
         for time_ns in range(0, 10_000_000_000, 100_000_000):
             log.write("/tf", scene_transform(time_ns, np.zeros(2)), time_ns)
-        (partial,) = tmp_path.iterdir()
-        assert partial.name.startswith("a.mcap.")
-        left = scan(partial)
-        assert [m.log_time_ns for m in left] == list(range(0, 9_900_000_000, 100_000_000))
-        assert left.damage
-        left.close()
+        (partial,) = tmp_path.glob("a.mcap.*")
+        with scan(partial) as left:
+            assert [m.log_time_ns for m in left] == list(range(0, 9_900_000_000, 100_000_000))
+            assert left.damage
 
 
 N = 9
 N_IN_CHUNK = 4
-
-
-def interrupting(*_):
-    raise KeyboardInterrupt
 
 
 class Interrupt:
@@ -156,8 +146,7 @@ def test_an_interrupt_at_any_line_costs_nothing_that_was_handed_over(tmp_path, k
             (left,) = tmp_path.glob(f"{path.name}.*.partial")
             assert recover(left, path).saved == N - N % N_IN_CHUNK
             continue
-        if not path.exists():
-            assert not keep
+        if not path.exists() and not keep:
             continue
         times = [message.log_time for _, _, message in stock(path)]
         assert times == list(range(len(times)))
@@ -175,8 +164,8 @@ def test_what_a_process_of_the_same_number_left_is_kept(tmp_path):
     for one in left:
         one.write_bytes((tmp_path / "b.mcap").read_bytes()[:-40])  # as a kill leaves it
     with LogWriter(path, metadata={}, force=True) as first, LogWriter(path, metadata={}) as second:
-        first.write("/tf", scene_transform(2, np.zeros(2)), 2)
-        second.write("/tf", scene_transform(3, np.zeros(2)), 3)
+        for time_ns, log in enumerate((first, second)):
+            log.write("/tf", scene_transform(time_ns, np.zeros(2)), time_ns)
     assert sorted(tmp_path.iterdir()) == sorted([path, tmp_path / "b.mcap", *left])
     for one in left:
         assert recover(one, one.with_suffix(".mcap")).saved == 1
@@ -185,17 +174,12 @@ def test_what_a_process_of_the_same_number_left_is_kept(tmp_path):
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_either_signal_waits_until_the_body_is_done(number):
     done = []
-
-    def body():
-        with uninterrupted():
+    before = signal.signal(number, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt), uninterrupted():
             signal.raise_signal(number)
             done.append(True)
-
-    before = signal.signal(number, interrupting)
-    try:
-        with pytest.raises(KeyboardInterrupt):
-            body()
-        assert signal.getsignal(number) is interrupting
+        assert signal.getsignal(number) is signal.default_int_handler
     finally:
         signal.signal(number, before)
     assert done

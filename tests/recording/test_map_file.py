@@ -21,7 +21,6 @@ from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording import load_map, save_map, topic_names
 from dirprim_filter.recording.container.records import Schema
 from dirprim_filter.recording.errors import RecordingError
-from dirprim_filter.recording.foxglove.elements import scene_transform
 from dirprim_filter.recording.log_writer import LogWriter, schema_of
 from dirprim_filter.recording.map_file import decode, encode, encoded
 from dirprim_filter.recording.scan import scan
@@ -102,40 +101,11 @@ def test_what_was_learned_loads_equal_in_equal_bytes_that_any_reader_of_arrow_op
         for table in (motion_table, partial(leader_table, config=FilterConfig(interaction="leader"))):
             assert typeof(table(loaded)) == typeof(table(sent))  # or each kernel is compiled twice
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
-    sent = some_map(20)
-    save_map(sent, tmp_path / "map.mcap")
-    (message,) = (message for message in scan(tmp_path / "map.mcap") if message.topic == "/dirprim/map")
+    (message,) = (message for message in scan(tmp_path / "some") if message.topic == "/dirprim/map")
     assert message.schema_name == "dirprim.PrimitiveMap"
     (read,) = pa.ipc.open_stream(dirprim_pb2.PrimitiveMap.FromString(message.data).arrow).read_all().to_pylist()
     assert [row["rate"] for row in read["row"]] == sent.speed.rate.tolist()
     assert [row["push"] for row in read["manoeuvre"]] == sent.motion.push.tolist()
-
-
-def test_what_is_no_map_is_reported(tmp_path):
-    path = tmp_path / "log.mcap"
-    with LogWriter(path, metadata={}) as writer:
-        writer.write("/tf", scene_transform(0, np.zeros(2)), 0)
-    with pytest.raises(RecordingError, match=r"log\.mcap: expected a map.*dirprim learn"):
-        load_map(path)
-    path.write_text("no log at all")
-    with pytest.raises(RecordingError, match="expected an MCAP log"):
-        load_map(path)
-    for data, why in ((b"\x58\x04", "of an older version"), (b"\x0a\xff", "of protobuf, got")):
-        with LogWriter(path, metadata={}, force=True) as writer:
-            writer.write_encoded(topic_names.MAP, schema_of(dirprim_pb2.PrimitiveMap), data, 0)
-        with pytest.raises(RecordingError, match=rf"log\.mcap: .*{why}.*learn it again"):
-            load_map(path)
-
-
-def test_a_map_is_read_as_it_was_written_before_it_was_in_protobuf(tmp_path):
-    sent = some_map(FEW)
-    with LogWriter(tmp_path / "map.mcap", metadata={}) as writer:
-        before = Schema(name="dirprim.PrimitiveMap", encoding="arrow", data=b"")
-        writer.write_encoded(topic_names.MAP, before, encoded(sent), 0)
-    assert encoded(load_map(tmp_path / "map.mcap")) == encoded(sent)
-
-
-# Harm
 
 
 def opened(data):
@@ -144,24 +114,43 @@ def opened(data):
     return scalars, {name: {of: column.copy() for of, column in table.items()} for name, table in tables.items()}
 
 
-def write(path, messages):
+def in_protobuf(data):
+    return dirprim_pb2.PrimitiveMap(arrow=data).SerializeToString()
+
+
+def write(path, messages, *, schema=schema_of(dirprim_pb2.PrimitiveMap), wrapped=in_protobuf, topic=topic_names.MAP):
     with LogWriter(path, metadata={}, force=True) as writer:
         for data in messages:
-            writer.write(topic_names.MAP, dirprim_pb2.PrimitiveMap(arrow=data), 0)
+            writer.write_encoded(topic, schema, wrapped(data), 0)
     return path
 
 
-def test_a_missing_a_doubled_and_a_damaged_message_are_reported(tmp_path):
-    data = encoded(some_map(FEW))
-    for part, message in (([], "expected a map"), ([data] * 2, "expected one message, got 2, as of an older version")):
-        with pytest.raises(RecordingError, match=message):
-            load_map(write(tmp_path / "map", part))
-    save_map(some_map(500), tmp_path / "damaged.mcap")
-    data = bytearray((tmp_path / "damaged.mcap").read_bytes())
-    data[len(data) // 2] ^= 0xFF
-    (tmp_path / "damaged.mcap").write_bytes(data)
-    with pytest.raises(RecordingError, match=r"damaged\.mcap: cannot be read as a map.*damaged"):
-        load_map(tmp_path / "damaged.mcap")
+def test_a_map_is_read_as_it_was_written_before_it_was_in_protobuf(tmp_path):
+    sent, before = encoded(some_map(FEW)), Schema(name="dirprim.PrimitiveMap", encoding="arrow", data=b"")
+    assert encoded(load_map(write(tmp_path / "map.mcap", [sent], schema=before, wrapped=bytes))) == sent
+
+
+def test_what_is_no_map_is_reported(tmp_path):
+    path, data = tmp_path / "log.mcap", encoded(some_map(FEW))
+    for messages, given, why in (
+        ([], {}, "expected a map.*dirprim learn"),
+        ([data], {"topic": "/other"}, "expected a map.*dirprim learn"),
+        ([b"\x58\x04"], {"wrapped": bytes}, ".*of an older version.*learn it again"),
+        ([b"\x0a\xff"], {"wrapped": bytes}, ".*of protobuf, got.*learn it again"),
+        ([data] * 2, {}, ".*expected one message, got 2, as of an older version"),
+    ):
+        with pytest.raises(RecordingError, match=rf"log\.mcap: {why}"):
+            load_map(write(path, messages, **given))
+    save_map(some_map(500), path, force=True)
+    whole = path.read_bytes()
+    middle = len(whole) // 2
+    for harmed, why in (
+        (b"no log at all", "expected an MCAP log"),
+        (whole[:middle] + bytes([whole[middle] ^ 0xFF]) + whole[middle + 1 :], r"log\.mcap: cannot be read.*damaged"),
+    ):
+        path.write_bytes(harmed)
+        with pytest.raises(RecordingError, match=why):
+            load_map(path)
 
 
 def number(name, value):
@@ -172,10 +161,6 @@ def number(name, value):
 def cell(table, column, row, value):
     """Set a number of a table, or all of a row's."""
     return lambda scalars, tables: tables[table][column].__setitem__(row, value)
-
-
-def without(table, column=None):
-    return lambda scalars, tables: tables.pop(table) if column is None else tables[table].pop(column)
 
 
 def column(table, name, made):
@@ -191,8 +176,8 @@ HARMS = [
     (number("origin_x", -1e300), "origin: expected places within"),
     (number("n_background_modes", 9), "n_background_modes: expected 0 to 3"),
     (number("background_visits", np.nan), "background_visits: expected a positive"),
-    (without("row"), "row.weight: expected float64, got none"),
-    (without("manoeuvre", "push"), "manoeuvre.push: expected float64, got none"),
+    (lambda _, tables: tables.pop("row"), "row.weight: expected float64, got none"),
+    (lambda _, tables: tables["manoeuvre"].pop("push"), "manoeuvre.push: expected float64, got none"),
     (column("square", "number", lambda of: of.astype(np.float64)), "square.number: expected int64"),
     (column("row", "rate", lambda of: of[:, :2]), "expected"),
     (cell("row", "weight", 0, 0.9), "expected to sum to one"),
