@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.faults import find_faults, wrong_scale
@@ -12,21 +13,12 @@ from dirprim_filter.tracks import Tracks
 from situations import tracks_of
 
 
-def driven(n_rows=120, *, name, seed, start_s=0.0):
+def driven(i, n_rows=120):
     """Eastward, with accelerations of the driver's own, as every driver has them: 1 m/s2, correlated over a second."""
-    rng = np.random.default_rng(seed)
-    acceleration = np.zeros(n_rows)
-    for i in range(1, n_rows):
-        acceleration[i] = 0.9 * acceleration[i - 1] + 0.44 * rng.standard_normal()
+    acceleration = lfilter([0.44], [1.0, -0.9], np.random.default_rng(i).standard_normal(n_rows))
     pace = np.maximum(10.0 + 0.1 * np.cumsum(acceleration - acceleration.mean()), 0.0)
     place = np.column_stack([np.cumsum(0.1 * pace), np.zeros(n_rows)])
-    time_ns = np.round((start_s + 0.1 * np.arange(n_rows)) * 1e9).astype(np.int64)
-    return tracks_of([place], track_id=name, time_ns=time_ns, speed=pace)
-
-
-def traffic():
-    """Ten vehicles on one path, two seconds apart, each with accelerations of its own."""
-    return [driven(name=f"v{i}", seed=i, start_s=2.0 * i) for i in range(10)]
+    return tracks_of([place], track_id=f"v{i}", time_ns=10**8 * (20 * i + np.arange(n_rows)), speed=pace)
 
 
 def bent(**changes):
@@ -35,7 +27,8 @@ def bent(**changes):
     angle = np.arange(120) / 30.0
     way = 30.0 * np.column_stack([np.cos(angle), np.sin(angle)])
     circle = tracks_of(way[None], track_id="bent", direction=angle + np.pi / 2, speed=10.0)
-    parts = [replace(part, position=part.position + rng.normal(0, 0.5, part.position.shape)) for part in traffic()[:3]]
+    parts = [replace(part, position=part.position + rng.normal(0, 0.5, part.position.shape))
+             for part in map(driven, range(3))]  # fmt: skip
     whole = Tracks.concatenate([*parts, circle])
     return faults_of(replace(whole, **{name: change(whole) for name, change in changes.items()}))
 
@@ -48,32 +41,30 @@ def faults_of(tracks):
     return list(found.values()) or [wrong for wrong in [wrong_scale(scale)] if wrong]
 
 
-DEGREES = np.array([10.39, 63.43])
+def latitudes(of, apart=0.0):
+    return [10.39, 63.43] + 9e-6 * of.position + apart * of.vehicle[:, None]
+
+
 UNITS = {
-    "km/h": ({"speed": lambda of: 3.6 * of.speed}, "are they in km/h in place of m/s?"),
-    "mph": ({"speed": lambda of: 2.237 * of.speed}, "are they in mph in place of m/s?"),
-    "knots": ({"speed": lambda of: 1.944 * of.speed}, "are they in knots in place of m/s?"),
-    "none": ({"speed": lambda of: 0.0 * of.speed}, "speeds are 0 where positions move"),
-    "another": ({"speed": lambda of: 0.1 * of.speed}, "are they in another unit in place of m/s?"),
-    "course in degrees": ({"direction": lambda of: wrap(np.rad2deg(of.direction) + 20.0)},
-                          "are courses in degrees, or from north? They are not used"),
-    "course from north": ({"direction": lambda of: np.pi / 2 - of.direction}, "are courses from north, clockwise?"),
-    "latitudes": ({"position": lambda of: DEGREES + 9e-6 * of.position}, "degrees"),
-    "latitudes far apart": (
-        {"position": lambda of: DEGREES + 9e-6 * of.position + 9.0 * of.vehicle[:, None]}, "speeds lead thousands",
-    ),
-    "latitudes, no speed": (
-        {"position": lambda of: DEGREES + 9e-6 * of.position, "speed": lambda of: 1e-5 * of.speed}, "degrees",
-    ),
+    "are they in km/h in place of m/s?": {"speed": lambda of: 3.6 * of.speed},
+    "are they in mph in place of m/s?": {"speed": lambda of: 2.237 * of.speed},
+    "are they in knots in place of m/s?": {"speed": lambda of: 1.944 * of.speed},
+    "speeds are 0 where positions move": {"speed": lambda of: 0.0 * of.speed},
+    "are they in another unit in place of m/s?": {"speed": lambda of: 0.1 * of.speed},
+    "are courses in degrees, or from north? They are not used": {
+        "direction": lambda of: wrap(np.rad2deg(of.direction) + 20.0)},
+    "are courses from north, clockwise?": {"direction": lambda of: np.pi / 2 - of.direction},
+    "all positions lie within 0.5 m: are they degrees?": {"position": latitudes},
+    "speeds lead thousands": {"position": lambda of: latitudes(of, apart=9.0)},
+    "m: are they degrees?": {"position": latitudes, "speed": lambda of: 1e-5 * of.speed},
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("unit", UNITS)
-def test_columns_in_another_unit_are_reported_and_right_ones_are_not(unit):
-    change, said = UNITS[unit]
-    (line,) = bent(**change)
+@pytest.mark.parametrize("said", UNITS)
+def test_columns_in_another_unit_are_reported_and_right_ones_are_not(said):
+    (line,) = bent(**UNITS[said])
     assert said in line
-    assert bent() == faults_of(traffic()[0]) == faults_of(traffic()[0][:0]) == []
+    assert bent() == faults_of(driven(0)) == faults_of(driven(0)[:0]) == []
 
 
 N_ROWS = 100
@@ -128,12 +119,11 @@ def test_rows_at_placeholders_are_left_out_and_no_other(name, share):
 
 def test_placeholders_at_an_end_and_outliers_are_left_out():
     vehicle, time_ns, position = circling()
-    wrong = np.arange(vehicle.size) % N_ROWS >= 70
-    position[wrong] = 0.0
-    single = np.arange(vehicle.size) % N_ROWS == 30
-    position[single] += np.random.default_rng(2).normal(0.0, 400.0, (10, 2))
+    row = np.arange(vehicle.size) % N_ROWS
+    position[row >= 70] = 0.0
+    position[row == 30] += np.random.default_rng(2).normal(0.0, 400.0, (10, 2))
     order, found = jumps_of(vehicle, time_ns, position)
-    np.testing.assert_array_equal(found.left_out, (wrong | single)[order])
+    np.testing.assert_array_equal(found.left_out, ((row >= 70) | (row == 30))[order])
 
 
 def test_an_id_that_is_given_again_or_to_two_at_once_is_taken_apart():
@@ -144,27 +134,20 @@ def test_an_id_that_is_given_again_or_to_two_at_once_is_taken_apart():
     both = np.tile(vehicle, 2), np.append(time_ns, time_ns + 33_000_000), np.append(position, position + 300.0, axis=0)
     order, found = jumps_of(*both)
     second = order >= vehicle.size
-    for one in range(10):  # which of the two is first is by time
-        own = found.part[both[0][order] == one]
-        assert np.array_equal(own, second[both[0][order] == one]) or np.array_equal(own, ~second[both[0][order] == one])
+    for part, is_second in zip(found.part.reshape(10, -1), second.reshape(10, -1), strict=True):
+        assert (part == (is_second ^ is_second[0])).all()  # which of the two is first is by time
     assert not found.left_out.any()
 
 
-@pytest.mark.parametrize(
-    ("factor", "said"),
-    [
-        (1e3, "times in ms in place of s"),
-        (1e-3, "times in us in place of ns"),
-        (1e-6, "times in ms in place of ns"),
-        (1e-9, "times in s in place of ns"),
-    ],
-)
+TIMES = {1e3: "ms in place of s", 1e-3: "us in place of ns", 1e-6: "ms in place of ns", 1e-9: "s in place of ns"}
+
+
+@pytest.mark.parametrize(("factor", "said"), TIMES.items())
 def test_times_in_another_unit_are_named(factor, said):
     vehicle, time_ns, position = circling()
-    repeated = np.zeros(vehicle.size, np.bool_)
     time_ns = (time_ns * factor).astype(np.int64)
-    repeated[1:] = (np.diff(time_ns) == 0) & (np.diff(vehicle) == 0)
-    assert said in wrong_scale(Scale.of(vehicle[~repeated], time_ns[~repeated], position[~repeated]))
+    kept = (np.diff(time_ns, prepend=-1) != 0) | (np.diff(vehicle, prepend=-1) != 0)
+    assert f"times in {said}" in wrong_scale(Scale.of(vehicle[kept], time_ns[kept], position[kept]))
     assert "degrees" in wrong_scale(Scale.of(*circling()[:2], 1e-5 * position))
 
 
