@@ -177,8 +177,7 @@ def test_either_signal_waits_until_the_body_is_done(number):
     before = signal.signal(number, signal.default_int_handler)
     try:
         with pytest.raises(KeyboardInterrupt), uninterrupted():
-            signal.raise_signal(number)
-            done.append(True)
+            done.append(signal.raise_signal(number))
         assert signal.getsignal(number) is signal.default_int_handler
     finally:
         signal.signal(number, before)

@@ -29,6 +29,7 @@ from tessellation import GridTessellation, VoronoiTessellation
 
 LEADER = LeaderResponse(gain=np.arange(10.0), push=1.0, trust=0.5, start_rate=np.ones(3))
 FEW = 40
+SCHEMA = schema_of(dirprim_pb2.PrimitiveMap)
 
 
 def some_map(n_cells, *, n_modes=3, seed=0, voronoi=False):
@@ -118,7 +119,7 @@ def in_protobuf(data):
     return dirprim_pb2.PrimitiveMap(arrow=data).SerializeToString()
 
 
-def write(path, messages, *, schema=schema_of(dirprim_pb2.PrimitiveMap), wrapped=in_protobuf, topic=topic_names.MAP):
+def write(path, messages, *, schema=SCHEMA, wrapped=in_protobuf, topic=topic_names.MAP):
     with LogWriter(path, metadata={}, force=True) as writer:
         for data in messages:
             writer.write_encoded(topic, schema, wrapped(data), 0)
