@@ -8,7 +8,7 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.primitives._modes import Modes
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from situations import tracks_of
+from situations import estimates_of, tracks_of
 from tessellation import GridTessellation
 
 START_NS = 1_700_000_000_123_456_789
@@ -57,22 +57,16 @@ def scene_frames(scene_tracks):
     frames = []
     for time_ns in np.unique(scene_tracks.time_ns):
         now = scene_tracks[scene_tracks.time_ns == time_ns]
-        m = len(now)
-        cloud = now.position[:, None] + rng.normal(0.0, 0.7, (m, N_PARTICLES, 2))
-        estimates = Estimates(
-            track_id=now.track_id, time_ns=now.time_ns, position=now.position,
-            covariance=np.tile(0.49 * np.eye(2), (m, 1, 1)),
-            direction=now.direction, direction_resultant=np.full(m, 0.9),
-            speed=now.speed, speed_std=np.ones(m),
-            effective_sample_size=np.full(m, 30.0), log_evidence=np.full(m, -2.0),
+        n = len(now) * N_PARTICLES
+        cloud = now.position[:, None] + rng.normal(0.0, 0.7, (len(now), N_PARTICLES, 2))
+        estimates = estimates_of(
+            now.track_id, time_ns=now.time_ns, position=now.position, direction=now.direction,
+            direction_resultant=0.9, speed=now.speed, effective_sample_size=30.0, log_evidence=-2.0,
         )  # fmt: skip
         samples = Particles(
-            position=cloud.reshape(-1, 2),
-            direction=rng.normal(np.pi / 4, 0.2, m * N_PARTICLES),
-            speed=np.full(m * N_PARTICLES, 10.0),
-            weight=np.full(m * N_PARTICLES, 1.0 / N_PARTICLES),
-            vehicle=np.repeat(np.arange(m), N_PARTICLES),
-        )
+            position=cloud.reshape(-1, 2), direction=rng.normal(np.pi / 4, 0.2, n), speed=np.full(n, 10.0),
+            weight=np.full(n, 1.0 / N_PARTICLES), vehicle=np.repeat(np.arange(len(now)), N_PARTICLES),
+        )  # fmt: skip
         seen = Detections.of(now)
         frames.append(TrackedFrame(time_ns=int(time_ns), detections=seen, estimates=estimates, particles=samples))
     nothing = {"detections": Detections.none(), "estimates": Estimates.concatenate([]), "particles": Particles.none()}

@@ -7,9 +7,10 @@ from dirprim_filter.viewer.sink import RerunSink
 from dirprim_filter.viewer.stream import TIMELINE
 
 
-def write_run(path, frames, primitives, **options):
+def write_run(path, frames, primitives=None, **options):
     with RerunSink(save=path, **options) as sink:
-        sink.log_map(primitives)
+        if primitives is not None:
+            sink.log_map(primitives)
         sink.log_run({})
         for frame in frames:
             sink.write(frame)
@@ -28,6 +29,11 @@ def rows_of(path, entity, column, *, timeline=TIMELINE):
         values = [_array(v) for v in batch.column(column).to_pylist()]
         rows += [(t, v) for t, v in zip(times, values, strict=True) if v.ndim]
     return sorted(rows, key=lambda row: row[0] or 0)
+
+
+def values_of(path, entity, column):
+    """Those of its rows, in order of time."""
+    return [values for _, values in rows_of(path, entity, column)]
 
 
 def _array(values):

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rrd_files import rows_of, write_run
+from rrd_files import rows_of, values_of, write_run
 
 from dirprim_filter.drawing import colors, shapes
 from dirprim_filter.estimates import EstimateList
@@ -50,22 +50,20 @@ def test_every_vehicle_has_an_entity_that_follows_the_frames_and_empties_with_th
         since = [frame.time_ns - tracked[0].time_ns for frame in tracked]
         assert [at for at, _ in rows_of(path, entity, column, timeline=ELAPSED)] == since
         assert [at for at, _ in rows_of(path, entity, column, timeline=FRAME)] == [*range(6)]
-    places = [v for _, v in rows_of(path, "/tracks/8", "Points3D:positions")]
-    assert places[3][0, :2] == pytest.approx(tracked[3].estimates.position[1], rel=1e-6)
-    assert rows_of(path, "/tracks/8", "Points3D:labels")[0][1].tolist() == ["", "8"]
-    packed = [v for _, v in rows_of(path, "/tracks/8", "Points3D:colors")]
-    bright, dark = ((packed[i][0] >> 24) & 255 for i in (0, 1))
+    place = values_of(path, "/tracks/8", "Points3D:positions")[3][0, :2]
+    assert place == pytest.approx(tracked[3].estimates.position[1], rel=1e-6)
+    assert values_of(path, "/tracks/8", "Points3D:labels")[0].tolist() == ["", "8"]
+    bright, dark = ((packed[0] >> 24) & 255 for packed in values_of(path, "/tracks/8", "Points3D:colors")[:2])
     assert dark == pytest.approx(0.5 * bright, abs=1)
-    trail = rows_of(path, "/tracks/7", "LineStrips3D:strips")[4][1][0]
+    trail = values_of(path, "/tracks/7", "LineStrips3D:strips")[4][0]
     assert trail[[0, -1], :2] == pytest.approx(np.array([tracked[i].estimates.position[0] for i in (0, 4)]), rel=1e-6)
-    (_, cloud), *_ = rows_of(path, "/particles", "Points3D:positions")
+    cloud, *_ = values_of(path, "/particles", "Points3D:positions")
     assert (cloud[:, :2] == tracked[0].particles.position[::2].astype(np.float32)).all()
-    ess = [v.tolist() for _, v in rows_of(path, "/samples/all", "Scalars:scalars")]
-    assert ess[:5] == [[30, 30]] * 5
-    assert np.isnan(ess[5]).all()
-    counts = [v[:4].tolist() for _, v in rows_of(path, "/vehicles/all", "Scalars:scalars")]
+    ess = values_of(path, "/samples/all", "Scalars:scalars")
+    np.testing.assert_array_equal(ess, [[30, 30]] * 5 + [[np.nan] * 2])
+    counts = [values[:4].tolist() for values in values_of(path, "/vehicles/all", "Scalars:scalars")]
     assert counts == [[2, 2, 2, 0]] + [[2, 2, 1, 0]] * 4 + [[0, 0, 0, 0]]
-    diary = [str(v[0]) for _, v in rows_of(path, "/events", "TextLog:text")]
+    diary = [str(text) for (text,) in values_of(path, "/events", "TextLog:text")]
     assert diary == ["7 initialised", "8 initialised", "8 coasts", "7 ended", "8 ended"]
 
 
@@ -73,11 +71,9 @@ def test_ellipses_lie_as_the_covariance_does(tmp_path, tracked):
     """A point of the rim has the Mahalanobis distance of the 90 % quantile, on both sides of the longer axis."""
     spread = np.array([[4.0, 1.5], [1.5, 1.0]])
     wide = replace(tracked[0].estimates, covariance=np.stack([spread, spread * [[1, -1], [-1, 1]]]))
-    with RerunSink(save=tmp_path / "e.rrd") as shown:
-        shown.write(replace(tracked[0], estimates=wide))
+    path = write_run(tmp_path / "e.rrd", [replace(tracked[0], estimates=wide)])
     for row, entity in enumerate(("/tracks/7", "/tracks/8")):
-        ((_, half),) = rows_of(tmp_path / "e.rrd", entity, "Ellipsoids3D:half_sizes")
-        ((_, turn),) = rows_of(tmp_path / "e.rrd", entity, "Ellipsoids3D:quaternions")
+        (half,), (turn,) = (values_of(path, entity, f"Ellipsoids3D:{name}") for name in ("half_sizes", "quaternions"))
         angle, t = 2.0 * np.arctan2(turn[0, 2], turn[0, 3]), np.linspace(0.0, 2.0 * np.pi, 9)
         along = np.column_stack([half[0, 0] * np.cos(t), half[0, 1] * np.sin(t)])
         rim = along @ np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
@@ -111,7 +107,7 @@ def test_nees_and_error_are_the_scores_and_innovations_the_trackers(tmp_path, tr
     report = report_of(TrackedRows.of(kept.all()), scene_tracks, with_ids=True).report
 
     def values(entity):
-        return [v.tolist() for _, v in rows_of(tmp_path / "run.rrd", entity, "Scalars:scalars")]
+        return [scalars.tolist() for scalars in values_of(tmp_path / "run.rrd", entity, "Scalars:scalars")]
 
     assert np.mean([*values("/nees/7"), *values("/nees/8")]) == pytest.approx(report.nees)
     assert np.mean([row[0] for row in values("/nees/all")]) == pytest.approx(report.nees)
@@ -125,7 +121,7 @@ def test_the_map_is_static_and_its_petals_are_those_of_the_shapes(tmp_path, scen
     ((time_ns, vertices),) = rows_of(path, "/map/roses", "Mesh3D:vertex_positions")
     assert time_ns is None
     assert vertices[:, :2] == pytest.approx(shapes.rose_petals(scene_map).polygon.reshape(-1, 2), rel=1e-6)
-    ((_, outlines),) = rows_of(path, "/map/cells", "LineStrips3D:strips")
+    (outlines,) = values_of(path, "/map/cells", "LineStrips3D:strips")
     assert len(outlines) == scene_map.tessellation.n_cells
 
 
@@ -144,18 +140,17 @@ def test_sensors_have_an_entity_each_and_innovations_lead_to_their_detections(tm
     seen = [replace(tracked[0].detections, position=tracked[0].detections.position + east) for east in (1.0, 2.0)]
     expected = tracked[0].estimates.position + np.array([[5.0, 0.0], [0.0, 3.0]])
     frame = replace(tracked[0], assigned=np.array(["8", "none"]), expected=expected)
-    with RerunSink(save=tmp_path / "s.rrd") as shown:
+    with RerunSink(save=(path := tmp_path / "s.rrd")) as shown:
         for name, of in zip(("/front", "/rear"), seen, strict=True):
             shown.log_detections(of, name)
         shown.write(frame)
         shown.write(replace(frame, time_ns=frame.time_ns + 1, expected=None))
     for name, of in zip(("/front", "/rear"), seen, strict=True):
-        (_, place), (_, after) = rows_of(tmp_path / "s.rrd", f"/detections{name}", "Points3D:positions")
+        place, after = values_of(path, f"/detections{name}", "Points3D:positions")
         assert (place[:, :2] == of.position.astype(np.float32)).all()
         assert len(after) == 0
-    assert rows_of(tmp_path / "s.rrd", "/detections", "Points3D:positions") == []
-    begins = [of for _, of in rows_of(tmp_path / "s.rrd", "/assigned", "Arrows3D:origins")]
-    vectors = [of for _, of in rows_of(tmp_path / "s.rrd", "/assigned", "Arrows3D:vectors")]
+    assert values_of(path, "/detections", "Points3D:positions") == []
+    begins, vectors = (values_of(path, "/assigned", f"Arrows3D:{name}") for name in ("origins", "vectors"))
     for begin, vector, at in zip(begins, vectors, (expected, frame.estimates.position), strict=True):
         assert begin[:, :2] == pytest.approx(at[1:], rel=1e-6)
         assert (begin + vector)[:, :2] == pytest.approx(frame.detections.position[:1], rel=1e-6)
@@ -164,10 +159,11 @@ def test_sensors_have_an_entity_each_and_innovations_lead_to_their_detections(tm
 def test_where_the_plane_lies_on_the_earth_vehicles_and_petals_do(tmp_path, scene_map, tracked):
     origin = Origin(48.0, 11.0)
     estimates = tracked[0].estimates.on_plane(origin)
-    write_run(tmp_path / "g.rrd", [replace(tracked[0], estimates=estimates)], replace(scene_map, origin=origin))
-    ((_, place),) = rows_of(tmp_path / "g.rrd", "/tracks/7", "GeoPoints:positions")
+    frame, on_earth = replace(tracked[0], estimates=estimates), replace(scene_map, origin=origin)
+    path = write_run(tmp_path / "g.rrd", [frame], on_earth)
+    (place,) = values_of(path, "/tracks/7", "GeoPoints:positions")
     assert origin.to_plane(place) == pytest.approx(estimates.position[:1], abs=1e-6)
-    ((_, petals),) = rows_of(tmp_path / "g.rrd", "/map/earth", "GeoLineStrings:line_strings")
+    (petals,) = values_of(path, "/map/earth", "GeoLineStrings:line_strings")
     expected = shapes.rose_petals(scene_map).polygon
     assert origin.to_plane(petals[:, :-1].reshape(-1, 2)) == pytest.approx(expected.reshape(-1, 2), abs=1e-6)
 
@@ -176,20 +172,20 @@ def test_forecasts_are_shown_until_they_are_old_but_of_no_vehicle_that_coasts(tm
     rollouts = np.arange(72.0).reshape(3, 12, 2)  # with where the vehicle is, 13 instants, of which seven are shown
     start, at = tracked[1].estimates.position, tracked[1].time_ns
     later = replace(tracked[-1], time_ns=at + 1_300_000_000)
-    with RerunSink(save=tmp_path / "f.rrd") as shown:
+    with RerunSink(save=(path := tmp_path / "f.rrd")) as shown:
         for frame in [*tracked, later]:
             shown.write(frame)
             if frame is tracked[1]:
                 shown.write_forecast(Forecasts(at, ["7", "8"], start, np.stack([rollouts, rollouts])))
-    first, last = rows_of(tmp_path / "f.rrd", "/forecasts/paths", "LineStrips3D:strips")
+    first, last = rows_of(path, "/forecasts/paths", "LineStrips3D:strips")
     assert (first[0], last[0]) == (at, later.time_ns)
     assert first[1].shape == (3, 7, 3)  # of vehicle 7 alone
     assert first[1][:, 1:, :2] == pytest.approx(rollouts[:, 1::2])
     assert first[1][:, 0, :2] == pytest.approx(np.tile(start[0], (3, 1)))
     assert last[1].size == 0
     for entity in marks.FANS:
-        corners = rows_of(tmp_path / "f.rrd", entity, "Mesh3D:vertex_positions")
-        (_, packed), *_ = rows_of(tmp_path / "f.rrd", entity, "Mesh3D:vertex_colors")
-        assert (len(corners[0][1]) > 0, len(corners[1][1])) == (True, 0)
+        shown, emptied = values_of(path, entity, "Mesh3D:vertex_positions")
+        packed, *_ = values_of(path, entity, "Mesh3D:vertex_colors")
+        assert (len(shown) > 0, len(emptied)) == (True, 0)
         red, green, blue, _ = colors.track_color(["7"])[0].tolist()
         assert set((packed >> 8).tolist()) == {red << 16 | green << 8 | blue}

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from dirprim_filter.drawing import shapes
 from dirprim_filter.primitives._modes import Modes
@@ -92,9 +93,10 @@ def test_most_of_the_traffic_leaves_out_who_is_far_away_and_without_traffic_all_
     """A thousandth of the rows lies a kilometre off; control: a tenth is shown."""
 
     def width(n_far):
-        cells = GridTessellation.covering(np.array([[5.0, 5.0], [15.0, 5.0], [1005.0, 5.0]]), cell_size=10.0)
+        places = np.array([[5.0, 5.0], [15.0, 5.0], [1005.0, 5.0]])
+        cells = GridTessellation.covering(places, cell_size=10.0)
         n_rows = np.zeros(cells.n_cells + 1, np.int64)
-        n_rows[cells.cell_of(np.array([[5.0, 5.0], [15.0, 5.0], [1005.0, 5.0]]))] = 500, 500, n_far
+        n_rows[cells.cell_of(places)] = 500, 500, n_far
         one = np.ones((cells.n_cells + 1, 1))
         of = PrimitiveMap(
             tessellation=cells, modes=Modes.flat(one, 0.0 * one, one, one, one), n_rows=n_rows, n_background_modes=0,
@@ -109,17 +111,12 @@ def test_most_of_the_traffic_leaves_out_who_is_far_away_and_without_traffic_all_
 
 @pytest.mark.parametrize("probability", [0.5, 0.9])
 def test_the_ellipse_holds_its_probability(probability):
-    """Binomial count within 4 standard deviations: a false alarm in 16,000 runs; the seed is fixed."""
-    n, sample = 20_000, np.random.default_rng(2).multivariate_normal(np.zeros(2), COVARIANCE, 20_000)
-
-    def inside(probability):
-        half, angle = shapes.covariance_axes(COVARIANCE, probability=probability)
-        turned = sample @ np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-        return int((((turned / half) ** 2).sum(axis=1) <= 1.0).sum())
-
-    sigma = np.sqrt(n * probability * (1 - probability))
-    assert abs(inside(probability) - n * probability) < 4 * sigma
-    assert abs(inside(probability - 0.05) - n * probability) > 4 * sigma
+    """Its rim lies at the quantile of the squared Mahalanobis distance, which of a Gaussian is chi-squared."""
+    half, angle = shapes.covariance_axes(COVARIANCE, probability=probability)
+    t, turn = np.linspace(0.0, 2.0 * np.pi, 9), np.array([np.cos(angle), np.sin(angle)])
+    rim = half[0] * np.cos(t)[:, None] * turn + half[1] * np.sin(t)[:, None] * turn[::-1] * [-1, 1]
+    distance = np.einsum("ni,ij,nj->n", rim, np.linalg.inv(COVARIANCE), rim)
+    np.testing.assert_allclose(distance, chi2.ppf(probability, 2), rtol=1e-9)
 
 
 def test_arrows_and_outlines_point_along_the_direction():
@@ -136,15 +133,12 @@ def test_arrows_and_outlines_point_along_the_direction():
 def test_a_petal_bends_as_its_mode_does_and_keeps_its_area(scene_map):
     bend = np.zeros((4, 3, 2))
     bend[0, 0] = [0.3, 0.06]  # the mode of the first cell heads north: 0.06 rad in each metre along its way
-    straight = shapes.rose_petals(scene_map).polygon[0]
-    bent = shapes.rose_petals(replace(scene_map, modes=scene_map.modes._replace(bend=bend))).polygon[0]
-    center = scene_map.tessellation.centers[0]
-    assert bent[0] == pytest.approx(center)
-    length = np.hypot(*(straight - center).T)
+    maps = scene_map, replace(scene_map, modes=scene_map.modes._replace(bend=bend))
+    straight, bent = (shapes.rose_petals(of).polygon[0] - scene_map.tessellation.centers[0] for of in maps)
+    assert bent[0] == pytest.approx(0.0)
+    length = np.hypot(*straight.T)
     tip = int(length.argmax())
-    away = bent[tip] - center
     half_turn = 0.5 * 0.06 * length[tip]  # the chord of an arc points half its turn aside, to the left
-    ahead = straight[tip] - center
-    assert np.arctan2(*away[::-1]) - np.arctan2(*ahead[::-1]) == pytest.approx(half_turn)
-    assert np.hypot(*away) == pytest.approx(length[tip] * np.sin(half_turn) / half_turn)
+    assert np.arctan2(*bent[tip][::-1]) - np.arctan2(*straight[tip][::-1]) == pytest.approx(half_turn)
+    assert np.hypot(*bent[tip]) == pytest.approx(length[tip] * np.sin(half_turn) / half_turn)
     assert area_of(bent) == pytest.approx(area_of(straight), rel=0.05)
