@@ -10,6 +10,7 @@ from typing import Any
 
 from mcap_ros2.writer import Writer
 from rosbags.typesys import Stores, get_typestore
+from scipy.spatial.transform import Rotation
 
 PERCEPTION = "autoware_perception_msgs", "autoware_auto_perception_msgs"
 """Autoware's package, and its former name."""
@@ -71,3 +72,34 @@ def write_ros2_log(path, messages, changed=None):
 def header(time_ns, frame="map"):
     """A std_msgs/Header."""
     return {"stamp": {"sec": time_ns // 10**9, "nanosec": time_ns % 10**9}, "frame_id": frame}
+
+
+def point(x, y, z):
+    return {"x": float(x), "y": float(y), "z": float(z)}
+
+
+def quaternion(roll, pitch, yaw):
+    """Of a body turned by yaw, then pitch, then roll, by scipy, which knows nothing of ours."""
+    return dict(zip("xyzw", Rotation.from_euler("ZYX", [yaw, pitch, roll]).as_quat().tolist(), strict=True))
+
+
+def ros_transform(time_ns, parent, child, place, yaw=0.0):
+    return {
+        "header": header(time_ns, parent), "child_frame_id": child,
+        "transform": {"translation": point(*place), "rotation": quaternion(0, 0, yaw)},
+    }  # fmt: skip
+
+
+def tf(time_ns, *transforms, topic="/tf"):
+    """A message of transforms, as `write_ros2_log` takes it."""
+    return topic, time_ns, "tf2_msgs/msg/TFMessage", {"transforms": list(transforms)}
+
+
+def array(stamp_ns, frame, objects, *, late_ns=0):
+    """A message of objects, logged so much later than it is stamped."""
+    message = {"header": header(stamp_ns, frame), "objects": objects}
+    return "/objects", stamp_ns + late_ns, "derived_object_msgs/msg/ObjectArray", message
+
+
+def ros2_log_in_order(path, messages):
+    return write_ros2_log(path, sorted(messages, key=lambda message: message[1]))

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from ros_messages import header, write_ros2_log
+from ros_messages import header, point, quaternion, write_ros2_log
+from scipy.spatial.transform import Rotation
 
 from dirprim_filter.detections import NO_ID
 from dirprim_filter.recording.losses import ALONE
@@ -12,17 +13,6 @@ STEP_NS = 100_000_000
 START_NS = 1_700_000_000_000_000_000
 N_TIMES = 12
 NAMES = ("a", "b", "c")
-
-
-def quaternion(roll, pitch, yaw):
-    """Of a body turned by yaw, then pitch, then roll, by scipy, which knows nothing of ours."""
-    from scipy.spatial.transform import Rotation
-
-    return dict(zip("xyzw", Rotation.from_euler("ZYX", [yaw, pitch, roll]).as_quat().tolist(), strict=True))
-
-
-def point(x, y, z):
-    return {"x": float(x), "y": float(y), "z": float(z)}
 
 
 class Scene:
@@ -109,17 +99,12 @@ IDS = {
 
 
 def array_log(tmp_path, schema, items=lambda k, make: [make(k, i) for i in range(3)]):
-    field, make = ARRAYS[schema]
-    return write_ros2_log(
-        tmp_path / "log.mcap",
-        [
-            (
-                "/objects", START_NS + k * STEP_NS + 5, schema,
-                ({} if field == "markers" else {"header": header(START_NS + k * STEP_NS)}) | {field: items(k, make)},
-            )
-            for k in range(N_TIMES)
-        ],
-    )  # fmt: skip
+    (field, make), sent = ARRAYS[schema], []
+    for k in range(N_TIMES):
+        time_ns = START_NS + k * STEP_NS
+        stamped = {} if field == "markers" else {"header": header(time_ns)}
+        sent.append(("/objects", time_ns + 5, schema, stamped | {field: items(k, make)}))
+    return write_ros2_log(tmp_path / "log.mcap", sent)
 
 
 @pytest.mark.parametrize("schema", ARRAYS)
@@ -144,20 +129,13 @@ def test_objects_are_those_that_were_written(tmp_path, schema, time_source):
 
 
 def test_a_twist_that_is_not_reported_is_no_standstill_and_who_stands_unturned_has_no_direction(tmp_path):
-    path = array_log(
-        tmp_path, "autoware_perception_msgs/msg/DetectedObjects",
-        lambda k, _: [detected(k, i, has_twist=i != 0) for i in range(3)],
-    )  # fmt: skip
+    schema = "autoware_perception_msgs/msg/DetectedObjects"
+    path = array_log(tmp_path, schema, lambda k, _: [detected(k, i, has_twist=i != 0) for i in range(3)])
     log = read_track_logs(path)
     assert (len(log.tracks), log.losses.notes[ALONE]) == (2 * N_TIMES, N_TIMES)
     assert sum(len(frame) for frame in stream_detections(path)) == 3 * N_TIMES
-    path = array_log(
-        tmp_path, "autoware_perception_msgs/msg/DetectedObjects",
-        lambda k, _: [detected(k, 1, availability=0), detected(k, 2, availability=0)],
-    )  # fmt: skip
-    tracks = read_tracks(path)
-    assert len(tracks) == N_TIMES
-    np.testing.assert_allclose(tracks.speed, 12.5)
+    path = array_log(tmp_path, schema, lambda k, _: [detected(k, i, availability=0) for i in (1, 2)])
+    np.testing.assert_allclose(read_tracks(path).speed, [12.5] * N_TIMES)
 
 
 def test_markers_that_draw_no_body_are_no_objects(tmp_path):
@@ -177,8 +155,6 @@ def odometry(k, i=1):
 
 
 def expected_velocity():
-    from scipy.spatial.transform import Rotation
-
     turned = Rotation.from_euler("ZYX", [(SCENE.yaw[k, 1], -0.2, 0.1) for k in range(N_TIMES)])
     return turned.apply([3.0, 1.0, 0.5])[:, :2]
 
@@ -212,12 +188,8 @@ def poses(i, *, begins=(0.0, 0.0), frame="map"):
     for k in range(N_TIMES):
         time_ns, place = START_NS + k * STEP_NS + i, point(begins[0] + k, begins[1] + 0.1 * i * k, 0)
         pose = {"position": place, "orientation": quaternion(0, 0, 0)}
-        yield (
-            f"/car{i}/pose",
-            time_ns,
-            "geometry_msgs/msg/PoseStamped",
-            {"header": header(time_ns, frame), "pose": pose},
-        )
+        stamped = {"header": header(time_ns, frame), "pose": pose}
+        yield f"/car{i}/pose", time_ns, "geometry_msgs/msg/PoseStamped", stamped
 
 
 OWN, UNNAMED = "begin at 0 0, while others go on from there", "the frame of 12 rows has no name: they are taken to be"

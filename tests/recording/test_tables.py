@@ -6,7 +6,6 @@ from dataclasses import replace
 from datetime import datetime
 from decimal import Decimal
 from importlib.util import find_spec
-from pathlib import Path
 from re import escape as re_escape
 
 import numpy as np
@@ -14,6 +13,7 @@ import pyarrow as pa
 import pyarrow.feather
 import pyarrow.parquet
 import pytest
+from mcap_files import DATA
 from pyproj import Geod
 
 from dirprim_filter import read_tracks
@@ -31,7 +31,6 @@ from dirprim_filter.recording.tables.named_columns import COLUMNS
 from dirprim_filter.recording.tables.table import MINUS_ONE
 from situations import estimates_of
 
-DATA = Path(__file__).parents[2] / "../shared/data"
 HEADER = "time_s,track_id,x_m,y_m,heading_rad,speed_mps"
 PLACES = "time_s,track_id,x_m,y_m"
 MISSING = "with a number that is missing, not finite or too large"
@@ -47,6 +46,15 @@ def read(tmp_path, header, rows):
     return read_named(table(tmp_path, "\n".join([header, *rows])))
 
 
+def abreast(*names, n=20, step_s=0.1):
+    """Rows of vehicles that drive to the east side by side, a metre at each time."""
+    return [f"{step_s * k:.1f},{name},{k},{20 * i}" for k in range(n) for i, name in enumerate(names)]
+
+
+def seen_in(path, **options):
+    return Detections.concatenate(stream_detections(path, **options))
+
+
 def test_columns_are_found_by_name_in_any_order(tmp_path):
     header = "speed_mps,lane,y_m,time_s,course_rad,group,x_m,track_id,heading_rad"
     found = read(tmp_path, header, ["5,L1,2,0.1,-0.5,3,+1,a,1.5", "6,L1,4,0.2,0.25,3,2,a,"])
@@ -60,26 +68,23 @@ def test_columns_are_found_by_name_in_any_order(tmp_path):
     assert (found.losses.dropped, found.losses.notes) == ({}, {})
 
 
-@pytest.mark.parametrize("start", ["0", "1700000000", "-1700000000", "999998", "8999999000"])
-def test_tenths_of_a_second_are_exact_at_any_epoch(tmp_path, start):
-    tracks = read(tmp_path, HEADER, [f"{Decimal(start) + Decimal(i) / 10},1,{i},0,0,1" for i in range(40)]).tracks
-    assert tracks.time_ns.tolist() == [int(start) * 10**9 + i * 10**8 for i in range(40)]
+TIMES = {
+    "1.7000000001234567891e9": 1_700_000_000_123_456_789,
+    "2023-11-14T22:13:20.123456789Z": 1_700_000_000_123_456_789,
+    "2023-11-15 00:13:20.5+02:00": 1_700_000_000_500_000_000,
+    "2023-11-14T22:13:20": 1_700_000_000_000_000_000,
+    "1969-12-31T23:59:59.25Z": -750_000_000,
+}
 
 
-@pytest.mark.parametrize(
-    ("cell", "time_ns"),
-    [
-        ("1.7000000001234567891e9", 1_700_000_000_123_456_789),
-        ("2023-11-14T22:13:20.123456789Z", 1_700_000_000_123_456_789),
-        ("2023-11-15 00:13:20.5+02:00", 1_700_000_000_500_000_000),
-        ("2023-11-14T22:13:20", 1_700_000_000_000_000_000),
-        ("1969-12-31T23:59:59.25Z", -750_000_000),
-    ],
-)
-def test_times_are_exact_to_the_nanosecond_in_seconds_and_as_iso_times(tmp_path, cell, time_ns):
-    for name in ("time_s", *["timestamp"] * ("T" in cell or " " in cell)):
-        tracks = read(tmp_path, HEADER.replace("time_s", name), [f"{cell},1,2,0,0,1"]).tracks
-        assert tracks.time_ns.tolist() == [time_ns]
+def test_times_are_exact_to_the_nanosecond_in_seconds_at_any_epoch_and_as_iso_times(tmp_path):
+    for start in (0, 1_700_000_000, -1_700_000_000, 999_998, 8_999_999_000):
+        rows = [f"{Decimal(start) + Decimal(i) / 10},1,{i},0,0,1" for i in range(40)]
+        assert read(tmp_path, HEADER, rows).tracks.time_ns.tolist() == [start * 10**9 + i * 10**8 for i in range(40)]
+    for cell, time_ns in TIMES.items():
+        for name in ("time_s", *["timestamp"] * ("T" in cell or " " in cell)):
+            tracks = read(tmp_path, HEADER.replace("time_s", name), [f"{cell},1,2,0,0,1"]).tracks
+            assert tracks.time_ns.tolist() == [time_ns], cell
 
 
 def test_bad_rows_are_dropped_and_counted_and_good_ones_kept(tmp_path):
@@ -132,7 +137,7 @@ def test_who_comes_too_seldom_for_a_course_is_tracked_beside_the_others(tmp_path
     """Half of a harbour's ships had been left out of what is tracked; one row alone makes no vehicle to follow."""
     rows = [f"{20 * k},tug,{k},0" for k in range(5)] + [f"{300 * k + 1},ship,{k},9" for k in range(rows_of_ship)]
     path = table(tmp_path, "\n".join([PLACES, *rows]))
-    seen = Detections.concatenate(list(stream_detections(path)))
+    seen = seen_in(path)
     assert len(seen) == n_seen
     assert np.unique(seen.track_id).size == 1 + (n_seen > 5)
     assert set(read_tracks(path).track_id) == {"tug"}
@@ -145,7 +150,7 @@ COVARIANCE = "covariance_xx_m2,covariance_xy_m2,covariance_yy_m2"
 def test_what_tracks_do_not_hold_is_tracked_with_and_ids_are_taken_apart(tmp_path, columns, values):
     rows = [f"{0.1 * k:.1f},7,{k + 500 * (k >= 20)},0,{values}" for k in range(40)]
     path = table(tmp_path, "\n".join([f"{PLACES},{columns}", *rows]))
-    seen = Detections.concatenate(list(stream_detections(path)))
+    seen = seen_in(path)
     assert summary_of(read_named(path)).messages == 40  # and not as many tracks' rows too
     assert (len(seen), set(seen.track_id)) == (40, {"7", "7~1"})
     assert np.isfinite([seen.cue[:, 0], seen.confidence, seen.covariance[:, 0, 0]]).sum() == 40
@@ -200,15 +205,6 @@ WRONG = [
 ]  # fmt: skip
 
 
-def test_a_byte_order_mark_is_no_part_of_the_name_and_a_cut_file_is_refused(tmp_path):
-    (tmp_path / "a.csv").write_text(f"{HEADER}\n0,1,2,3,0,1\n", encoding="utf-8-sig")
-    assert len(read_named(tmp_path / "a.csv").tracks) == 1
-    whole = gzip.compress((f"{HEADER}\n" + "".join(f"{i},a,{i},{i * i},0,1\n" for i in range(500))).encode())
-    (tmp_path / "cut.csv.gz").write_bytes(whole[:-40])
-    with pytest.raises(TableError, match=r"cut\.csv\.gz.*expected a whole gzip file"):
-        read_named(tmp_path / "cut.csv.gz")
-
-
 def test_rows_of_no_vehicle_are_detections(tmp_path):
     """The empty id would be one that jumps; a radar that numbers its rows has each alone in time."""
     found = read(tmp_path, PLACES, ["0,a,0,0", "0,,50,0", "1,a,1,0", "1, ,-50,0"])
@@ -221,14 +217,11 @@ def test_rows_of_no_vehicle_are_detections(tmp_path):
 
 
 @pytest.mark.skipif(not DATA.exists(), reason=f"real data are not at {DATA}")
-@pytest.mark.parametrize(
-    ("name", "n_rows", "n_tracks"),
-    [("lankershim/lankershim.csv", 60_567, 1091), ("town03/roundabout.csv", 64_201, 567)],
-)
-def test_real_csv_comes_whole_and_on_the_tenth(name, n_rows, n_tracks):
-    found = read_named(DATA / name)
-    assert (len(found.tracks), found.tracks.n_tracks, found.losses.dropped) == (n_rows, n_tracks, {})
-    with (DATA / name).open() as file:
+def test_real_csv_comes_whole_and_on_the_tenth():
+    path = DATA / "lankershim/lankershim.csv"
+    found = read_named(path)
+    assert (len(found.tracks), found.tracks.n_tracks, found.losses.dropped) == (60_567, 1091, {})
+    with path.open() as file:
         slow = sorted(
             (round(float(r["time_s"]) * 10), int(r["track_id"]), float(r["x_m"]), float(r["speed_mps"]))
             for r in csv.DictReader(file)
@@ -240,25 +233,25 @@ def test_real_csv_comes_whole_and_on_the_tenth(name, n_rows, n_tracks):
 PLAIN = f"{HEADER},label\n0,a,1.5,-2,0.25,3,car\n0.5,a,2.5,-2,0.25,3,car\n0,b,7,8,,,truck\n0.5,b,8,8,,,\n"
 
 
-@pytest.mark.parametrize(
-    "form",
-    [
-        lambda text: text.replace(",", ";"),
-        lambda text: text.replace(",", ";").replace(".", ","),
-        lambda text: text.replace(",", "\t"),
-        lambda text: "sep=;\r\n" + text.replace(",", ";"),
-        lambda text: "\n" + text.replace("label", "class").replace(",", ", ").replace("\n", "\r\n"),
-    ],
-    ids=["semicolons", "semicolons and decimal commas", "tabs", "sep=;", "spaces, a class, other line ends"],
-)
-def test_a_table_reads_the_same_whatever_stands_between_its_cells(tmp_path, form):
+FORMS = {
+    "a byte order mark": "\ufeff" + PLAIN,
+    "semicolons": PLAIN.replace(",", ";"),
+    "semicolons and decimal commas": PLAIN.replace(",", ";").replace(".", ","),
+    "tabs": PLAIN.replace(",", "\t"),
+    "sep=;": "sep=;\r\n" + PLAIN.replace(",", ";"),
+    "spaces, a class, other line ends": "\n" + PLAIN.replace("label", "class").replace(",", ", ").replace("\n", "\r\n"),
+}
+
+
+def test_a_table_reads_the_same_whatever_stands_between_its_cells(tmp_path):
     wanted = read_named(table(tmp_path, PLAIN))
-    (tmp_path / "other.csv.gz").write_bytes(gzip.compress(form(PLAIN).encode()))
-    for path in (table(tmp_path, form(PLAIN), "other.csv"), tmp_path / "other.csv.gz"):
-        assert read_named(path) == wanted
-        assert read_tracks(path) == wanted.tracks
+    for form, text in FORMS.items():
+        (tmp_path / "other.csv.gz").write_bytes(gzip.compress(text.encode()))
+        for path in (table(tmp_path, text, "other.csv"), tmp_path / "other.csv.gz"):
+            assert read_named(path) == wanted, form
+            assert read_tracks(path) == wanted.tracks, form
+            assert set(read_tracks(path, labels="car").track_id) == {"a"}
     assert wanted.labels == {"a": "car", "b": "truck"}
-    assert set(read_tracks(path, labels="car").track_id) == {"a"}
     rows = [f"{i},a,{i},0,0,1,{label}" for i, label in enumerate(["car", "van", "van", "", "bus"])]
     found = read(tmp_path, f"{HEADER},category", rows)
     assert (found.labels, list(found.losses.notes.values())) == ({"a": "van"}, [2])  # of most of its rows
@@ -269,13 +262,14 @@ def test_columns_of_other_names_are_mapped_and_what_is_not_used_is_named(tmp_pat
     columns = {"track_id": "Id", "x_m": "Easting", "y_m": "Northing", "time_s": "t"}
     found = read_named(path, columns=columns)
     assert (found.tracks.position.tolist(), found.unused) == ([[1.0, 2.0], [2.0, 2.0]], ["x_m", "Lane"])
-    with pytest.raises(TableError, match="expected column East, got Id, Easting"):
-        read_named(path, columns=columns | {"x_m": "East"})
-    with pytest.raises(TableError, match=r"--set format=csv,time_s=NAME"):
-        read_named(path, columns={"track_id": "Id", "x_m": "Easting", "y_m": "Northing"})
     assert read_named(path, columns=columns | {"x_m": "x_m", "Easting": "", "Lane": ""}).unused == []
-    with pytest.raises(TableError, match=r"expected column Breadth, got Id, Easting"):
-        read_named(path, columns=columns | {"Breadth": ""})
+    for wrong, why in (
+        (columns | {"x_m": "East"}, "expected column East, got Id, Easting"),
+        (columns | {"Breadth": ""}, "expected column Breadth, got Id, Easting"),
+        ({"track_id": "Id", "x_m": "Easting", "y_m": "Northing"}, "--set format=csv,time_s=NAME"),
+    ):
+        with pytest.raises(TableError, match=why):
+            read_named(path, columns=wrong)
     turned = table(tmp_path, PLACES + ",heading,speed_mps\n0,a,1,2,90,1\n1,a,2,2,90,1\n", "turned.csv")
     with pytest.raises(TableError, match=r"name it heading_rad; or leave it out by --set format=csv,heading=$"):
         read_tracks(turned)
@@ -365,6 +359,7 @@ WRONG_ARROW = [
     ({"group": [1.5] * N}, r"column group: expected whole numbers, got double"),
     ({"group": pa.array([1, 2, None, 3, 4, 5])}, r"row 3: expected a whole number as group, got nothing"),
     ({"track_id": [[1]] * N}, r"column track_id: expected texts or numbers, got list"),
+    ({"track_id": [2.0**60] * N}, "expected texts or whole numbers as track_id"),
     ({"heading_rad": None, "heading_deg": [0.0] * N}, "expected column heading_rad, got heading_deg; multiply by"),
     ({"time_ns": None, "time_s": TIMES_NS}, r"row 1: expected seconds as time_s, got 1\.7e\+18; name whole nano"),
     ({"time_ns": pa.array(TIMES_NS).cast(pa.timestamp("us"))}, "column time_ns: expected times until"),
@@ -377,11 +372,13 @@ WRONG_BYTES = [
       for opening in (b"SQLite format 3\0", b"\x89MCAP0\r\n")),
     (f"{HEADER}\n0,M\xfcller,2,3,0,1\n".encode("latin-1"), r"line 2: expected UTF-8 text"),
 ]  # fmt: skip
+CUT = gzip.compress("\n".join([PLACES, *abreast(*range(9), n=99)]).encode())[:-40]
 
 
 @pytest.mark.parametrize(
     ("name", "content", "message"),
-    [(name, *one) for name, wrong in (("t.csv", WRONG + WRONG_BYTES), ("t.parquet", WRONG_ARROW)) for one in wrong],
+    [(name, *one) for name, wrong in (("t.csv", WRONG + WRONG_BYTES), ("t.parquet", WRONG_ARROW)) for one in wrong]
+    + [("t.csv.gz", CUT, "expected a whole gzip file")],
 )
 def test_a_wrong_table_is_reported_in_one_line(tmp_path, name, content, message):
     if isinstance(content, dict):
@@ -409,8 +406,7 @@ def test_values_are_tables_that_read_back(tmp_path, ring):
     made = seen.to_arrow()
     assert [made[f"covariance_{name}_m2"][0].as_py() for name in ("xx", "xy", "yy")] == [2.0, 0.5, 3.0]
     pa.parquet.write_table(made.drop_columns(["track_id"]), tmp_path / "t.parquet")
-    back = Detections.concatenate(stream_detections(tmp_path / "t.parquet"))
-    np.testing.assert_array_equal(back.covariance, seen.covariance)
+    np.testing.assert_array_equal(seen_in(tmp_path / "t.parquet").covariance, seen.covariance)
     assert {"time_ns", "track_id", "x_m", "course_rad"} <= set(estimates_of(["a"]).to_arrow().column_names)
 
 
@@ -437,31 +433,23 @@ def test_exported_times_are_decimals_from_which_each_nanosecond_comes_back(tmp_p
 
 @pytest.mark.parametrize("none", ["", "nan", "None", "NULL", "N/A", "<NA>", "-1"])
 def test_ids_that_stand_for_none_are_those_of_detections(tmp_path, none):
-    rows = [f"{0.1 * k:.1f},{name},{k},{20 * n}" for k in range(20) for n, name in enumerate(("1", none, none))]
-    (seen,) = read(tmp_path, PLACES, rows).detections.values()
-    assert sorted({*seen.track_id}) == ["", "1"]
-    assert (seen.track_id == "").sum() == 40
-    honest = [f"{0.1 * k:.1f},{name},{k},{20 * n}" for k in range(20) for n, name in enumerate(("0", "-1", "5"))]
-    found = read(tmp_path, PLACES, honest)
+    (seen,) = read(tmp_path, PLACES, abreast("1", none, none)).detections.values()
+    assert sorted(seen.track_id) == [""] * 40 + ["1"] * 20
+
+
+def test_ids_of_minus_one_beside_whole_numbers_are_honest_and_noted(tmp_path):
+    found = read(tmp_path, PLACES, abreast("0", "-1", "5"))
     assert (found.tracks.n_tracks, found.losses.notes) == (3, {MINUS_ONE: 20})
 
 
 def test_ids_that_became_floats_are_whole_again_and_inexact_or_like_ones_are_refused(tmp_path):
-    rows = [f"{0.1 * k:.1f},{name},{k},{20 * n}" for k in range(20) for n, name in enumerate(("1.0", "2.0", ""))]
-    (seen,) = read(tmp_path, PLACES, rows).detections.values()
+    (seen,) = read(tmp_path, PLACES, abreast("1.0", "2.0", "")).detections.values()
     assert sorted({*seen.track_id}) == ["", "1", "2"]
-    path = tmp_path / "t.parquet"
-    for ids, said in (([2.0**60] * 3, "expected texts or whole numbers as track_id"), ([1.0, 2.0, 1.0], "")):
-        pa.parquet.write_table(
-            pa.table({"time_s": [0.0, 0.0, 1.0], "track_id": ids, "x_m": [0.0, 1, 2], "y_m": [0.0, 1, 2]}), path
-        )
-        if said:
-            with pytest.raises(RecordingError, match=said):
-                read_named(path)
-    assert {*read_named(path).tracks.track_id.tolist()} == {1}
+    pa.parquet.write_table(columns(track_id=[1.0, 2.0] * (N // 2)), tmp_path / "t.parquet")
+    assert {*read_named(tmp_path / "t.parquet").tracks.track_id.tolist()} == {1, 2}
     for other in ("a\0", "a "):
         with pytest.raises(RecordingError, match=r"NUL|more than spaces"):
-            read(tmp_path, PLACES, [f"{k},{name},{k},{n}" for k in range(3) for n, name in enumerate(("a", other))])
+            read(tmp_path, PLACES, abreast("a", other))
 
 
 @pytest.mark.parametrize(("ours", "theirs"), [
@@ -477,39 +465,29 @@ def test_a_renamed_column_whose_name_states_another_unit_is_refused(tmp_path, ou
 
 
 def test_a_column_of_absurd_speeds_is_refused_and_single_ones_are_derived(tmp_path):
-    rows = [[f"{0.1 * k:.1f}", name, str(k), "0", "1.5", "1e300"] for k in range(30) for name in "ab"]
+    header, rows = f"{PLACES},course_rad,speed_mps", abreast("a", "b", n=30)
     with pytest.raises(RecordingError, match=r"expected speeds in m/s, got 1e\+300"):
-        read(tmp_path, HEADER.replace("heading", "course"), map(",".join, rows))
-    few = [",".join([*row[:5], "1e300" if k == 7 else "10"]) for k, row in enumerate(rows)]
-    found = read(tmp_path, HEADER.replace("heading", "course"), few)
+        read(tmp_path, header, [f"{row},1.5,1e300" for row in rows])
+    found = read(tmp_path, header, [f"{row},1.5,{'1e300' if k == 7 else 10}" for k, row in enumerate(rows)])
     np.testing.assert_allclose(found.tracks.speed, 10.0)
     assert "1 speeds above 1000 m/s are not used" in found.losses.faults
 
 
-def a_packed_text(path):
-    member = gzip.compress(b"1,1,1,1\n" * (budget.SMALL_BYTES // 128))
-    path.write_bytes(gzip.compress(f"{PLACES}\n".encode()) + 32 * member)
+LONG = "x" * 50_000
+PACKED = [
+    ("t.csv.gz", lambda: gzip.compress(b"time_s,x_m,y_m\n") + 32 * gzip.compress(b"1,1,1\n" * (1 << 20))),
+    ("t.parquet", lambda: pa.table(dict.fromkeys("abcdefghi", pa.array(np.zeros(10**6))))),
+    ("t.feather", lambda: pa.table({"label": pa.DictionaryArray.from_arrays(np.zeros(2000, np.int32), [LONG])})),
+    ("t.parquet", lambda: pa.table({"label": [LONG] * 2000})),
+]
 
 
-def a_column_of_zeros(path):
-    zeros = pa.array(np.zeros(10**6))
-    pa.parquet.write_table(pa.table({f"{k}": zeros for k in range(9)}), path, compression="zstd")
-
-
-def a_long_text_in_each_row(path):
-    text = pa.DictionaryArray.from_arrays(np.zeros(2000, np.int32), ["x" * 50_000])
-    pa.feather.write_feather(pa.table({"label": text}), path)
-
-
-def the_same_in_parquet(path):
-    pa.parquet.write_table(pa.table({"label": ["x" * 50_000] * 2000}), path)
-
-
-@pytest.mark.parametrize("make", [a_packed_text, a_column_of_zeros, a_long_text_in_each_row, the_same_in_parquet])
-def test_a_small_file_that_becomes_much_is_refused_before_it_does(tmp_path, make):
+@pytest.mark.parametrize(("name", "make"), PACKED)
+def test_a_small_file_that_becomes_much_is_refused_before_it_does(tmp_path, name, make):
     """Each would take some 100 MB, as could be any number; of refusing it no more than the budget is taken."""
-    path = tmp_path / ("t.csv.gz" if make is a_packed_text else "t.parquet")
-    make(path)
+    path, content = tmp_path / name, make()
+    WRITERS.get(name, lambda data, to: to.write_bytes(data))(content, path)
+    del content
     assert path.stat().st_size < budget.SMALL_BYTES // budget.MOST_TIMES
     before = pa.total_allocated_bytes()
     with pytest.raises(TableError, match=r"expected at most 64 MiB in memory of so small a file"):
@@ -528,7 +506,7 @@ def test_a_small_file_that_becomes_much_is_refused_before_it_does(tmp_path, make
 )  # fmt: skip
 def test_one_vehicle_under_two_names_is_asked_about(tmp_path, caplog, second, is_said):
     of = {"late_s": 0.0, "behind_s": 0.0, "aside_m": 0.0, "noise_m": 0.0, "n_others": 0} | second
-    seen_s, rows = 0.1 * np.arange(100), ["time_s,track_id,x_m,y_m"]
+    seen_s, rows = 0.1 * np.arange(100), []
 
     def report(name, at_s, x, y):
         rows.extend(f"{t:.3f},{name},{a:.3f},{b:.3f}" for t, a, b in zip(at_s, x, y, strict=True))
@@ -538,8 +516,6 @@ def test_one_vehicle_under_two_names_is_asked_about(tmp_path, caplog, second, is
     off, late_s = 50.0 + of["noise_m"] * np.random.default_rng(0).standard_normal((4, 100)), seen_s + of["late_s"]
     report("a", seen_s, off[0] + 9.0 * seen_s, off[1])
     report("b", late_s, off[2] + 9.0 * (late_s - of["behind_s"]), off[3] + of["aside_m"])
-    path = tmp_path / "table.csv"
-    path.write_text("\n".join(rows))
-    read_tracks(path)
+    read_tracks(table(tmp_path, "\n".join([PLACES, *rows])))
     assert ("a and b are in one place whenever both are there" in caplog.text) == is_said
     assert len(caplog.messages) == is_said

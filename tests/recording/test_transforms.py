@@ -8,10 +8,10 @@ import pytest
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from mcap.writer import CompressionType
 from mcap_files import CHUNK, records, stock, transform, write_messages, write_protobuf_log
-from ros_messages import header, write_ros2_log
+from ros_messages import array, header, point, quaternion, ros2_log_in_order, ros_transform, tf, write_ros2_log
 from scipy.spatial.transform import Rotation
 from test_osi_sensor_data import homogeneous
-from test_ros2_schemas import ARRAYS, carla, point, quaternion
+from test_ros2_schemas import ARRAYS, START_NS, STEP_NS, carla
 
 from dirprim_filter.recording.container.log import Log
 from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError, MissingTransformError
@@ -19,8 +19,6 @@ from dirprim_filter.recording.losses import TRANSFORMS, UNDECODABLE, UNPLACED
 from dirprim_filter.recording.reader import read_track_logs, read_tracks, stream_detections
 from dirprim_filter.recording.transforms.transform_tree import TransformTree
 
-START_NS = 1_700_000_000_000_000_000
-STEP_NS = 100_000_000
 N = 12
 
 
@@ -32,40 +30,24 @@ def ego(time_s):
 
 MAP_TO_ODOM = (np.array([100.0, -20.0, 1.0]), 0.7)
 BASE_TO_SENSOR = (np.array([1.5, 0.2, 1.8]), -0.1)
-
-
 OBJECTS = [("base_link", [carla(k, 1)]) for k in range(N)]
 """One in the axes of the vehicle."""
 
 
-def ros_transform(time_ns, parent, child, place, yaw):
-    return {
-        "header": header(time_ns, parent), "child_frame_id": child,
-        "transform": {"translation": point(*place), "rotation": quaternion(0, 0, yaw)},
-    }  # fmt: skip
-
-
-def write_ros(path, objects, *, transforms=range(-1, N + 1), static_only=False, more=(), static=()):
+def write_ros(path, objects, *, transforms=range(-1, N + 1), more=(), static=()):
     """A log of moving objects and the transforms of all its frames; the moving one at other times than objects."""
-    messages = [
-        ("/tf_static", START_NS - STEP_NS, "tf2_msgs/msg/TFMessage", {"transforms": [
-            ros_transform(START_NS - STEP_NS, "map", "odom", *MAP_TO_ODOM),
-            ros_transform(START_NS - STEP_NS, "base_link", "sensor", *BASE_TO_SENSOR),
-        ]}),
-    ]  # fmt: skip
-    if not static_only:
-        for k in transforms:
-            time_ns = START_NS + k * STEP_NS + STEP_NS // 2
-            moving = ros_transform(time_ns, "odom", "base_link", *ego((time_ns - START_NS) * 1e-9))
-            messages.append(("/tf", time_ns, "tf2_msgs/msg/TFMessage", {"transforms": [moving]}))
-    messages += [
-        ("/objects", START_NS + k * STEP_NS + 30_000_000, "derived_object_msgs/msg/ObjectArray",
-         {"header": header(START_NS + k * STEP_NS, frame), "objects": reported})
-        for k, (frame, reported) in enumerate(objects)
-    ]  # fmt: skip
-    messages += [("/tf", time_ns, "tf2_msgs/msg/TFMessage", {"transforms": [one]}) for time_ns, one in more]
-    messages += [("/tf_static", time_ns, "tf2_msgs/msg/TFMessage", {"transforms": [one]}) for time_ns, one in static]
-    return write_ros2_log(path, sorted(messages, key=lambda message: message[1]))
+    before, still = START_NS - STEP_NS, (("map", "odom", *MAP_TO_ODOM), ("base_link", "sensor", *BASE_TO_SENSOR))
+    messages = [tf(before, *(ros_transform(before, *of) for of in still), topic="/tf_static")]
+    for k in transforms:
+        time_ns = START_NS + k * STEP_NS + STEP_NS // 2
+        messages.append(tf(time_ns, ros_transform(time_ns, "odom", "base_link", *ego((time_ns - START_NS) * 1e-9))))
+    messages += [array(START_NS + k * STEP_NS, *of, late_ns=30_000_000) for k, of in enumerate(objects)]
+    messages += [*(tf(*of) for of in more), *(tf(*of, topic="/tf_static") for of in static)]
+    return ros2_log_in_order(path, messages)
+
+
+def streamed(path, **options):
+    return list(stream_detections(path, **options))
 
 
 def sensor_in_map(time_s):
@@ -97,8 +79,7 @@ def test_objects_of_a_sensor_arrive_in_the_map(tmp_path):
     np.testing.assert_allclose(still.direction, np.pi / 2, atol=1e-6)
     np.testing.assert_array_equal(still.heading, still.direction)
     np.testing.assert_allclose(moving.heading, np.arctan2(-6, 8), atol=1e-6)
-    streamed = np.concatenate([frame.position for frame in stream_detections(path)])
-    np.testing.assert_array_equal(streamed, tracks.position)
+    np.testing.assert_array_equal(np.concatenate([frame.position for frame in streamed(path)]), tracks.position)
     in_base = read_tracks(path, frame="base_link")
     expected = np.linalg.inv(homogeneous(*BASE_TO_SENSOR))
     first = in_base.position[in_base.track_id == 1][0]
@@ -150,23 +131,22 @@ def test_rotation_is_at_a_constant_rate_the_short_way(tmp_path):
 
 
 def test_a_missing_transform_names_both_frames_and_the_time(tmp_path):
-    path = write_ros(tmp_path / "log.mcap", OBJECTS, static_only=True)
-    with pytest.raises(MissingTransformError, match=f"'base_link' to frame 'map' at {START_NS} ns") as error:
-        read_tracks(path, frame="map")
-    assert "\n" not in str(error.value)
-    with pytest.raises(MissingTransformError, match="'base_link' to frame 'moon'"):
-        list(stream_detections(path, frame="moon"))
-    with pytest.raises(MissingTransformError, match=f"'base_link' to frame 'map' at {START_NS} ns"):
-        read_tracks(path)  # the root of its tree, but one that moves: a map of it would be of no place
+    path = write_ros(tmp_path / "log.mcap", OBJECTS, transforms=())
     assert len(read_tracks(path, frame="base_link")) == N
-    two = write_ros(
-        tmp_path / "two.mcap", [(("base_link", "camera")[k % 2], [carla(k, 1)]) for k in range(N)], static_only=True
-    )
-    with pytest.raises(MissingTransformError, match="'camera' to frame 'base_link'"):
-        read_tracks(two, frame="base_link")
     early = write_ros(tmp_path / "early.mcap", OBJECTS, transforms=range(100, 110))
-    with pytest.raises(MissingTransformError, match=f"'base_link' to frame 'map' at {START_NS} ns"):
-        read_tracks(early)
+    both = [(("base_link", "camera")[k % 2], [carla(k, 1)]) for k in range(N)]
+    two = write_ros(tmp_path / "two.mcap", both, transforms=())
+    for log, asked, missing in (
+        (path, "map", f"'base_link' to frame 'map' at {START_NS} ns"),
+        (path, None, f"'base_link' to frame 'map' at {START_NS} ns"),  # the root of its tree, but one that moves
+        (early, None, f"'base_link' to frame 'map' at {START_NS} ns"),
+        (path, "moon", "'base_link' to frame 'moon'"),
+        (two, "base_link", "'camera' to frame 'base_link'"),
+    ):
+        for read in (read_tracks, streamed):
+            with pytest.raises(MissingTransformError, match=missing) as error:
+                read(log, frame=asked)
+            assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize(
@@ -174,12 +154,8 @@ def test_a_missing_transform_names_both_frames_and_the_time(tmp_path):
     [("lidar_top", None, True), ("lidar_top", "lidar_top", False), ("map", None, False), ("world", None, False)],
 )
 def test_positions_in_a_frame_that_may_be_a_sensors_are_reported(tmp_path, caplog, frame, asked, is_reported):
-    path = write_ros2_log(
-        tmp_path / "log.mcap",
-        [("/objects", START_NS + k * STEP_NS, "derived_object_msgs/msg/ObjectArray",
-          {"header": header(START_NS + k * STEP_NS, frame), "objects": [carla(k, 1)]}) for k in range(N)],
-    )  # fmt: skip
-    assert len(read_tracks(path, frame=asked)) == N
+    sent = [array(START_NS + k * STEP_NS, frame, [carla(k, 1)]) for k in range(N)]
+    assert len(read_tracks(write_ros2_log(tmp_path / "log.mcap", sent), frame=asked)) == N
     assert (f"--set frame={frame} says that this is meant" in caplog.text) == is_reported
     among = write_ros(tmp_path / "among.mcap", [(frame, [carla(k, 1)]) for k in range(N)])
     if is_reported:  # the log has a map, but this sensor is not placed in it
@@ -205,34 +181,27 @@ def test_an_object_is_where_the_vehicle_was_at_its_stamp_then(tmp_path, late_ns)
     messages = []
     for k in range(2 * n + 4):
         now = START_NS + (k - 2) * STEP_NS // 2
-        moving = ros_transform(now, "map", "base_link", (speed * (now - START_NS) * 1e-9, 0, 0), 0)
-        messages.append(("/tf", now, "tf2_msgs/msg/TFMessage", {"transforms": [moving]}))
+        messages.append(tf(now, ros_transform(now, "map", "base_link", (speed * (now - START_NS) * 1e-9, 0, 0))))
     for k in range(n):
         ahead, driving = carla(0, 0), carla(0, 1)
-        ahead["pose"] = {"position": point(90.0 - speed * k * 0.1, 0, 0), "orientation": quaternion(0, 0, 0)}
-        driving["pose"] = {"position": point(0, 0, 0), "orientation": quaternion(0, 0, 0)}
-        stamp = START_NS + k * STEP_NS
-        array = {"header": header(stamp, "base_link"), "objects": [ahead, driving]}
-        logged = stamp + late_ns - int(rng.integers(40_000_000))
-        messages.append(("/objects", logged, "derived_object_msgs/msg/ObjectArray", array))
-    path = write_ros2_log(tmp_path / "log.mcap", sorted(messages, key=lambda message: message[1]))
+        for one, x in ((ahead, 90.0 - speed * k * 0.1), (driving, 0)):
+            one["pose"] = {"position": point(x, 0, 0), "orientation": quaternion(0, 0, 0)}
+        late = late_ns - int(rng.integers(40_000_000))
+        messages.append(array(START_NS + k * STEP_NS, "base_link", [ahead, driving], late_ns=late))
+    path = ros2_log_in_order(tmp_path / "log.mcap", messages)
     tracks = read_tracks(path)
     still, driving = tracks[tracks.track_id == 1], tracks[tracks.track_id == 2]
     np.testing.assert_allclose(still.position[:, 0], 90.0, atol=1e-6)
     np.testing.assert_allclose(np.diff(driving.position[:, 0]) / np.diff(driving.time_ns * 1e-9), speed, atol=1e-4)
     np.testing.assert_array_equal(driving.time_ns, START_NS + np.arange(n) * STEP_NS)
-    np.testing.assert_array_equal(
-        np.unique(np.concatenate([frame.time_ns for frame in stream_detections(path)])), driving.time_ns
-    )
+    np.testing.assert_array_equal(np.unique([frame.time_ns for frame in streamed(path)]), driving.time_ns)
 
 
 def test_a_static_transform_holds_at_all_times_and_of_several_the_latest(tmp_path):
     """A millimetre and 20 s apart: two that are interpolated would leave out what is between them."""
-    still = [
-        (START_NS + k * 20 * 10**9, ros_transform(START_NS, "map", "base_link", (5.0 + 0.001 * k, 0, 0), 0))
-        for k in (0, 1)
-    ]
-    path = write_ros(tmp_path / "log.mcap", OBJECTS, static_only=True, static=still)
+    still = [(START_NS + at_s * 10**9, ros_transform(START_NS, "map", "base_link", (x, 0, 0)))
+             for at_s, x in ((0, 5.0), (20, 5.001))]  # fmt: skip
+    path = write_ros(tmp_path / "log.mcap", OBJECTS, transforms=(), static=still)
     log = read_track_logs(path, frame="map")
     assert log.losses.dropped == {}
     own = read_tracks(path, frame="base_link").position
@@ -241,9 +210,9 @@ def test_a_static_transform_holds_at_all_times_and_of_several_the_latest(tmp_pat
 
 @pytest.mark.parametrize(("of_objects", "of_transforms"), [("/base_link", ""), ("base_link", "/"), ("/base_link", "/")])
 def test_a_slash_before_a_frame_is_no_part_of_its_name(tmp_path, of_objects, of_transforms):
-    still = ros_transform(START_NS, f"{of_transforms}map", f"{of_transforms}base_link", (5.0, 0, 0), 0)
+    still = ros_transform(START_NS, f"{of_transforms}map", f"{of_transforms}base_link", (5.0, 0, 0))
     frames = [(of_objects if k % 2 else "base_link", [carla(k, 1)]) for k in range(N)]
-    path = write_ros(tmp_path / "log.mcap", frames, static_only=True, static=[(START_NS, still)])
+    path = write_ros(tmp_path / "log.mcap", frames, transforms=(), static=[(START_NS, still)])
     own = read_tracks(path, frame="/base_link").position
     for asked in (None, "map", "/map"):
         np.testing.assert_allclose(read_tracks(path, frame=asked).position, own + np.array([5.0, 0.0]), atol=1e-9)
@@ -253,22 +222,20 @@ def test_a_slash_before_a_frame_is_no_part_of_its_name(tmp_path, of_objects, of_
 @pytest.mark.parametrize(
     ("headers", "is_reported"),
     [
-        ((header(0, ""), header(START_NS, "base_link")), False),
-        ((header(START_NS, "base_link"), header(0, "")), False),
-        ((header(START_NS, "map"), header(START_NS, "base_link")), True),
-        ((header(START_NS, "base_link"), header(0, "map")), True),  # not filled in
-        ((header(0, "base_link"), header(START_NS, "")), False),
+        (((False, ""), (True, "base_link")), False),
+        (((True, "base_link"), (False, "")), False),
+        (((True, "map"), (True, "base_link")), True),
+        (((True, "base_link"), (False, "map")), True),  # not filled in
+        (((False, "base_link"), (True, "")), False),
     ],
 )
 def test_an_objects_own_header_counts_where_it_is_filled_in(tmp_path, caplog, schema, headers, is_reported):
     field, make = ARRAYS[schema]
-    still = ros_transform(START_NS, "map", "base_link", (5.0, 0, 0), 0)
-    messages = [("/tf_static", START_NS, "tf2_msgs/msg/TFMessage", {"transforms": [still]})]
+    messages = [tf(START_NS, ros_transform(START_NS, "map", "base_link", (5.0, 0, 0)), topic="/tf_static")]
     for k in range(N):
-        stamped = [of | ({"stamp": header(k * STEP_NS + START_NS)["stamp"]} if of["stamp"]["sec"] else {})
-                   for of in headers]  # fmt: skip
-        array = {"header": stamped[0], field: [make(k, 1) | {"header": stamped[1]}]}
-        messages.append(("/objects", START_NS + k * STEP_NS + 7, schema, array))
+        of_all, own = (header((START_NS + k * STEP_NS) * is_set, frame) for is_set, frame in headers)
+        message = {"header": of_all, field: [make(k, 1) | {"header": own}]}
+        messages.append(("/objects", START_NS + k * STEP_NS + 7, schema, message))
     tracks = read_tracks(write_ros2_log(tmp_path / "log.mcap", messages))
     reported = [make(k, 1).get("pose") or make(k, 1)["bbox"]["center"] for k in range(N)]
     expected = [[of["position"]["x"] + 5.0, of["position"]["y"]] for of in reported]
@@ -291,11 +258,10 @@ def broken_transform(k):
 
 def spoiled(path, spoil, **options):
     """A log of objects of a moving sensor, the data of its k-th moving transform as `spoil` makes it."""
-    whole, count = stock(write_ros(path, OBJECTS)), itertools.count()
-    sent = (
-        (c.topic, m.log_time, spoil(next(count), m.data) if c.topic == "/tf" else m.data, (s.name, s.encoding, s.data))
-        for s, c, m in whole
-    )
+    sent, count = [], itertools.count()
+    for s, c, m in stock(write_ros(path, OBJECTS)):
+        data = spoil(next(count), m.data) if c.topic == "/tf" else m.data
+        sent.append((c.topic, m.log_time, data, (s.name, s.encoding, s.data)))
     return write_messages(path, sent, "cdr", **options)
 
 
@@ -312,10 +278,9 @@ def test_transforms_that_are_none_or_cannot_be_decoded_are_counted_and_strict_re
     assert log.losses.dropped[UNDECODABLE] == sum(log.losses.why.values()) == 2
     assert len(log.tracks) == N
     np.testing.assert_allclose(log.tracks.position, whole.position, atol=0.2)  # interpolated over 0.2 s
-    with pytest.raises(DecodeError, match="topic /tf, message at"):
-        read_tracks(path, strict=True)
-    with pytest.raises(DecodeError, match="topic /tf, message at"):
-        list(stream_detections(path, strict=True))
+    for read in (read_tracks, streamed):
+        with pytest.raises(DecodeError, match="topic /tf, message at"):
+            read(path, strict=True)
     assert len(read_tracks(path, strict=True, frame="base_link")) == N  # these transforms are not needed
 
 
@@ -329,6 +294,6 @@ def test_damage_among_the_transforms_is_reported_once_and_strict_refuses_it(tmp_
     list(stream)
     for losses in (read_track_logs(path).losses, stream.losses):
         assert [damage.kind for damage in losses.damage] == ["chunk_crc"]
-    for read in (read_tracks, lambda *of, **options: list(stream_detections(*of, **options))):
+    for read in (read_tracks, streamed):
         with pytest.raises(DamagedRecordingError):
             read(path, strict=True)
