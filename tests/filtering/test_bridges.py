@@ -14,7 +14,7 @@ from dirprim_filter.filtering.smoothing import bridge
 from dirprim_filter.filtering.smoothing.bridge import Ends, Gaussian, without
 from filtering.test_smoothing import smoothed
 from moving import ring_road
-from situations import gaussian_belief, one_cell_map
+from situations import gaussian_belief, one_cell_map, seen_at
 
 EAST = one_cell_map(concentration=400.0, shape=100.0)
 CONFIG = FilterConfig(noise_m=0.3, n_particles=500)
@@ -31,16 +31,14 @@ def asked(until_s, every_s=0.5):
     return [round(1e9 * every_s * i) for i in range(int(until_s / every_s) + 1)]
 
 
-@pytest.mark.parametrize("out_s", [8.0, 100.0])
-@pytest.mark.parametrize("name", ["a", ""])
+@pytest.mark.parametrize(("name", "out_s"), [("a", 8.0), ("a", 100.0), ("", 8.0)])
 def test_who_is_named_and_seen_again_is_estimated_at_every_instant_between_however_long_its_belief_lasts(out_s, name):
     """Beliefs end after five seconds; the control is a vehicle without an id, of which nobody knows that it is it."""
     before, after = np.arange(0.0, 3.0, 0.5), np.arange(3.0 + out_s, 6.0 + out_s, 0.5)
+    seen, times = driven(*before, *after, name=name), asked(5.5 + out_s)
     for model in (EAST, EAST.without_places()):
-        later = smoothed(
-            driven(*before, *after, name=name), model=model, times=asked(5.5 + out_s), config=CONFIG
-        )[1]  # fmt: skip
-        answered = np.isin(asked(5.5 + out_s), later.time_ns).mean()
+        later = smoothed(seen, model=model, times=times, config=CONFIG)[1]
+        answered = np.isin(times, later.time_ns).mean()
         assert answered == 1.0 if name else answered < 0.95
         if name:
             assert np.abs(later.position[:, 0] - 1e-8 * later.time_ns).max() < 20.0
@@ -51,7 +49,7 @@ def test_a_vehicle_of_which_is_heard_each_ten_minutes_is_waited_for_for_hours():
     before, slow = 600.0 * np.arange(9), replace(CONFIG, max_gap_s=1000.0, step_s=30.0)
     for away_s, is_known in ((3 * 3600.0, True), (5 * 86400.0, False)):
         seen = driven(*before, *(before[-1] + away_s + before[:3]), speed=0.5)
-        times = [*asked(before[-1] + away_s, every_s=(before[-1] + away_s) / 200)]
+        times = asked(before[-1] + away_s, every_s=(before[-1] + away_s) / 50)
         later = smoothed(seen, model=EAST.without_places(), times=times, config=slow)[1]
         assert (np.isin(times, later.time_ns).mean() == 1.0) == is_known
 
@@ -73,9 +71,7 @@ def test_without_a_map_the_way_is_the_kalman_smoothers_of_the_backgrounds_accele
     times = [*np.arange(0.0, 4.0, 0.5), *np.arange(10.0, 13.0, 0.5)]
     model = EAST.without_places()
     kalman = WanderingKalman(*model.motion.wander(), config=CONFIG)
-    found, exact = (
-        smoothed(driven(*times), model=of, times=asked(12.5), config=CONFIG)[1] for of in (model, kalman)
-    )  # fmt: skip
+    found, exact = (smoothed(driven(*times), model=of, times=asked(12.5), config=CONFIG)[1] for of in (model, kalman))
     np.testing.assert_array_equal(found.time_ns, exact.time_ns)
     gap = (found.time_ns > 3.5e9) & (found.time_ns < 1e10)
     np.testing.assert_allclose(found.position[gap], exact.position[gap], atol=0.05)
@@ -119,24 +115,20 @@ N_FRAMES, SIDE_M = 80, 12.0
 
 def side_by_side(*, ahead_m):
     """Two vehicles at 8 m/s, out of sight from 2 to 5 s, then so far ahead of where they would have been."""
-    seen = []
-    for i in [*range(20), *range(50, N_FRAMES)]:
-        x = 0.8 * i + (ahead_m if i >= 50 else 0.0)
-        seen.append(Detections(track_id=["a", "b"], time_ns=[i * 100_000_000] * 2, position=[[x, 0.0], [x, SIDE_M]]))
-    return seen
+    east = {i: 0.8 * i + (ahead_m if i >= 50 else 0.0) for i in [*range(20), *range(50, N_FRAMES)]}
+    return [seen_at(0.1 * i, [(x, 0.0), (x, SIDE_M)], ids=["a", "b"]) for i, x in east.items()]
 
 
 def pieced(seen, *, lag_s=None, scale=1.0):
     """What the filter says without ids, and what the smoother says; of a scene so many times as large."""
     seen, config = Detections.concatenate(seen), replace(PIECES, noise_m=scale * PIECES.noise_m)
-    tracking = TrackingConfig(
-        **{f"{what}_density": getattr(TrackingConfig(), f"{what}_density") / scale**2
-           for what in ("clutter", "birth", "vehicle")}
-    )  # fmt: skip
+    usual = TrackingConfig()
+    densities = ("clutter_density", "birth_density", "vehicle_density")
     return smoothed(
         replace(seen, position=scale * seen.position),
-        model=ConstantVelocityKalman(acceleration_density=0.2 * scale**2, config=config),
-        with_ids=False, times=[i * 100_000_000 for i in range(N_FRAMES)], config=config, tracking=tracking, lag_s=lag_s,
+        model=ConstantVelocityKalman(acceleration_density=0.2 * scale**2, config=config), with_ids=False,
+        times=asked(0.1 * (N_FRAMES - 1), every_s=0.1), config=config, lag_s=lag_s,
+        tracking=replace(usual, **{name: getattr(usual, name) / scale**2 for name in densities}),
     )  # fmt: skip
 
 
@@ -151,23 +143,18 @@ def test_pieces_of_a_vehicle_become_one_track_that_leads_through_the_gap():
         assert (np.diff(way[:, 0]) > 0.5).all()
 
 
-@pytest.mark.parametrize(("ahead_m", "n_tracks"), [(6.0, 2), (7.5, 4)])
-def test_people_are_joined_as_cars_are(ahead_m, n_tracks):
+@pytest.mark.parametrize(
+    ("ahead_m", "scale", "lag_s", "n_tracks"),
+    [(6.0, 0.2, None, 2), (7.5, 1.0, None, 4), (7.5, 0.2, None, 4), (6.0, 1.0, 1.0, 4)],
+)
+def test_people_are_joined_as_cars_are_nobody_who_is_too_far_away_and_with_a_lag_none(ahead_m, scale, lag_s, n_tracks):
     """In a scene a fifth as large, with everything that has a length, what appears is a fifth as fast."""
-    for scale in (1.0, 0.2):
-        assert np.unique(pieced(side_by_side(ahead_m=ahead_m), scale=scale)[1].track_id).size == n_tracks
-
-
-@pytest.mark.parametrize(("ahead_m", "lag_s"), [(25.0, None), (6.0, 1.0)])
-def test_what_is_too_far_away_is_another_vehicle_and_with_a_lag_nothing_is_joined(ahead_m, lag_s):
-    later = pieced(side_by_side(ahead_m=ahead_m), lag_s=lag_s)[1]
-    assert np.unique(later.track_id).size == 4
+    assert np.unique(pieced(side_by_side(ahead_m=ahead_m), scale=scale, lag_s=lag_s)[1].track_id).size == n_tracks
 
 
 def test_a_false_detection_long_after_the_last_is_cut_off_and_a_vehicle_seen_again_is_not():
     def times(again):
-        seen = [Detections(track_id=["a"], time_ns=[i * 100_000_000], position=[[0.8 * i, 0.0]]) for i in again]
-        return pieced(seen)[1].time_ns // 100_000_000
+        return pieced([seen_at(0.1 * i, [(0.8 * i, 0.0)], ids=["a"]) for i in again])[1].time_ns // 100_000_000
 
     assert times([*range(20), 30]).max() == 19
     assert times([*range(20), *range(30, 35)]).max() == 34
@@ -175,13 +162,10 @@ def test_a_false_detection_long_after_the_last_is_cut_off_and_a_vehicle_seen_aga
 
 @pytest.mark.parametrize("interval_s", [0.1, 0.5, 2.0])
 def test_of_a_vehicle_without_a_name_all_rows_are_kept_however_seldom_the_sensor_looks(interval_s):
-    times = [round(1e9 * interval_s * i) for i in range(40)]
-    seen = Detections.concatenate([
-        Detections(track_id=["a"], time_ns=[ns], position=[[8e-9 * ns, 0.0]])
-        for i, ns in enumerate(times) if i % 5 != 4
-    ])  # fmt: skip
-    model = ConstantVelocityKalman(acceleration_density=0.2, config=PIECES)
-    later = smoothed(seen, model=model, with_ids=False, times=times, config=PIECES)[1]
+    time_s = interval_s * np.arange(40)
+    rows = [seen_at(t, [(8.0 * t, 0.0)], ids=["a"]) for i, t in enumerate(time_s) if i % 5 != 4]
+    model, times = ConstantVelocityKalman(acceleration_density=0.2, config=PIECES), asked(time_s[-1], interval_s)
+    later = smoothed(Detections.concatenate(rows), model=model, with_ids=False, times=times, config=PIECES)[1]
     assert later.time_ns.tolist() == times[:-1]
 
 

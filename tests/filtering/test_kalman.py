@@ -2,14 +2,13 @@
 
 import numpy as np
 import pytest
-from filterpy.common import Q_continuous_white_noise
-from filterpy.kalman import KalmanFilter
+from scipy import stats
 
 from dirprim_filter.config import FilterConfig
-from dirprim_filter.detections import Detections
 from dirprim_filter.filtering import ConstantVelocityKalman
 from dirprim_filter.filtering.kalman import FIRST_SPEED_STD, acceleration_density
-from situations import tracks_of
+from oracles import filterpy_constant_velocity
+from situations import seen_at, tracks_of
 
 
 def test_the_density_of_known_white_acceleration_is_found():
@@ -29,27 +28,21 @@ def test_the_density_needs_two_rows_of_a_vehicle_near_in_time(ring):
 
 
 def test_predictions_corrections_and_evidence_are_filterpys():
-    rng, slot, dt_s = np.random.default_rng(4), np.zeros(1, np.int64), 0.5
+    """The evidence is the density of the place under what was predicted."""
+    rng, slot, time_s = np.random.default_rng(4), np.zeros(1, np.int64), 0.5 * np.arange(40)
+    place = np.column_stack([8.0 * time_s, 0.8 * time_s**2]) + rng.normal(0.0, 0.7, (40, 2))
+    given = {"density": 2.0, "noise_m": 0.7, "first_speed_std": FIRST_SPEED_STD}
+    (mean, covariance), _ = filterpy_constant_velocity(place, time_s, **given)
     ours = ConstantVelocityKalman(acceleration_density=2.0, config=FilterConfig(noise_m=0.7, outlier_probability=0.0))
-    theirs = KalmanFilter(dim_x=4, dim_z=2)
-    theirs.F[0, 2] = theirs.F[1, 3] = dt_s
-    theirs.P = np.diag([0.49, 0.49, FIRST_SPEED_STD**2, FIRST_SPEED_STD**2])
-    theirs.H, theirs.R = np.eye(2, 4), 0.49 * np.eye(2)
-    theirs.Q = np.kron(Q_continuous_white_noise(2, dt_s, 2.0), np.eye(2))
     ours.reserve(1)
-    for i in range(40):
-        place = np.array([4.0 * i, 0.2 * i**2]) + rng.normal(0.0, 0.7, 2) * (i > 0)
-        seen = Detections(track_id=[""], time_ns=[i], position=[place])
-        if i == 0:
-            ours.begin(slot, slot.astype(np.uint64), seen)
-            continue
-        ours.predict(slot, np.full(1, dt_s))
+    ours.begin(slot, slot.astype(np.uint64), seen_at(0.0, place[:1]))
+    for k, (x, p) in enumerate(zip(mean[1:], covariance[1:], strict=True), start=1):
+        ours.predict(slot, np.full(1, 0.5))
+        expected, seen = ours.moments(slot)[0], seen_at(time_s[k], place[k : k + 1])
         likelihood, evidence = ours.log_likelihood(slot, seen), ours.weigh(slot, seen).log_density
-        theirs.predict()
-        theirs.update(place)
         found = ours.moments(slot)[0]
-        np.testing.assert_allclose(found[:2], theirs.x[:2, 0], atol=1e-5)
-        np.testing.assert_allclose(found[[2, 3, 4]], theirs.P[[0, 0, 1], [0, 1, 1]], atol=1e-5)
-        assert found[7] == pytest.approx(np.hypot(*theirs.x[2:4, 0]), abs=1e-5)
+        np.testing.assert_allclose(found[:5], [*x[:2], p[0, 0], p[0, 1], p[1, 1]], atol=1e-5)
+        assert found[7] == pytest.approx(np.hypot(*x[2:]), abs=1e-5)
+        of_place = stats.multivariate_normal(expected[:2], expected[[2, 3, 3, 4]].reshape(2, 2) + 0.49 * np.eye(2))
         assert evidence == pytest.approx(likelihood, rel=1e-9)
-        assert evidence == pytest.approx(theirs.log_likelihood, abs=1e-5)
+        assert evidence == pytest.approx(of_place.logpdf(place[k]), abs=1e-5)
