@@ -1,11 +1,13 @@
-"""What every division of the plane into cells keeps, whatever its shape."""
+"""What every division of the plane into cells keeps, whatever its shape; it takes memory by what is covered."""
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from hexagons import Hexagons
 from tessellation import OUTSIDE, GridTessellation, Tessellation, VoronoiTessellation
-from tessellation.locate import cells_of, locator_of
+from tessellation.locate import Pixels, cells_of, in_blocks, locator_of
 
 
 def data(seed=0, n=400):
@@ -50,8 +52,9 @@ def inside(polygon, position, tolerance):
 
 
 @pytest.mark.parametrize("twin", TWINS)
-def test_every_twin_is_a_tessellation(twin):
-    cells: Tessellation = twin(data())
+def test_every_twin_is_a_tessellation_whose_cells_cover_the_data_and_nothing_far(twin):
+    position = data()
+    cells: Tessellation = twin(position)
     assert cells.centers.shape == (cells.n_cells, 2)
     assert cells.area.shape == (cells.n_cells,)
     assert len(cells.polygons()) == cells.n_cells
@@ -60,12 +63,6 @@ def test_every_twin_is_a_tessellation(twin):
     assert cells.cell_of(np.empty((0, 2))).shape == (0,)
     with pytest.raises(ValueError, match="position: expected finite"):
         cells.cell_of(np.array([np.nan, 0.0]))
-
-
-@pytest.mark.parametrize("twin", TWINS)
-def test_centers_belong_to_their_cells_data_are_covered_and_what_is_far_is_outside(twin):
-    position = data()
-    cells = twin(position)
     found = cells.cell_of(cells.centers)
     covered = found != OUTSIDE
     assert covered.mean() > 0.9
@@ -79,20 +76,15 @@ def test_centers_belong_to_their_cells_data_are_covered_and_what_is_far_is_outsi
 @pytest.mark.parametrize("offset", [np.zeros(2), np.array([1e7, -1e7])])
 @pytest.mark.parametrize("twin", TWINS)
 def test_a_position_lies_in_the_polygon_of_its_cell_and_in_no_other(twin, offset):
+    """Polygons are counter-clockwise, convex and of the stated area."""
     cells = twin(data() + offset)
     position = scattered(600) + offset
     cell = cells.cell_of(position)
     assert (cell != OUTSIDE).sum() > 80
-    for c, polygon in enumerate(cells.polygons()):
+    for c, (polygon, area) in enumerate(zip(cells.polygons(), cells.area, strict=True)):
         assert inside(polygon, position[cell == c], 1e-6).all()
         within = cell[inside(polygon, position, -1e-6)]
         assert ((within == c) | (within == OUTSIDE)).all()
-
-
-@pytest.mark.parametrize("twin", TWINS)
-def test_polygons_are_counter_clockwise_convex_and_of_the_stated_area(twin):
-    cells = twin(data())
-    for polygon, area in zip(cells.polygons(), cells.area, strict=True):
         assert signed_area(polygon) == pytest.approx(area)
         assert inside(polygon, polygon, 1e-6).all()
 
@@ -140,3 +132,76 @@ def test_the_numbers_of_generators_are_those_of_their_cells():
     other = VoronoiTessellation.covering(position, generators=generators[order], reach=4.0)
     np.testing.assert_array_equal(one.cell_of(position), order[other.cell_of(position)])
     np.testing.assert_allclose(one.area[order], other.area)
+
+
+# Squares of a grid, and rasters of cells
+
+
+def test_outside_is_said_and_far_outliers_do_not_allocate_the_plane_between():
+    grid = GridTessellation.covering(np.array([[0.5, 0.5], [10.5, 0.5]]), cell_size=1.0)
+    away = np.array([[5.5, 0.5], [-0.5, 0.5], [0.5, 1.5], [1e12, -1e12]])
+    assert (grid.cell_of(away) == OUTSIDE).all()
+    for wrong, line in (([1e9, 1e9], "outliers"), ([0.0, np.nan], "finite")):
+        with pytest.raises(ValueError, match=line):
+            GridTessellation.covering(np.array([[0.0, 0.0], wrong]), cell_size=1.0)
+
+
+@given(st.floats(-1e6, 1e6), st.floats(-1e6, 1e6), st.floats(0.01, 1e3))
+def test_one_datum_makes_one_cell_that_holds_it(x, y, cell_size):
+    grid = GridTessellation.covering(np.array([[x, y]]), cell_size=cell_size)
+    assert grid.n_cells == 1
+    assert grid.cell_of(np.array([x, y])) == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"cell_size": 0.0}, "cell_size"),
+        ({"cell_size": float("nan")}, "cell_size"),
+        ({"n_x": 0}, "at least one column"),
+        ({"square": np.array([2, 1])}, "ascending"),
+        ({"square": np.array([0, 2**62, -(2**62) - 1, 3])}, "ascending"),  # differences wrap
+        ({"square": np.array([99])}, "expected numbers from 0 to 3"),
+        ({"n_x": 10**6, "n_y": 10**6}, "larger cells"),
+    ],
+)
+def test_a_grid_that_cannot_be_is_refused(arguments, message):
+    good = {"origin": np.zeros(2), "cell_size": 1.0, "n_x": 2, "n_y": 2, "square": np.array([0, 3])}
+    with pytest.raises(ValueError, match=message):
+        GridTessellation(**(good | arguments))
+
+
+def test_a_city_takes_memory_by_what_is_covered():
+    """100 km each way, 40 km of streets; some 30 times what a raster of all could hold."""
+    rng = np.random.default_rng(4)
+    way = np.linspace(0.0, 1e5, 20_000)
+    position = np.vstack([np.column_stack([way[:4000], 0.5 * way[:4000]]), np.column_stack([way[-4000:], way[-4000:]])])
+    cells = VoronoiTessellation.covering(position, generators=position[::8] + rng.normal(0, 1, (1000, 2)), reach=3.0)
+    assert cells.region.n_x * cells.region.n_y > 30_000**2
+    assert sum(np.asarray(column).nbytes for column in cells.locator) < 64e6
+    covered = position[rng.integers(len(position), size=500)] + rng.uniform(-3.0, 3.0, (500, 2))
+    squared = ((covered[:, None] - cells.generators) ** 2).sum(axis=2)
+    assert np.array_equal(cells.cell_of(covered), squared.argmin(axis=1))
+    assert (cells.cell_of(rng.uniform(3e4, 7e4, (500, 2))) == OUTSIDE).all()
+
+
+@pytest.mark.parametrize("apart_m", [1e-6, 1e-3, 1.0])
+def test_rasters_are_as_large_however_near_generators_are(apart_m):
+    rng = np.random.default_rng(5)
+    way, side = rng.uniform(-90.0, 110.0, (150, 2)), rng.normal(0.0, 1.5, (150, 2))  # two streets, pixels are crowded
+    place = np.vstack([np.column_stack([way[:, 0], side[:, 0]]), np.column_stack([side[:, 1] + 30.0, way[:, 1]])])
+    generators = np.vstack([place[::10], place[0] + apart_m * rng.normal(size=(60, 2))])
+    cells = VoronoiTessellation.covering(place, generators=generators, reach=3.0)
+    assert sum(np.asarray(column).nbytes for column in cells.locator) < 3e6
+    squared = ((place[:, None] - generators) ** 2).sum(axis=2)
+    np.testing.assert_array_equal(cells.cell_of(place), squared.argmin(axis=1))
+    assert np.isfinite(cells.area).all()
+
+
+def test_squares_too_scattered_or_too_many_for_memory_are_refused():
+    square = np.arange(0, 1 << 33, 8191, dtype=np.int64)[: 1 << 21]
+    with pytest.raises(ValueError, match=r"blocks of 16 x 16 pixels take .* remove far outliers"):
+        in_blocks(np.zeros(2), 3.0, (1 << 13, 1 << 20), Pixels(*np.divmod(square, 1 << 20), square))
+    for n_x, n_y in ((1 << 31, 1), (1 << 18, 1 << 17), (1 << 62, 1 << 62)):
+        with pytest.raises(ValueError, match="squares, more than 8589934592 in blocks"):
+            GridTessellation(origin=np.zeros(2), cell_size=1.0, n_x=n_x, n_y=n_y, square=np.empty(0, np.int64))

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.spatial import cKDTree
+from scipy.spatial import Voronoi, cKDTree
+from sklearn.cluster import KMeans
 from test_tessellation_laws import inside
 
 from tessellation import OUTSIDE, GridTessellation, VoronoiTessellation
@@ -21,22 +22,18 @@ def one_square(low, high):
     return GridTessellation(origin=np.full(2, low), cell_size=side, n_x=1, n_y=1, square=np.array([0]))
 
 
-def crossing(n, rng):
-    """Two roads, on a line each."""
-    along = rng.uniform(-100, 100, n // 2)
-    return np.concatenate([np.column_stack([along, 0 * along]), np.column_stack([0 * along, along + 0.5])])
+def lattice(along):
+    return np.stack(np.meshgrid(along, along), -1).reshape(-1, 2)
 
 
 GENERATORS = {
     "one": lambda rng: np.array([[3.0, 4.0]]),
     "two": lambda rng: np.array([[3.0, 4.0], [-3.0, 4.0]]),
     "collinear": lambda rng: np.column_stack([np.arange(-50.0, 50.0, 2.5), np.arange(-50.0, 50.0, 2.5)]),
-    "lattice": lambda rng: np.stack(np.meshgrid(np.arange(-30.0, 31.0, 5.0), np.arange(-30.0, 31.0, 5.0)), -1).reshape(
-        -1, 2
-    ),
+    "lattice": lambda rng: lattice(np.arange(-30.0, 31.0, 5.0)),
     "circle": lambda rng: 40 * np.column_stack([f(np.arange(100) * np.pi / 50) for f in (np.cos, np.sin)]),
     "uniform": lambda rng: rng.uniform(-100, 100, (1000, 2)),
-    "roads": lambda rng: crossing(1000, rng),
+    "roads": lambda rng: rng.permuted(np.outer(rng.uniform(-100, 100, 1000), [1.0, 0.0]), axis=1),  # a line each
     "clustered": lambda rng: np.concatenate(
         [rng.uniform(-100, 100, (50, 2)), rng.normal((20.0, -7.0), 1e-3, (2000, 2)), rng.normal(0, 1.0, (500, 2))]
     ),
@@ -49,10 +46,8 @@ GENERATORS = {
 def test_the_nearest_generator_has_the_position(name, offset):
     rng = np.random.default_rng(0)
     generators = GENERATORS[name](rng) + offset
-    some = generators[rng.integers(len(generators), size=400)]
-    position = np.concatenate(
-        [rng.uniform(-100, 100, (400, 2)) + offset, some + rng.normal(0, 2e-3, some.shape), some, some.round(1)]
-    )
+    some, anywhere = generators[rng.integers(len(generators), size=400)], rng.uniform(-100, 100, (400, 2)) + offset
+    position = np.concatenate([anywhere, some + rng.normal(0, 2e-3, some.shape), some, some.round(1)])
     position = position[(np.abs(position - offset) < 128).all(axis=1)]
     cells = VoronoiTessellation(generators=generators, region=one_square(offset - 128, offset + 128))
     np.testing.assert_array_equal(cells.cell_of(position), nearest(generators, position))
@@ -66,7 +61,7 @@ def test_the_nearest_generator_has_the_position(name, offset):
 @settings(deadline=None, max_examples=50)
 def test_ties_go_to_the_first(corners, scale, offset):
     generators = np.array(corners) * scale + offset
-    position = np.stack(np.meshgrid(np.arange(-8, 9), np.arange(-8, 9)), -1).reshape(-1, 2) * (0.5 * scale) + offset
+    position = lattice(np.arange(-8, 9)) * (0.5 * scale) + offset
     cells = VoronoiTessellation(generators=generators, region=one_square(offset - 5 * scale, offset + 5 * scale))
     np.testing.assert_array_equal(cells.cell_of(position), nearest(generators, position))
 
@@ -101,35 +96,24 @@ def test_polygons_are_the_nearest_positions_within_their_boxes(name):
 
 
 def test_polygons_of_a_filled_region_are_those_of_qhull():
-    from scipy.spatial import Voronoi
-
-    rng = np.random.default_rng(4)
-    generators = rng.uniform(0, 10, (200, 2))
+    generators = np.random.default_rng(4).uniform(0, 10, (200, 2))
     cells = VoronoiTessellation(generators=generators, region=one_square(0, 10))
-    diagram = Voronoi(generators)
-    inner = [
-        c
-        for c, r in enumerate(diagram.point_region)
-        if -1 not in diagram.regions[r] and (np.abs(diagram.vertices[diagram.regions[r]] - 5) < 5).all()
-    ]
-    assert len(inner) > 100
-    for c in inner:
-        corners = diagram.vertices[diagram.regions[diagram.point_region[c]]]
-        mine = cells.polygons()[c]
-        np.testing.assert_allclose(mine[np.lexsort(mine.T)], corners[np.lexsort(corners.T)], atol=1e-8)
+    diagram, n_inner = Voronoi(generators), 0
+    for mine, region in zip(cells.polygons(), diagram.point_region, strict=True):
+        corners = diagram.vertices[diagram.regions[region]]
+        if -1 not in diagram.regions[region] and (np.abs(corners - 5) < 5).all():
+            np.testing.assert_allclose(mine[np.lexsort(mine.T)], corners[np.lexsort(corners.T)], atol=1e-8)
+            n_inner += 1
+    assert n_inner > 100
     assert cells.area.sum() == pytest.approx(100.0)
 
 
 def test_no_generator_makes_no_cell_and_one_far_from_the_data_owns_nothing():
     data = np.zeros((1, 2))
     cells = VoronoiTessellation.covering(data, generators=np.array([[0.0, 0.0], [1000.0, 0.0]]), reach=5.0)
-    assert cells.n_cells == 2
-    assert cells.area[1] == 0.0
-    assert cells.polygons()[1].shape == (0, 2)
-    cells = VoronoiTessellation.covering(np.zeros((1, 2)), generators=np.empty((0, 2)), reach=5.0)
-    assert cells.n_cells == 0
-    assert cells.polygons() == []
-    assert cells.area.shape == (0,)
+    assert (cells.n_cells, cells.area[1], cells.polygons()[1].shape) == (2, 0.0, (0, 2))
+    cells = VoronoiTessellation.covering(data, generators=np.empty((0, 2)), reach=5.0)
+    assert (cells.n_cells, cells.polygons(), cells.area.shape) == (0, [], (0,))
     assert cells.cell_of(np.zeros(2)) == OUTSIDE
 
 
@@ -163,8 +147,6 @@ def cost(cells, position):
 
 @pytest.mark.parametrize("offset", [0.0, 1e7])
 def test_it_is_as_good_as_that_of_scikit_learn(offset):
-    from sklearn.cluster import KMeans
-
     position = np.random.default_rng(0).normal(0, 30, (3000, 2))
     ours = cost(cells_around(position + offset, n_cells=50), position + offset)
     theirs = KMeans(50, n_init=5, random_state=0).fit(position).inertia_
