@@ -73,10 +73,12 @@ def for_trackeval(truth, estimated):
     return data | {"num_timesteps": len(times)}
 
 
-def of_trackeval(truth, estimated):
-    data = for_trackeval(truth, estimated)
-    found = HOTA().eval_sequence(data) | Identity({"PRINT_CONFIG": False}).eval_sequence(data)
-    found |= CLEAR({"PRINT_CONFIG": False}).eval_sequence(data)
+def of_trackeval(*scenes):
+    """Of scenes (truth, estimates), combined where there are several."""
+    found = {}
+    for metric in (HOTA(), Identity({"PRINT_CONFIG": False}), CLEAR({"PRINT_CONFIG": False})):
+        of_each = [metric.eval_sequence(for_trackeval(*scene)) for scene in scenes]
+        found |= metric.combine_sequences(dict(enumerate(of_each))) if len(scenes) > 1 else of_each[0]
     return {name: float(np.mean(found[name])) for name in ("HOTA", "DetA", "AssA", "LocA", "IDF1", "MOTA", "IDSW")}
 
 
@@ -92,7 +94,7 @@ def of_ours(truth, estimated, **options):
 @pytest.mark.parametrize("seed", range(10))
 def test_scores_are_trackevals(seed):
     truth, estimated = traffic(seed)
-    expected = of_trackeval(truth, estimated)
+    expected = of_trackeval((truth, estimated))
     assert of_ours(truth, estimated) == pytest.approx(expected, abs=1e-9)
     assert expected["IDSW"] >= 3  # scenes that ask something: nothing is perfect, nothing is hopeless
     assert 0.2 < expected["HOTA"] < 0.8
@@ -104,7 +106,7 @@ def test_scores_are_trackevals(seed):
 def test_of_nothing_scores_are_trackevals(without):
     truth, estimated = traffic(0)
     chosen = ([], estimated) if without == "truth" else (truth, [])
-    expected = of_trackeval(*chosen)
+    expected = of_trackeval(chosen)
     if without == "truth":  # TrackEval leaves 0 where it returns early; each estimate is one too many
         expected["MOTA"] = -len(estimated)
     assert of_ours(*chosen) == pytest.approx(expected, abs=1e-12)
@@ -113,15 +115,7 @@ def test_of_nothing_scores_are_trackevals(without):
 def test_groups_are_scenes_however_much_they_lie_on_each_other():
     """Two groups at the same times and places, with the same ids, score as two sequences that TrackEval combines."""
     one, other = traffic(1, side=8.0), traffic(2, side=8.0)
-    combined = {}
-    for metric, names in (
-        (HOTA(), ("HOTA", "DetA", "AssA", "LocA")),
-        (Identity({"PRINT_CONFIG": False}), ("IDF1",)),
-        (CLEAR({"PRINT_CONFIG": False}), ("MOTA", "IDSW")),
-    ):
-        apart = {i: metric.eval_sequence(for_trackeval(*rows)) for i, rows in enumerate((one, other))}
-        found = metric.combine_sequences(apart)
-        combined |= {name: float(np.mean(found[name])) for name in names}
+    combined = of_trackeval(one, other)
     groups = tuple(np.repeat([3, 8], [len(one[i]), len(other[i])]) for i in range(2))
     order = np.argsort([row[1] for row in one[0] + other[0]], kind="stable")
     truth = [(one[0] + other[0])[i] for i in order]
