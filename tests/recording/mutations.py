@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import io
 from collections import Counter
-from dataclasses import dataclass
+from typing import NamedTuple
 
-from mcap.reader import make_reader
+from mcap.records import Channel, Message
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType, Writer
-from mcap_files import CHUNK, log_bytes, records
+from mcap_files import CHUNK, log_bytes, records, stock
 
 from dirprim_filter.recording.container.recovery import recover
 from dirprim_filter.recording.errors import NotMcapError
@@ -21,8 +21,7 @@ from dirprim_filter.recording.scan import scan
 KINDS = ("truncate", "flip", "zero", "splice", "grow")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Subject:
+class Subject(NamedTuple):
     """A whole log: its bytes, and its chunks with their messages (topic, log time, data)."""
 
     name: str
@@ -35,25 +34,14 @@ class Subject:
 
 
 def subject(name, data):
-    chunks = [(data[start:end], Counter()) for opcode, start, end in records(data) if opcode == CHUNK]
-    stream = StreamReader(io.BytesIO(data), emit_chunks=False)
-    channels, flat = {}, []
-    for record in stream.records:
-        kind = type(record).__name__
-        if kind == "Channel":
-            channels[record.id] = record.topic
-        elif kind == "Message":
-            flat.append((channels[record.channel_id], record.log_time, record.data))
-    sizes = [_n_messages(data, start) for opcode, start, _ in records(data) if opcode == CHUNK]
-    for (_, messages), n in zip(chunks, sizes, strict=True):
-        messages.update(flat[:n])
-        flat = flat[n:]
-    return Subject(name=name, data=data, chunks=chunks)
-
-
-def _n_messages(data, start):
-    one = next(r for r in StreamReader(io.BytesIO(data[start:]), skip_magic=True, emit_chunks=True).records)
-    return sum(type(r).__name__ == "Message" for r in breakup_chunk(one))
+    chunks, topics = [], {}
+    for stored in (data[start:end] for opcode, start, end in records(data) if opcode == CHUNK):
+        whole = next(StreamReader(io.BytesIO(stored), skip_magic=True, emit_chunks=True).records)
+        inside = breakup_chunk(whole)
+        topics |= {one.id: one.topic for one in inside if isinstance(one, Channel)}
+        sent = [one for one in inside if isinstance(one, Message)]
+        chunks.append((stored, Counter((topics[one.channel_id], one.log_time, one.data) for one in sent)))
+    return Subject(name, data, chunks)
 
 
 def subjects(rng):
@@ -62,12 +50,12 @@ def subjects(rng):
     jumping = [(f"/t{i % 5}", int(rng.integers(0, 200_000)), rng.bytes(40)) for i in range(300)]
     buffer = io.BytesIO()
     writer = Writer(buffer, compression=CompressionType.NONE, chunk_size=1500, enable_data_crcs=True)
-    writer.start()
+    writer.start("ros2", "someone")
     writer.add_metadata("made", {"by": "the fuzzer"})
-    schema = writer.register_schema("Blob", "none", b"definition")
-    channels = [writer.register_channel(f"/a{i}", "blob", schema) for i in range(2)]
+    schemas = [writer.register_schema("Blob", "none", b"definition"), 0]
+    channels = [writer.register_channel(f"/a{i}", "blob", schema, {"qos": "1"}) for i, schema in enumerate(schemas)]
     for i in range(200):
-        writer.add_message(channels[i % 2], 10 * i, rng.bytes(30), 10 * i, i)
+        writer.add_message(channels[i % 2], 10 * i, rng.bytes(30), i, i)
         if i == 100:
             writer.add_attachment(1, 2, "notes.txt", "text/plain", rng.bytes(500))
     writer.finish()
@@ -134,26 +122,29 @@ def check(whole, data, path):
 
 def _reported(messages, named):
     """The messages as they are compared: with or without their topic."""
-    if named:
-        return messages
-    unnamed = Counter()
-    for key, n in messages.items():
-        unnamed[key[1:]] += n
-    return unnamed
+    return messages if named else Counter(key[1:] for key in messages.elements())
 
 
 def check_recovery(path, fixed):
-    """What is recovered passes the stock reader with checksums, and is what the scan reads."""
+    """What is recovered passes the stock reader with checksums, and is what the scan reads. -> what was done."""
     try:
         recovery = recover(path, fixed, force=True)
     except NotMcapError:
-        return
-    with scan(path) as log:
-        expected = Counter((m.topic, m.log_time_ns, m.publish_time_ns, m.sequence, m.data) for m in log)
-    stock = make_reader(io.BytesIO(fixed.read_bytes()), validate_crcs=True)
-    got = Counter((c.topic, m.log_time, m.publish_time, m.sequence, m.data) for _, c, m in stock.iter_messages())
-    assert got == expected
+        return None
+    expected, _ = _scanned(path)
+    assert Counter(
+        (c.topic, m.log_time, m.publish_time, m.sequence, m.data, s.name if s else "", s.data if s else b"")
+        for s, c, m in stock(fixed)
+    ) == expected  # fmt: skip
     assert recovery.saved == expected.total()
-    with scan(fixed) as log:
-        assert Counter((m.topic, m.log_time_ns, m.publish_time_ns, m.sequence, m.data) for m in log) == expected
-        assert log.damage == []
+    assert _scanned(fixed) == (expected, [])
+    return recovery
+
+
+def _scanned(path):
+    """Its messages with their definitions, and its damage."""
+    with scan(path) as log:
+        return Counter(
+            (m.topic, m.log_time_ns, m.publish_time_ns, m.sequence, m.data, m.schema_name, m.channel.schema.data)
+            for m in log
+        ), log.damage  # fmt: skip
