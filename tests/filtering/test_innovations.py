@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
@@ -18,14 +19,10 @@ def tracked(*, noise_m, n_vehicles=40, n_frames=25, jump_at=None, with_innovatio
     measured = place + rng.normal(0, 0.5, place.shape)
     if jump_at is not None:
         measured[jump_at:, 0] += 60.0
-    seen = Detections(
-        track_id=np.tile(np.arange(n_vehicles), n_frames).astype(np.str_),
-        time_ns=np.repeat((t * 1e9).round().astype(np.int64), n_vehicles),
-        position=measured.reshape(-1, 2),
-    )
     road, settings = one_cell_map(shape=1e4, concentration=1e4), {"n_particles": 600, "noise_m": noise_m, "seed": 2}
     tracker = tracker_of(road, tracking=TRUSTING, with_innovations=with_innovations, **settings)
-    return [tracker.track(frame) for frame in seen.frames()]
+    names = np.arange(n_vehicles).astype(np.str_)
+    return [tracker.track(seen_at(time_s, places, ids=names)) for time_s, places in zip(t, measured, strict=True)]
 
 
 def test_squared_innovations_have_a_mean_of_two_where_the_filter_is_right():
@@ -96,12 +93,6 @@ def weighed(place, *, pace, rate=RATE, sensor=None, n=N):
     return cloud.weight[0], cloud.position[0], velocity
 
 
-def normal(off, covariance):
-    return float(
-        np.exp(-0.5 * off @ np.linalg.solve(covariance, off)) / (2 * np.pi * np.sqrt(np.linalg.det(covariance)))
-    )
-
-
 SENSOR = Sensor(along=AxisError(spread_m=0.6), across=AxisError(spread_m=0.4))
 
 
@@ -114,7 +105,8 @@ def test_particles_follow_the_posterior_of_the_mixture(place, sensor):
     z, prior = np.array(place), _measuring.PLACE_M**2 * np.eye(2)
     noise = MEASURED if sensor is None else np.diag([0.36, 0.16])
     share = RATE * DT_S
-    ordinary, outlying = (1.0 - share) * normal(z, noise), share * normal(z, noise + prior)
+    fits, fits_moved = (stats.multivariate_normal(cov=covariance).pdf(z) for covariance in (noise, noise + prior))
+    ordinary, outlying = (1.0 - share) * fits, share * fits_moved
     expected = outlying / (ordinary + outlying)
     weight, moved, _ = weighed(place, pace=10.0, sensor=sensor)
     is_moved = (moved != 0.0).any(axis=1)
@@ -153,17 +145,13 @@ def test_who_drives_back_on_a_one_way_map_keeps_its_track():
     """Without ids; over eight seeds no name changed, and no estimate was of nothing."""
     speed = np.concatenate([np.full(50, 8.0), np.linspace(8.0, 0.0, 40), np.zeros(30), np.linspace(0.0, -8.0, 40)])
     east = np.cumsum(0.1 * speed)
-    for seed in range(2):
-        rng, names = np.random.default_rng(seed), []
-        tracker = Tracker(one_cell_map(concentration=50.0, shape=20.0, speed=8.0), rng=rng)
-        for i, x in enumerate(east):
-            z = rng.normal([x, 0.0], 0.5)
-            found = tracker.step(Detections(track_id=[""], time_ns=[i * 10**8], position=[z]))
-            names += found.track_id.tolist()
-            if i == len(east) - 1:
-                assert np.hypot(*(found.position[0] - [x, 0.0])) < 1.5
-        assert len(set(names)) == 1
-        assert len(names) > 140
+    rng = np.random.default_rng(0)
+    tracker = Tracker(one_cell_map(concentration=50.0, shape=20.0, speed=8.0), rng=rng)
+    found = [tracker.step(seen_at(0.1 * i, [rng.normal([x, 0.0], 0.5)])) for i, x in enumerate(east)]
+    names = np.concatenate([estimates.track_id for estimates in found])
+    assert np.unique(names).size == 1
+    assert names.size > 140
+    assert np.hypot(*(found[-1].position[0] - [east[-1], 0.0])) < 1.5
 
 
 def followed(seed, true, *, off=0.0, noise_m=0.5, every_s=0.1, bayes=None, road=None, **given):
@@ -210,7 +198,7 @@ def rms(of):
 def test_jumps_are_followed_without_starting_anew_and_single_wrong_rows_pass():
     """Eight vehicles: after a jump the error is .15 m in each axis of the measurement's or less from the next row on,
     and it is so after a single wrong row. Limits are three times of what twelve other seeds show."""
-    for size in (1.0, 2.0, 3.0):
+    for size in (1.0, 3.0):
         aside = np.zeros((30, 2))
         aside[20:, 1] = size
         found = [errors_along(seed, aside)[1:] for seed in range(8)]
@@ -234,8 +222,8 @@ def test_a_vehicle_that_is_elsewhere_is_found_again_whatever_the_share_of_wrong_
 
 @pytest.mark.parametrize("since_s", [0.0, 1.0])
 def test_the_evidence_of_a_mixture_integrates_to_one(since_s):
-    """Over places within 60 m, on a grid of .25 m: beyond lies less than 1e-3 of a tail of a tenth."""
-    axis = np.arange(-60.0, 60.0, 0.25)
+    """Over places within 60 m, on a grid of .5 m: beyond lies less than 1e-3 of a tail of a tenth."""
+    axis = np.arange(-60.0, 60.0, 0.5)
     places = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
     config = FilterConfig(n_particles=20, noise_m=1.0, outlier_probability=0.1, innovation_outlier_rate=0.1)
     bayes = ParticleFilter(one_cell_map(), config)
@@ -244,26 +232,22 @@ def test_the_evidence_of_a_mixture_integrates_to_one(since_s):
     cloud.position[:], cloud.speed[:] = np.random.default_rng(0).normal(0.0, 0.3, (20, 2)), 10.0
     cloud.since_s[:] = since_s
     seen = Detections(track_id=[""] * len(places), time_ns=np.zeros(len(places), np.int64), position=places)
-    total = np.exp(bayes.weigh(slot, seen).log_density).sum() * 0.25**2
+    total = np.exp(bayes.weigh(slot, seen).log_density).sum() * 0.5**2
     assert total == pytest.approx(1.0, abs=0.005)
-
-
-SPEED, EVERY_S, FIX_M = 250.0, 10.0, 0.5
 
 
 def test_an_estimate_is_never_worse_than_its_fix_however_far_fixes_are_apart():
     """Aircraft on straight courses that change their speed, seen each 10 s: the estimates are as good as the fixes,
     or the outlying particle of a wrong fix would count by how far it is off."""
-    road = one_cell_map(concentration=500.0, shape=60.0, speed=SPEED, side=1e5)
+    times, given = 10.0 * np.arange(12), {"every_s": 10.0, "n_particles": FilterConfig().n_particles}
+    road = one_cell_map(concentration=500.0, shape=60.0, speed=250.0, side=1e5)
     for bayes in (None, kalman):
         off, own = [], []
-        for seed in range(6):
-            times = EVERY_S * np.arange(12)
-            true = np.column_stack([SPEED * times + 3.0 * SPEED * np.sin(0.1 * times + seed), np.zeros(12)])
-            of = {"bayes": bayes, "road": road, "n_particles": FilterConfig().n_particles}
-            found, measured, _ = followed(seed, true, every_s=EVERY_S, noise_m=FIX_M, **of)
+        for seed in range(4):
+            true = np.column_stack([250.0 * times + 750.0 * np.sin(0.1 * times + seed), np.zeros(12)])
+            found, measured, _ = followed(seed, true, bayes=bayes, road=road, **given)
             known = np.isfinite(found[:, 0])
             off += np.hypot(*(found - true)[known].T).tolist()
             own += np.hypot(*(measured - true)[known].T).tolist()
-        assert len(off) > 30
+        assert len(off) > 20
         assert rms(off) < 1.1 * rms(own)

@@ -8,13 +8,11 @@ from scipy import stats
 
 from dirprim_filter import forecast
 from dirprim_filter.config import FilterConfig
-from dirprim_filter.detections import Detections
 from dirprim_filter.filtering.particle_filter import ParticleFilter, longest_step_s
 from moving import motion_by_hand, moved, only_places, squares
-from situations import one_cell_map
+from situations import one_cell_map, seen_at
 
 FALSE_ALARM = 1e-4  # of each statistical test below; seeds are fixed
-FINE, FINER = 0.02, 0.01
 
 
 def test_left_alone_direction_and_speed_settle_on_the_primitive():
@@ -25,7 +23,7 @@ def test_left_alone_direction_and_speed_settle_on_the_primitive():
         speed = stats.gamma(1000.0 / wrong**2, scale=10.0 / 1000.0 * wrong**2)
         assert (stats.kstest(found.direction, direction.cdf).pvalue > FALSE_ALARM) == accepted
         assert (stats.kstest(found.speed, speed.cdf).pvalue > FALSE_ALARM) == accepted
-    soon = moved(only_places(one_cell_map(**mode)), 0.5, n=40_000, direction=-0.2, speed=13.0)
+    soon = moved(only_places(one_cell_map(**mode)), 0.5, direction=-0.2, speed=13.0)
     assert soon.speed.mean() > 12.0  # not settled yet
     assert soon.direction.mean() < 0.2
 
@@ -36,17 +34,16 @@ def laws(primitive_map, *, seconds=4.0, **cut):
     return *found.position.T, found.direction, found.speed
 
 
+def p_values(some, others):
+    return [stats.ks_2samp(mine, theirs).pvalue for mine, theirs in zip(some, others, strict=True)]
+
+
 def test_motion_is_the_same_however_time_is_cut():
     curved = one_cell_map(concentration=150.0, shape=30.0, side=200.0, bend=(0.01, -0.005))
     once = laws(curved, key=1)
-    tenths = laws(curved, key=2, n_calls=40)
-    finer = laws(curved, key=3, step_s=0.05)
-    uneven = laws(curved, key=4, n_calls=7)
-    for other in (tenths, finer, uneven):
-        for mine, theirs in zip(once, other, strict=True):
-            assert stats.ks_2samp(mine, theirs).pvalue > FALSE_ALARM
-    for mine, theirs in zip(once, laws(curved, key=5, seconds=5.0), strict=True):
-        assert stats.ks_2samp(mine, theirs).pvalue < FALSE_ALARM
+    for key, cut in enumerate(({"n_calls": 40}, {"step_s": 0.05}, {"n_calls": 7}), start=2):
+        assert min(p_values(once, laws(curved, key=key, **cut))) > FALSE_ALARM
+    assert max(p_values(once, laws(curved, key=5, seconds=5.0))) < FALSE_ALARM
 
 
 @pytest.mark.parametrize("seconds", [1.0, 10.0, 60.0])
@@ -56,18 +53,17 @@ def test_beliefs_moved_in_the_longest_steps_that_a_map_allows_are_those_of_fine_
     config = FilterConfig(n_particles=4000, noise_m=2.0)
 
     def moved_in(step_s, key):
-        found = ParticleFilter(wide, config)
-        slot, start = np.zeros(1, np.int64), Detections(track_id=["a"], time_ns=[0], position=[[0.0, 0.0]])
-        found.begin(slot, np.array([key], np.uint64), start)
+        found, slot = ParticleFilter(wide, config), np.zeros(1, np.int64)
+        found.begin(slot, np.array([key], np.uint64), seen_at(0.0, [(0.0, 0.0)]))
         found.predict(slot, np.array([seconds]), None, np.array([step_s]))
         cloud = found.cloud
         drives = cloud.speed[0] > 1.0  # those that creep do so for a step
         return *cloud.position[0].T, cloud.direction[0], cloud.speed[0, drives]
 
     fine, longest, coarse = moved_in(0.05, 1), moved_in(longest_step_s(wide), 2), moved_in(40.0, 3)
-    assert min(stats.ks_2samp(*pair).pvalue for pair in zip(fine, longest, strict=True)) > FALSE_ALARM
+    assert min(p_values(fine, longest)) > FALSE_ALARM
     if seconds > 1.0:
-        assert min(stats.ks_2samp(*pair).pvalue for pair in zip(fine, coarse, strict=True)) < FALSE_ALARM
+        assert min(p_values(fine, coarse)) < FALSE_ALARM
 
 
 def test_the_quick_pass_less_than_half_a_cell_in_the_longest_step():
@@ -79,7 +75,7 @@ def test_the_quick_pass_less_than_half_a_cell_in_the_longest_step():
 def test_where_no_place_tells_vehicles_go_on_at_constant_velocity_with_noise():
     """Speed is pushed by an Ornstein-Uhlenbeck process of 1 m/s^2 and rate 0.5/s, direction diffuses by 0.2 rad."""
     t, free = 2.0, one_cell_map().without_places()
-    found = moved(free, t, step_s=FINE)
+    found = moved(free, t, step_s=0.02)
     assert (found.cell == -1).all()
     of_speed = np.sqrt(2 / 0.5**2 * (0.5 * t - 1 + np.exp(-0.5 * t)))
     of_direction = 0.2 * np.sqrt(t)
@@ -119,7 +115,7 @@ def test_a_vehicle_that_stands_starts_at_its_rate():
     n, rate = 20_000, 0.5
     waits = motion_by_hand([0, 0], start_rate=[rate, 0.0], acceleration=[[0.0] * 4, [2.0, 0, 0, -0.2]])
     for t in (0.5, 1.0, 3.0):
-        found = moved(squares(1, 1, waits, side=200.0), t, n=n, step_s=FINER, place=(100.0, 100.0), speed=0.0)
+        found = moved(squares(1, 1, waits, side=200.0), t, n=n, step_s=0.01, place=(100.0, 100.0), speed=0.0)
         started = found.speed >= 0.3
         assert stats.binomtest(int(started.sum()), n, 1 - np.exp(-rate * t)).pvalue > FALSE_ALARM
         assert stats.binomtest(int(started.sum()), n, 1 - np.exp(-1.1 * rate * t)).pvalue < FALSE_ALARM
@@ -150,10 +146,8 @@ def circling(**settings):
 
 def test_a_vehicle_turns_with_the_bend_as_the_line_of_the_field_does():
     """The line of course x / R through the origin: y = -R log cos(x / R)."""
-    path = forecast(
-        circling(), position=(0.0, 0.0), direction=0.0, speed=10.0, horizon_s=2.0, dt_s=0.1,
-        rng=np.random.default_rng(0),
-    ).mean(axis=0)  # fmt: skip
+    east = {"position": (0.0, 0.0), "direction": 0.0, "speed": 10.0, "rng": np.random.default_rng(0)}
+    path = forecast(circling(), **east, horizon_s=2.0, dt_s=0.1).mean(axis=0)
     np.testing.assert_allclose(path[:, 1], -RADIUS * np.log(np.cos(path[:, 0] / RADIUS)), atol=0.1)
     assert path[-1, 1] > 5.0
 
@@ -162,10 +156,8 @@ def test_speed_settles_on_the_gain_of_the_place():
     """At the pace v(north) that reversion holds in balance: what is gained there is what is lost of the surplus."""
     climbing = only_places(one_cell_map(shape=400.0, concentration=1e4, gain=(0.0, 0.02)))  # north, across the course
     for north in (-10.0, 10.0):
-        paths = forecast(
-            climbing, position=(0.0, north), direction=0.0, speed=10.0, horizon_s=20.0, dt_s=1.0, n_samples=400,
-            rng=np.random.default_rng(0),
-        )  # fmt: skip
+        start = {"position": (0.0, north), "direction": 0.0, "speed": 10.0, "rng": np.random.default_rng(0)}
+        paths = forecast(climbing, **start, horizon_s=20.0, dt_s=1.0, n_samples=400)
         speed, place = np.diff(paths[:, 14:, 0], axis=1).mean(), paths[:, 14:, 1].mean()
         assert speed == pytest.approx(10.0 * (1 + 0.02 * place), rel=0.02)
         assert abs(speed - 10.0) > 1.0
@@ -177,7 +169,7 @@ def test_a_belief_is_born_of_the_density_of_its_place(place):
     bent = circling(concentration=40.0, shape=12.0, gain=(0.01, -0.004))
     filter_ = ParticleFilter(bent, FilterConfig(n_particles=20_000, noise_m=1e-6))
     slot, place = np.zeros(1, np.int64), np.array(place)
-    filter_.begin(slot, np.array([7], np.uint64), Detections(track_id=["a"], time_ns=[0], position=[place]))
+    filter_.begin(slot, np.array([7], np.uint64), seen_at(0.0, [place]))
     cloud = filter_.cloud
     theta, v = np.linspace(-np.pi, np.pi, 20_001), np.linspace(1e-3, 80.0, 20_001)
 
