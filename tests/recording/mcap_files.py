@@ -13,7 +13,9 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import build_file_descriptor_set
 
+from dirprim_filter.detections import Detections
 from dirprim_filter.recording.container.message_columns import MessageColumns
+from dirprim_filter.recording.reader import stream_detections
 
 DATA = Path(__file__).parents[2] / "../shared/data"
 RECORD = struct.Struct("<BQ")
@@ -137,3 +139,8 @@ def columns_of(channel, payloads):
         position=np.zeros(n, np.int32),
         start=stop - length, stop=stop, contents=b"".join(payloads), channels=[channel],
     )  # fmt: skip
+
+
+def detections(path, **options):
+    """All that a log or a table brings to a tracker, in one."""
+    return Detections.concatenate(stream_detections(path, **options))

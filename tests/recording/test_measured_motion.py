@@ -5,9 +5,10 @@ import pytest
 from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
 from foxglove_schemas_protobuf.Odometry_pb2 import Odometry
 from google.protobuf.json_format import ParseDict
-from mcap_files import json_log, scene, transform, write_protobuf_log
-from ros_messages import header, write_ros2_log
-from test_ros2_schemas import ARRAYS, START_NS, STEP_NS, carla, point, quaternion, tracked
+from mcap_files import detections, json_log, scene, transform, write_protobuf_log
+from ros_messages import header, point, quaternion, write_ros2_log
+from scipy.spatial.transform import Rotation
+from test_ros2_schemas import ARRAYS, START_NS, STEP_NS, carla, tracked
 
 from dirprim_filter import write_tracks
 from dirprim_filter.detections import NO_ID, Detections
@@ -17,7 +18,7 @@ from dirprim_filter.recording.schemas import decoders as decoding
 from dirprim_filter.recording.schemas import dirprim_pb2
 from situations import tracks_of
 
-N = 40
+N = 12
 COLUMNS = ("track_id", "time_ns", "position", "direction", "speed", "covariance", "size")
 
 
@@ -39,24 +40,20 @@ def seen(*, named=True):
     )
 
 
-def written(path, detections):
-    write_tracks(tracks_of(np.zeros((1, N, 2))), path, detections=detections)
-    return path
-
-
 @pytest.mark.parametrize("named", [True, False])
 @pytest.mark.parametrize("batch", [1, 3, 1 << 14])
 def test_what_was_measured_reads_back_to_the_last_bit(tmp_path, monkeypatch, named, batch):
     monkeypatch.setattr(decoding, "BATCH_MESSAGES", batch)
-    sent = seen(named=named)
-    stream = stream_detections(written(tmp_path / "log.mcap", sent), motion=True)
+    sent, path = seen(named=named), tmp_path / "log.mcap"
+    write_tracks(tracks_of(np.zeros((1, N, 2))), path, detections=sent)
+    stream = stream_detections(path, motion=True)
     frames = list(stream)
     assert [len(frame) for frame in frames] == [2] * N
     back = Detections.concatenate(frames)
     for name in COLUMNS:
         np.testing.assert_array_equal(getattr(back, name), getattr(sent, name), err_msg=name)
     assert stream.losses.dropped == {}
-    unasked = Detections.concatenate(stream_detections(tmp_path / "log.mcap"))
+    unasked = detections(path)
     assert np.isnan([unasked.direction, unasked.speed]).all()  # measurements on request only
 
 
@@ -77,50 +74,33 @@ def test_an_instant_may_come_in_several_batches(tmp_path, monkeypatch, batch):
     assert stream.losses.dropped[REPEATED] == stream.losses.dropped.total() == 6
 
 
-def observations(frame, covariance, **columns):
-    message = dirprim_pb2.Observations(frame_id=frame, track_id=["a"], x=[1.0], y=[2.0], **columns)
-    message.covariance_xx.append(covariance[0][0])
-    message.covariance_xy.append(covariance[0][1])
-    message.covariance_yy.append(covariance[1][1])
-    return message
-
-
-def turned(yaw_deg, roll_deg=0.0):
-    from scipy.spatial.transform import Rotation
-
-    turn = Rotation.from_euler("ZX", [yaw_deg, roll_deg], degrees=True).as_quat().tolist()
-    return transform("map", "sensor", turn=turn)
+def of_turned_sensor(path, yaw_and_roll_deg, xx, xy, yy):
+    """What a sensor that is turned so reports of one vehicle."""
+    turn = Rotation.from_euler("ZX", yaw_and_roll_deg, degrees=True).as_quat().tolist()
+    seen = dirprim_pb2.Observations(
+        frame_id="sensor", track_id=["a"], x=[1.0], y=[2.0], direction=[0.1],
+        covariance_xx=[xx], covariance_xy=[xy], covariance_yy=[yy],
+    )  # fmt: skip
+    write_protobuf_log(path, [("/tf", 0, transform("map", "sensor", turn=turn)), ("/objects", 5, seen)])
+    return detections(path, motion=True)
 
 
 def test_errors_turn_with_the_frame_they_are_reported_in(tmp_path):
     """The ellipse of a sensor that looks 30 degrees to the left, beside the eigenvectors that it must then have."""
-    path = write_protobuf_log(
-        tmp_path / "log.mcap",
-        [("/tf", 0, turned(30.0)), ("/objects", 5, observations("sensor", [[4.0, 0.0], [0.0, 0.25]], direction=[0.1]))],
-    )
-    (frame,) = stream_detections(path, motion=True)
+    frame = of_turned_sensor(tmp_path / "log.mcap", (30.0, 0.0), 4.0, 0.0, 0.25)
     values, vectors = np.linalg.eigh(frame.covariance[0])
     np.testing.assert_allclose(values, [0.25, 4.0])
     assert abs(vectors[:, 1] @ [np.cos(np.pi / 6), 0.5]) == pytest.approx(1.0)
     assert frame.direction[0] == pytest.approx(0.1 + np.pi / 6)
 
 
-@pytest.mark.parametrize(
-    ("transform", "covariance"),
-    [
-        (turned(0.0), [[0.0, 0.0], [0.0, 0.0]]),
-        (turned(0.0), [[1.0, 2.0], [2.0, 1.0]]),
-        (turned(0.0), [[np.inf, 0.0], [0.0, 1.0]]),
-        (turned(10.0), [[1e300, 1e300], [1e300, 1e300]]),
-        (turned(20.0, 90.0), [[4.0, 0.0], [0.0, 0.25]]),  # seen from the side the ellipse is a line
-    ],
-)
-def test_errors_that_cannot_be_are_unknown(tmp_path, transform, covariance):
-    path = write_protobuf_log(
-        tmp_path / "log.mcap", [("/tf", 0, transform), ("/objects", 5, observations("sensor", covariance))]
-    )
-    (frame,) = stream_detections(path)
-    assert np.isnan(frame.covariance).all()
+@pytest.mark.parametrize("reported", [
+    ((0.0, 0.0), 0.0, 0.0, 0.0), ((0.0, 0.0), 1.0, 2.0, 1.0), ((0.0, 0.0), np.inf, 0.0, 1.0),
+    ((10.0, 0.0), 1e300, 1e300, 1e300),
+    ((20.0, 90.0), 4.0, 0.0, 0.25),  # seen from the side the ellipse is a line
+])  # fmt: skip
+def test_errors_that_cannot_be_are_unknown(tmp_path, reported):
+    assert np.isnan(of_turned_sensor(tmp_path / "log.mcap", *reported).covariance).all()
 
 
 def covariance(k, *, n_rows=6):
@@ -198,9 +178,8 @@ def ros_odometry(stamp, pose, v, child):
 
 def odometry(stamp, pose, v, child):
     """Foxglove's."""
-    one = ParseDict(
-        {"frame_id": "map", "body_frame_id": child, "pose": pose, "linear_velocity": v["linear"]}, Odometry()
-    )
+    said = {"frame_id": "map", "body_frame_id": child, "pose": pose, "linear_velocity": v["linear"]}
+    one = ParseDict(said, Odometry())
     one.timestamp.FromNanoseconds(stamp)
     return (one,)
 
@@ -248,13 +227,13 @@ def test_courses_go_where_positions_do(tmp_path, caplog, make, axes, drive):
     assert caplog.text.count("the twist of /car is not in the axes") == (2 if is_reported else 0)
 
 
-@pytest.mark.parametrize(("axes", "is_reported"), [("frame", False), ("body", True)])
-def test_a_twist_in_the_frame_that_positions_are_in_needs_no_turn(tmp_path, caplog, axes, is_reported):
+def test_a_twist_in_the_frame_that_positions_are_in_needs_no_turn(tmp_path, caplog):
     """By the message's own definition; a driver that names the frame but means the body is found by its way."""
     drive = moving(0.3, 0.4)
-    path = log_of(tmp_path / "log.mcap", ros_odometry, axes, drive, child="/map")
-    assert apart(read_tracks(path), drive[1]).max() < 1e-6
-    assert ("the twist of /car" in caplog.text) == is_reported
+    for axes, is_reported in (("frame", False), ("body", True)):
+        path = log_of(tmp_path / "log.mcap", ros_odometry, axes, drive, child="/map")
+        assert apart(read_tracks(path), drive[1]).max() < 1e-6
+        assert ("the twist of /car" in caplog.text) == is_reported
 
 
 def test_a_body_that_goes_sideways_is_left_as_it_says(tmp_path, caplog):
@@ -271,6 +250,6 @@ def test_negative_speeds_are_reported_once_with_their_number(tmp_path, caplog):
     path, mapping = json_log(tmp_path / "log.mcap", "Object", sent), FieldMapping.parse("id=.id,x=.x,y=.y,speed=.speed")
     np.testing.assert_allclose(read_tracks(path, mapping=mapping).speed, 5.0)
     assert caplog.text.count(f"{N // 4} speeds below 0, which count as unknown") == 1
-    stated = Detections.concatenate(list(stream_detections(path, mapping=mapping, motion=True))).speed
+    stated = detections(path, mapping=mapping, motion=True).speed
     np.testing.assert_array_equal(stated, np.where(np.array(speeds) < 0, np.nan, speeds))
     assert caplog.text.count("speeds below 0") == 2

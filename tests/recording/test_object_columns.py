@@ -6,19 +6,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 from google.protobuf import json_format
-from mcap_files import json_log, scene, write_protobuf_log
+from mcap_files import detections, json_log, scene, write_protobuf_log
+from ros_messages import point
 from test_estimate_log import a_frame
-from test_ros2_schemas import N_TIMES, SCENE, array_log, carla, detected, detection, marker, point, tracked
-from test_stated_errors import detections, result
+from test_ros2_schemas import N_TIMES, SCENE, array_log, carla, detected, detection, marker, tracked
+from test_stated_errors import result
 
 from dirprim_filter.cli.main import run
 from dirprim_filter.columns import is_held
 from dirprim_filter.detections import Detections
-from dirprim_filter.recording.errors import TableError
 from dirprim_filter.recording.reader import FieldMapping, inspect, read_tracks, stream_detections
 from dirprim_filter.recording.tables import read_named
 from dirprim_filter.recording.writer import EstimateWriter, write_tracks
 from dirprim_filter.tracks import Tracks
+from situations import tracks_of
 
 NAN = np.nan
 L, W, H = 4.25, 1.875, 1.5
@@ -103,16 +104,15 @@ def mixed(k):
 
 def as_json(update):
     """By protobuf's own rules, but for times, which Foxglove writes as numbers."""
-    reported = json_format.MessageToDict(
-        update, preserving_proto_field_name=True, always_print_fields_with_no_presence=True
-    )  # fmt: skip
+    said = {"preserving_proto_field_name": True, "always_print_fields_with_no_presence": True}
+    reported = json_format.MessageToDict(update, **said)
     for entity in reported["entities"]:
         entity["timestamp"] = {"sec": 0, "nsec": 0}
     return reported
 
 
 @pytest.mark.parametrize("encoding", ["protobuf", "json"])
-def test_sizes_of_scenes(tmp_path, encoding):
+def test_sizes_of_scenes(tmp_path, caplog, encoding):
     path = tmp_path / "log.mcap"
     if encoding == "json":
         json_log(path, "foxglove.SceneUpdate", [(k * 10**8, as_json(mixed(k))) for k in range(5)])
@@ -125,23 +125,19 @@ def test_sizes_of_scenes(tmp_path, encoding):
         rows = tracks[tracks.track_id == name]
         np.testing.assert_array_equal(rows.size, [size] * 5)
         np.testing.assert_array_equal(rows.position, [[10.0 * i + k, 0.0] for k in range(5)])
+    assert not caplog.messages
 
 
 def test_cubes_beside_the_first_of_an_entity_are_named(tmp_path, caplog):
-    def crowd(k):
-        update = scene([("all", 0.0, float(k))])
-        for i in range(3):
-            update.entities[0].cubes.add().pose.position.x = 9.0 * (i + 1)
-        return update
-
-    for make, n_seen, lines in ((crowd, 1, 1), (mixed, 4, 0)):
-        caplog.clear()
-        path = write_protobuf_log(tmp_path / "log.mcap", [("/objects", k * 10**8, make(k)) for k in range(5)])
-        assert read_tracks(path).n_tracks == n_seen
-        assert len(caplog.messages) == lines
-        assert ("several cubes" in caplog.text) == lines
-        if lines:
-            assert len(detections(path, mapping=FieldMapping.parse("pose=.entities[].cubes[].pose"))) == 20
+    sent = [("/objects", k * 10**8, scene([("all", 0.0, float(k))])) for k in range(5)]
+    for *_, update in sent:
+        for x in (9.0, 18.0, 27.0):
+            update.entities[0].cubes.add().pose.position.x = x
+    path = write_protobuf_log(tmp_path / "log.mcap", sent)
+    assert read_tracks(path).n_tracks == 1
+    (said,) = caplog.messages
+    assert "several cubes" in said
+    assert len(detections(path, mapping=FieldMapping.parse("pose=.entities[].cubes[].pose"))) == 20
 
 
 def test_a_box_that_stands_for_an_estimate_is_no_measured_size(tmp_path):
@@ -232,14 +228,6 @@ def test_confidence_stays_with_its_row(tmp_path):
     assert np.isnan(bare.confidence[3])
 
 
-@pytest.mark.parametrize("wrong", ["1.5", "-0.1", "87", "inf"])
-def test_what_is_no_probability_is_refused_with_the_line(tmp_path, wrong):
-    path = tmp_path / "seen.csv"
-    path.write_text(f"time_s,x_m,y_m,confidence\n0,1,2,0.5\n0,1,2,{wrong}\n")
-    with pytest.raises(TableError, match=f"line 3: expected a probability, 0 to 1, as confidence, got {wrong}"):
-        detections(path)
-
-
 KINDS = ("car", "pedestrian", "truck")
 
 
@@ -269,29 +257,24 @@ def test_labels_choose_objects(tmp_path, schema):
 
 
 def test_scenes_tell_by_their_metadata_and_what_has_no_label_is_matched_by_none(tmp_path):
-    messages = []
-    for k in range(5):
-        update = scene([("a", k, 0.0), ("b", k, 5.0), ("c", k, 9.0)])
-        update.entities[0].metadata.add(key="category", value="vehicle.car")
-        update.entities[1].metadata.add(key="category", value="human.pedestrian.adult")
-        messages.append(("/markers", k * 100_000_000, update))
-    path = write_protobuf_log(tmp_path / "log.mcap", messages)
+    sent = [("/markers", k * 10**8, scene([("a", k, 0.0), ("b", k, 5.0), ("c", k, 9.0)])) for k in range(5)]
+    for *_, update in sent:
+        for entity, category in zip(update.entities, ("vehicle.car", "human.pedestrian.adult"), strict=False):
+            entity.metadata.add(key="category", value=category)
+    path = write_protobuf_log(tmp_path / "log.mcap", sent)
     assert set(read_tracks(path, labels=r"vehicle\..*").track_id) == {"a"}
     assert inspect(path).labels == {"/markers": {"vehicle.car": 5, "human.pedestrian.adult": 5, "": 5}}
     bare = tracked(0, 1) | {"classification": []}
     path = array_log(tmp_path, AUTOWARE, lambda k, _: [bare, guessed(tracked, k, 0)])
-    assert [len(frame) for frame in stream_detections(path, labels="car")] == [1] * N_TIMES
-    assert [len(frame) for frame in stream_detections(path, labels="car|")] == [2] * N_TIMES
+    for labels, n in (("car", 1), ("car|", 2)):
+        assert [len(frame) for frame in stream_detections(path, labels=labels)] == [n] * N_TIMES
     with pytest.raises(ValueError, match="labels: expected a name or a regular expression"):
         list(stream_detections(path, labels="("))
 
 
 def test_one_group_is_played_alone(tmp_path, capsys):
     """Two recordings that begin at the same time: without the word they are one crowd, with it each is itself."""
-    both = Tracks(
-        track_id=np.repeat(["a", "b", "c"], 4), time_ns=np.tile(np.arange(4) * 10**8, 3), position=np.ones((12, 2)),
-        direction=np.zeros(12), speed=np.ones(12), group=np.repeat([3, 3, 8], 4),
-    )  # fmt: skip
+    both = tracks_of(np.ones((3, 4, 2)), track_id=[["a"], ["b"], ["c"]], group=[[3], [3], [8]])
     write_tracks(both, tmp_path / "both.mcap")
     assert inspect(tmp_path / "both.mcap").groups == {"/objects": {3: 8, 8: 4}}
     for group, ids in ((3, {"a", "b"}), (8, {"c"}), (None, {"a", "b", "c"})):

@@ -7,13 +7,12 @@ import numpy as np
 import pytest
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from mcap.reader import make_reader
-from mcap_files import DATA, write_log
+from mcap_files import DATA, detections, write_log
 from mcap_protobuf.decoder import DecoderFactory
 from scipy.spatial.transform import Rotation
 
-from dirprim_filter.detections import Detections
 from dirprim_filter.recording.losses import UNDECODABLE
-from dirprim_filter.recording.reader import inspect, read_track_logs, read_tracks, stream_detections
+from dirprim_filter.recording.reader import inspect, read_track_logs, read_tracks
 
 # The part of OSI 3.7 that matters here: message -> field -> (number, type, repeated).
 OSI = {
@@ -126,7 +125,7 @@ def test_what_a_moving_sensor_perceives_arrives_in_the_world(tmp_path):
     for i, size in enumerate(([4.25, 1.875, 1.5], [np.nan] * 3)):
         np.testing.assert_array_equal(log.tracks.size[log.tracks.track_id == i], [size] * (N - 1))
     when = np.delete(np.arange(N), 4)
-    seen = Detections.concatenate(list(stream_detections(tmp_path / "log.mcap", time_source="header")))
+    seen = detections(tmp_path / "log.mcap", time_source="header")
     assert np.isnan(seen.covariance[seen.track_id != "0"]).all()
     np.testing.assert_array_equal(seen.confidence, np.where(seen.track_id == "0", 0.25, np.nan))
     for k, covariance in zip(when, seen.covariance[seen.track_id == "0"], strict=True):
@@ -178,7 +177,7 @@ def test_rows_labels_sizes_and_signals_are_what_the_stock_decoder_finds(path):
     summary = inspect(path)
     assert summary.labels == {summary.topics[0].name: labels}
     assert summary.topics[0].tracks == len({name for _, name in place})
-    seen = Detections.concatenate(stream_detections(path))
+    seen = detections(path)
     found = np.column_stack([np.broadcast_to(seen.size, (len(seen), 3)), np.broadcast_to(seen.cue, (len(seen), 2))])
     for time_ns, name, row in zip(seen.time_ns.tolist(), seen.track_id.tolist(), found, strict=True):
         np.testing.assert_array_equal(row, expected[time_ns, name])

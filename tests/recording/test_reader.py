@@ -25,6 +25,14 @@ from situations import tracks_of
 
 OSI = Path(__file__).parents[1] / "data" / "indicator_lights.mcap"
 STEP_NS = 100_000_000
+PATHS = "id=.of[].id,x=.of[].x,y=.of[].y"
+FIELDS = FieldMapping.parse(PATHS)
+
+
+def own_log(path, instants):
+    """A log of objects (id, x, y) at each of several instants, in a schema of its own; `FIELDS` finds them."""
+    named = [[dict(zip(("id", "x", "y"), one, strict=True)) for one in objects] for objects in instants]
+    return json_log(path, "Own", [(k * STEP_NS, {"of": objects}) for k, objects in enumerate(named)])
 
 
 def circling(n=40, name="7", radius=20.0, start=0):
@@ -61,10 +69,7 @@ def test_rows_that_mostly_repeat_name_ids_and_stamps_as_causes(tmp_path, name, s
         (k * STEP_NS, {"t": 10**18 + k * stamp_ns, "of": [{"id": i * name, "x": k + 9 * i, "y": i} for i in range(3)]})
         for k in range(10)
     ]
-    path, fields = (
-        json_log(tmp_path / "log.mcap", "Own", sent),
-        FieldMapping.parse("id=.of[].id,x=.of[].x,y=.of[].y,time=.t"),
-    )
+    path, fields = json_log(tmp_path / "log.mcap", "Own", sent), FieldMapping.parse(f"{PATHS},time=.t")
     stream = stream_detections(path, mapping=fields)
     assert sum(map(len, stream)) == n_rows
     for losses in (stream.losses, read_track_logs(path, mapping=fields).losses):
@@ -75,18 +80,13 @@ def test_rows_that_mostly_repeat_name_ids_and_stamps_as_causes(tmp_path, name, s
 
 def test_ids_that_vehicles_hand_on_at_each_message_name_none(tmp_path):
     """Six vehicles that drive abreast, 20 m apart: no step is longer than others, so none is a jump."""
-    for shifted, error in ((0, ""), (1, "to where another id was just before; `dirprim track --no-ids`")):
-        sent = [
-            (k * STEP_NS, {"of": [{"id": f"v{(i + k * shifted) % 6}", "x": k, "y": 20 * i} for i in range(6)]})
-            for k in range(100)
-        ]
-        path = json_log(tmp_path / "log.mcap", "Own", sent)
-        given = {"mapping": FieldMapping.parse("id=.of[].id,x=.of[].x,y=.of[].y")}
-        if error:
-            with pytest.raises(RecordingError, match=error):
-                read_tracks(path, **given)
-        else:
-            np.testing.assert_allclose(read_tracks(path, **given).speed, 10.0)
+    kept, handed_on = (
+        own_log(path, [[(f"v{(i + k * shift) % 6}", k, 20 * i) for i in range(6)] for k in range(100)])
+        for shift, path in enumerate((tmp_path / "kept.mcap", tmp_path / "handed_on.mcap"))
+    )
+    np.testing.assert_allclose(read_tracks(kept, mapping=FIELDS).speed, 10.0)
+    with pytest.raises(RecordingError, match="to where another id was just before; `dirprim track --no-ids`"):
+        read_tracks(handed_on, mapping=FIELDS)
 
 
 @pytest.mark.parametrize("noise_m", [0.02, 1.0])
@@ -94,17 +94,13 @@ def test_ids_that_vehicles_exchange_now_and_then_are_reported(tmp_path, caplog, 
     """An id is a vehicle's place from west to east: where two are abreast they exchange it, by up to 70 m of jump."""
     noise = np.random.default_rng(0).normal(scale=noise_m, size=(200, 6, 2))
     radius, angle = np.arange(40.0, 22.0, -3.0), np.arange(6.0)
+    at = angle + np.arange(200)[:, None] * STEP_NS * 1e-9 * 5.0 / radius
+    places = np.stack([radius * np.cos(at), radius * np.sin(at)], axis=-1) + noise
     for ranked, n in ((False, 0), (True, 1)):
         caplog.clear()
-        sent = []
-        for k in range(200):
-            at = angle + k * STEP_NS * 1e-9 * 5.0 / radius
-            place = (radius * [np.cos(at), np.sin(at)]).T + noise[k]
-            place = place[np.argsort(place[:, 0])] if ranked else place
-            of = [{"id": f"v{i}", "x": x, "y": y} for i, (x, y) in enumerate(place.tolist())]
-            sent.append((k * STEP_NS, {"of": of}))
-        path = json_log(tmp_path / "log.mcap", "Own", sent)
-        read_tracks(path, mapping=FieldMapping.parse("id=.of[].id,x=.of[].x,y=.of[].y"))
+        found = [sorted(place.tolist()) if ranked else place.tolist() for place in places]
+        sent = [[(f"v{i}", *one) for i, one in enumerate(place)] for place in found]
+        read_tracks(own_log(tmp_path / "log.mcap", sent), mapping=FIELDS)
         assert caplog.text.count("dirprim track --no-ids") == n, caplog.text
 
 
@@ -119,10 +115,9 @@ def test_objects_that_are_named_by_their_places_are_reported(tmp_path, caplog):
 
 def test_header_time_is_that_of_the_contents_and_rows_are_put_in_its_order(tmp_path):
     messages = circling(n=10)
+    scenes = [update for *_, update in messages]
     for i, k in ((3, 4), (5, 7)):  # a stamp 1 s later than the next, and one 2 s later
-        messages[i], messages[k] = (
-            ("/markers", m[1], n[2]) for m, n in ((messages[i], messages[k]), (messages[k], messages[i]))
-        )
+        messages[i], messages[k] = (*messages[i][:2], scenes[k]), (*messages[k][:2], scenes[i])
     messages[9][2].entities[0].ClearField("timestamp")
     path = write_protobuf_log(tmp_path / "log.mcap", messages)
     tracks = read_tracks(path, start_ns=2_000_000_000, end_ns=8_000_000_000)
@@ -174,11 +169,9 @@ def test_of_several_scenes_the_one_with_objects_and_most_messages_is_read(tmp_pa
 
 
 def test_fields_that_no_message_has_are_said_to_hold_nothing(tmp_path):
-    sent = [(k, {"t": 1.0 + k, "objects": [{"id": 1, "x": k, "y": 0}]}) for k in range(9)]
-    path = json_log(tmp_path / "log.mcap", "acme.Objects", sent)
-    mapping = FieldMapping.parse("time_s=.t,id=.objects[].id,x=.objects[].X,y=.objects[].y")
+    path = own_log(tmp_path / "log.mcap", [[(1, k, 0)] for k in range(9)])
     with pytest.raises(NoTracksError, match=r"none of 9 messages of /\S+ holds an object with a place"):
-        read_tracks(path, mapping=mapping)
+        read_tracks(path, mapping=FieldMapping.parse("id=.of[].id,x=.of[].X,y=.of[].y"))
 
 
 def test_a_log_without_objects_says_what_it_has_and_what_was_looked_for(tmp_path):
@@ -210,12 +203,10 @@ def test_which_of_several_topics_has_most_messages_is_known_without_reading_them
 
 
 def test_few_ids_among_objects_without_are_tracks_and_none_is_an_error(tmp_path):
-    sent = [(k * 10**8, {"o": [{"id": "a" if k > 7 else "", "x": float(k), "y": 0.0}]}) for k in range(10)]
-    fields = FieldMapping.parse("id=.o[].id,x=.o[].x,y=.o[].y")
-    tracks = read_tracks(json_log(tmp_path / "few.mcap", "Objects", sent), mapping=fields)
-    assert tracks.track_id.tolist() == ["a", "a"]
+    sent = [[("a" if k > 7 else "", float(k), 0.0)] for k in range(10)]
+    assert read_tracks(own_log(tmp_path / "few.mcap", sent), mapping=FIELDS).track_id.tolist() == ["a", "a"]
     with pytest.raises(RecordingError, match="got 8 detections without ids"):
-        read_tracks(json_log(tmp_path / "none.mcap", "Objects", sent[:8]), mapping=fields)
+        read_tracks(own_log(tmp_path / "none.mcap", sent[:8]), mapping=FIELDS)
 
 
 LONGEST = 600
@@ -234,7 +225,7 @@ FILES = {
 @pytest.mark.parametrize("name", FILES)
 def test_a_file_of_another_format_says_the_way(tmp_path, name):
     opening, reported = FILES[name]
-    (tmp_path / name).write_bytes(opening + bytes(100) if opening else b"")
+    (tmp_path / name).write_bytes(opening + bytes(100 * bool(opening)))
     with pytest.raises(NotMcapError, match="expected an MCAP log, got") as caught:
         read_tracks(tmp_path / name)
     assert reported in str(caught.value)

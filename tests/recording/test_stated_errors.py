@@ -5,28 +5,22 @@ import json
 import numpy as np
 import pytest
 import zstandard
-from mcap_files import stock, write_log
-from ros_messages import definition, write_ros2_log
+from mcap_files import detections, json_log, stock, write_log
+from ros_messages import definition, header, point, write_ros2_log
 from rosbags.typesys import TypesysError
-from test_ros2_schemas import N_TIMES, NAMES, SCENE, START_NS, STEP_NS, array_log, detection, header, point
+from test_ros2_schemas import N_TIMES, NAMES, SCENE, START_NS, STEP_NS, array_log, detection
 
 from dirprim_filter.cli.exit_codes import FAILED, INPUT_LOST
 from dirprim_filter.cli.main import run
-from dirprim_filter.detections import Detections
 from dirprim_filter.recording.errors import NoTracksError
-from dirprim_filter.recording.reader import FieldMapping, read_track_logs, read_tracks, stream_detections
+from dirprim_filter.recording.reader import FieldMapping, read_track_logs, read_tracks
 from dirprim_filter.recording.schemas import decoders
 from dirprim_filter.recording.schemas.families import FAMILIES
 
 
-def detections(path, **options):
-    return Detections.concatenate(list(stream_detections(path, **options)))
-
-
-def json_log(path, schema, make):
-    """A log of one topic, /car, in JSON."""
-    sent = [("/car", START_NS + k * STEP_NS, json.dumps(make(k)).encode()) for k in range(N_TIMES)]
-    return write_log(path, sent, (schema, "jsonschema", b"{}"), "json")
+def log_of(path, schema, make):
+    """A log of one topic in JSON."""
+    return json_log(path, schema, [(START_NS + k * STEP_NS, make(k)) for k in range(N_TIMES)])
 
 
 def result(class_id, score, xx, xy=0.0, yy=None):
@@ -75,31 +69,24 @@ VERSIONS = {  # definitions by name; of a result; of a detection
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("is_json", [False, True])
 @pytest.mark.parametrize("version", VERSIONS)
-def test_each_version_of_vision_msgs_is_read(tmp_path, version, is_json):
+def test_each_version_of_vision_msgs_is_read(tmp_path, version):
     changed, of_result, named = VERSIONS[version]
 
     def make(k):
-        boxes = [
-            {key: value for key, value in detection(k, i).items() if key != "id"}
-            | {"results": [of_result(result("car", 0.8, 0.04))]} | named(NAMES[i])
-            for i in range(3)
-        ]  # fmt: skip
+        boxes = [detection(k, i) | {"results": [of_result(result("car", 0.8, 0.04))]} for i in range(3)]
+        boxes = [{key: box[key] for key in box if key != "id"} | named(NAMES[i]) for i, box in enumerate(boxes)]
         return {"header": header(START_NS + k * STEP_NS), "detections": boxes}
 
-    path, schema = tmp_path / "log.mcap", "vision_msgs/msg/Detection3DArray"
-    if is_json:
-        json_log(path, schema, make)
-    else:
-        sent = [("/objects", START_NS + k * STEP_NS, schema, make(k)) for k in range(N_TIMES)]
-        write_ros2_log(path, sent, changed)
-    seen = detections(path, labels="7" if version == "0" else "car")
-    np.testing.assert_array_equal(seen.covariance[:, 0, 0], [0.04] * 3 * N_TIMES)
-    np.testing.assert_array_equal(seen.confidence, [0.8] * 3 * N_TIMES)
-    assert set(seen.track_id.tolist()) == ({""} if version == "0" else set(NAMES))
-    if version != "0":
-        assert read_tracks(path).n_tracks == 3
+    schema = "vision_msgs/msg/Detection3DArray"
+    sent = [("/objects", START_NS + k * STEP_NS, schema, make(k)) for k in range(N_TIMES)]
+    paths = log_of(tmp_path / "json.mcap", schema, make), write_ros2_log(tmp_path / "cdr.mcap", sent, changed)
+    for path in paths:
+        seen = detections(path, labels="7" if version == "0" else "car")
+        np.testing.assert_array_equal(seen.covariance[:, 0, 0], [0.04] * 3 * N_TIMES)
+        np.testing.assert_array_equal(seen.confidence, [0.8] * 3 * N_TIMES)
+        assert set(seen.track_id.tolist()) == ({""} if version == "0" else set(NAMES))
+        assert version == "0" or read_tracks(path).n_tracks == 3
 
 
 @pytest.mark.parametrize("name", ["Detection3D", "BoundingBox3DArray"])
@@ -109,7 +96,7 @@ def test_boxes_alone_and_without_classes_are_read(tmp_path, name):
         one = detection(k, 0) | {"header": header(START_NS + k * STEP_NS), "results": [result("car", 0.8, 0.04)]}
         return one if name == "Detection3D" else {"header": one["header"], "boxes": [box, box]}
 
-    seen = detections(json_log(tmp_path / "log.mcap", f"vision_msgs/msg/{name}", make))
+    seen = detections(log_of(tmp_path / "log.mcap", f"vision_msgs/msg/{name}", make))
     n = 1 if name == "Detection3D" else 2
     np.testing.assert_allclose(seen.position, np.repeat(SCENE.place[:, 0, :2], n, axis=0))
     np.testing.assert_array_equal(seen.size[0], [4, 2, 1])
@@ -129,21 +116,21 @@ def fix(k, **more):
 
 def test_a_gps_fix_has_a_course_from_north_a_speed_and_errors(tmp_path):
     pytest.importorskip("pyproj", reason="the extra geo is not installed")
-    path = json_log(tmp_path / "log.mcap", "gps_msgs/msg/GPSFix", fix)
+    path = log_of(tmp_path / "log.mcap", "gps_msgs/msg/GPSFix", fix)
     tracks = read_tracks(path)
     np.testing.assert_allclose(tracks.speed, 10.0)
     np.testing.assert_allclose(tracks.direction, np.pi / 2)
     np.testing.assert_allclose(detections(path).covariance, [[[0.25, 0.1], [0.1, 0.5]]] * N_TIMES)
-    json_log(path, "gps_msgs/msg/GPSFix", lambda k: fix(k, position_covariance_type=0, track=90.0 + k))
+    log_of(path, "gps_msgs/msg/GPSFix", lambda k: fix(k, position_covariance_type=0, track=90.0 + k))
     np.testing.assert_allclose(read_tracks(path).direction, -np.deg2rad(np.arange(N_TIMES)), atol=1e-12)
     seen = detections(path).covariance  # 95 % of the errors are within 4.9 m
     within = np.linalg.norm(np.random.default_rng(0).multivariate_normal([0, 0], seen[0], 100_000), axis=1) < 4.9
     assert abs(within.mean() - 0.95) < 0.004
-    json_log(path, "gps_msgs/msg/GPSFix", lambda k: fix(k, status={"status": -1}))
+    log_of(path, "gps_msgs/msg/GPSFix", lambda k: fix(k, status={"status": -1}))
     with pytest.raises(NoTracksError):  # no fix
         detections(path)
     by_name = "latitude=.latitude,longitude=.longitude,time=.header.stamp,course_deg=.track,speed=.speed"
-    json_log(path, "acme.Fix", lambda k: fix(k, track=90.0))
+    log_of(path, "acme.Fix", lambda k: fix(k, track=90.0))
     np.testing.assert_allclose(read_tracks(path, mapping=FieldMapping.parse(by_name)).direction, 0.0, atol=1e-12)
 
 
@@ -155,7 +142,7 @@ def test_radar_tracks_state_the_upper_triangle(tmp_path):
         }  # fmt: skip
         return {"header": header(START_NS + k * STEP_NS), "tracks": [one]}
 
-    path = json_log(tmp_path / "log.mcap", "radar_msgs/msg/RadarTracks", make)
+    path = log_of(tmp_path / "log.mcap", "radar_msgs/msg/RadarTracks", make)
     np.testing.assert_array_equal(detections(path, labels="dynamic").covariance, [[[0.25, 0.1], [0.1, 0.5]]] * N_TIMES)
     np.testing.assert_allclose(read_tracks(path).speed, 10.0)  # not -9 m/s, which is relative to the radar
 
@@ -235,10 +222,10 @@ def test_what_is_not_read_says_why_and_no_topic_is_advised(tmp_path, capsys, cas
 
 
 def test_a_decimal_fraction_is_no_whole_nanoseconds_and_time_s_is_named(tmp_path, capsys):
-    path = json_log(tmp_path / "log.mcap", "acme.Car", lambda k: {"t": 1.7e9 + k / 10 + 0.05, "x": k, "y": 0})
+    path = log_of(tmp_path / "log.mcap", "acme.Car", lambda k: {"t": 1.7e9 + k / 10 + 0.05, "x": k, "y": 0})
     assert run(["learn", str(path), "-o", str(tmp_path / "m"), "--set", "fields=x=.x,y=.y,time=.t"]) == FAILED
     said = capsys.readouterr().err
-    assert "12 of 12 messages of /car cannot be decoded" in said
+    assert "12 of 12 messages of /objects cannot be decoded" in said
     assert "time_s= takes seconds" in said
     assert len(read_tracks(path, mapping=FieldMapping.parse("x=.x,y=.y,time_s=.t"))) == N_TIMES
 
@@ -267,23 +254,21 @@ def compressed(data):
 def test_messages_that_rosbag2_compressed_one_by_one_are_read_and_those_that_are_broken_counted(tmp_path, monkeypatch):
     """As `compression_mode: MESSAGE` writes them, transforms too; a bomb is refused before it is unpacked."""
     plain = array_log(tmp_path, "vision_msgs/msg/Detection3DArray")
-    packed, bomb = tmp_path / "packed.mcap", compressed(bytes(1 << 28))
-    sent = [(c.topic, m.log_time, m.data, s) for s, c, m in stock(plain)]
-    schema = (sent[0][3].name, "ros2msg", sent[0][3].data)
-    write_log(packed, [(topic, at, compressed(data)) for topic, at, data, _ in sent], schema, "cdr")
-    whole, read = read_tracks(plain), read_tracks(packed)
-    np.testing.assert_array_equal(read.position, whole.position)
-    np.testing.assert_array_equal(read.track_id, whole.track_id)
-    broken = [(sent[0][0], sent[0][1], bomb), (sent[0][0], sent[0][1], compressed(bytes(99))[:-3])]
-    write_log(packed, broken + [(topic, at, compressed(data)) for topic, at, data, _ in sent], schema, "cdr")
-    log = read_track_logs(packed)
-    assert len(log.tracks) == len(whole)
-    assert log.losses.why == {
-        "encapsulation 0x28b5 (zstd that does not decompress, or to far more than it is), which is not read": 2
-    }
-    bombs = [(sent[0][0], sent[0][1], compressed(bytes(1 << 15)))] * 9  # each is small, all together are not
-    write_log(packed, bombs + [(topic, at, compressed(data)) for topic, at, data, _ in sent], schema, "cdr")
+    sent = stock(plain)
+    schema = (sent[0][0].name, "ros2msg", sent[0][0].data)
+
+    def packed(*broken):
+        contents = [("/objects", sent[0][2].log_time, data) for data in broken]
+        contents += [("/objects", message.log_time, compressed(message.data)) for *_, message in sent]
+        return read_track_logs(write_log(tmp_path / "packed.mcap", contents, schema, "cdr"))
+
+    whole = read_tracks(plain)
+    assert packed().tracks == whole
+    log = packed(compressed(bytes(1 << 28)), compressed(bytes(99))[:-3])
+    assert log.tracks == whole
+    why = "encapsulation 0x28b5 (zstd that does not decompress, or to far more than it is), which is not read"
+    assert log.losses.why == {why: 2}
     monkeypatch.setattr(decoders, "SMALL_BYTES", 1 << 16)
-    log = read_track_logs(packed)
-    assert len(log.tracks) == len(whole)
+    log = packed(*[compressed(bytes(1 << 15))] * 9)  # each is small, all together are not
+    assert log.tracks == whole
     assert next(n for why, n in log.losses.why.items() if "zstd" in why) == 9 - (1 << 16) // (1 << 15)

@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.feather
 import pyarrow.parquet
 import pytest
-from mcap_files import DATA
+from mcap_files import DATA, detections
 from pyproj import Geod
 
 from dirprim_filter import read_tracks
@@ -24,7 +24,7 @@ from dirprim_filter.recording.errors import RecordingError, TableError
 from dirprim_filter.recording.estimate_tables import EXACT_NS, write_estimates
 from dirprim_filter.recording.losses import ALONE, FAR
 from dirprim_filter.recording.name_patterns import named_values
-from dirprim_filter.recording.reader import read_track_logs, stream_detections
+from dirprim_filter.recording.reader import read_track_logs
 from dirprim_filter.recording.tables import read_named, summary_of
 from dirprim_filter.recording.tables.files import cells_of
 from dirprim_filter.recording.tables.named_columns import COLUMNS
@@ -49,10 +49,6 @@ def read(tmp_path, header, rows):
 def abreast(*names, n=20, step_s=0.1):
     """Rows of vehicles that drive to the east side by side, a metre at each time."""
     return [f"{step_s * k:.1f},{name},{k},{20 * i}" for k in range(n) for i, name in enumerate(names)]
-
-
-def seen_in(path, **options):
-    return Detections.concatenate(stream_detections(path, **options))
 
 
 def test_columns_are_found_by_name_in_any_order(tmp_path):
@@ -137,7 +133,7 @@ def test_who_comes_too_seldom_for_a_course_is_tracked_beside_the_others(tmp_path
     """Half of a harbour's ships had been left out of what is tracked; one row alone makes no vehicle to follow."""
     rows = [f"{20 * k},tug,{k},0" for k in range(5)] + [f"{300 * k + 1},ship,{k},9" for k in range(rows_of_ship)]
     path = table(tmp_path, "\n".join([PLACES, *rows]))
-    seen = seen_in(path)
+    seen = detections(path)
     assert len(seen) == n_seen
     assert np.unique(seen.track_id).size == 1 + (n_seen > 5)
     assert set(read_tracks(path).track_id) == {"tug"}
@@ -150,7 +146,7 @@ COVARIANCE = "covariance_xx_m2,covariance_xy_m2,covariance_yy_m2"
 def test_what_tracks_do_not_hold_is_tracked_with_and_ids_are_taken_apart(tmp_path, columns, values):
     rows = [f"{0.1 * k:.1f},7,{k + 500 * (k >= 20)},0,{values}" for k in range(40)]
     path = table(tmp_path, "\n".join([f"{PLACES},{columns}", *rows]))
-    seen = seen_in(path)
+    seen = detections(path)
     assert summary_of(read_named(path)).messages == 40  # and not as many tracks' rows too
     assert (len(seen), set(seen.track_id)) == (40, {"7", "7~1"})
     assert np.isfinite([seen.cue[:, 0], seen.confidence, seen.covariance[:, 0, 0]]).sum() == 40
@@ -198,6 +194,8 @@ WRONG = [
     (f"{HEADER}\n1700000000000,1,2,3,0,1\n", r"line 2: expected seconds as time_s, got '1700000000000'; divide by 1e3"),
     (f"{HEADER},group\n0,1,2,3,0,1,red\n", "a whole number as group, got 'red'"),
     (f"{HEADER},group\n0,1,2,3,0,1,{2**70}\n", "a whole number as group"),
+    *((f"{PLACES},confidence\n0,a,1,2,0.5\n0,a,1,2,{wrong}\n", f"line 3: expected a probability, 0 to 1, as .*{wrong}")
+      for wrong in ("1.5", "-0.1", "87", "inf")),
     *((f"{PLACES},{name}_rad\n0,1,2,3,\n1,1,2,3,270\n", f"line 3: expected radians, of one turn, as {name}_rad, got 27")
       for name in ("heading", "course")),
     *((f"time_s,x_m,y_m,group\n{'1,' * column}{cell}{',1' * (3 - column)}\n", f"line 2:.*got '{cell}'")
@@ -406,7 +404,7 @@ def test_values_are_tables_that_read_back(tmp_path, ring):
     made = seen.to_arrow()
     assert [made[f"covariance_{name}_m2"][0].as_py() for name in ("xx", "xy", "yy")] == [2.0, 0.5, 3.0]
     pa.parquet.write_table(made.drop_columns(["track_id"]), tmp_path / "t.parquet")
-    np.testing.assert_array_equal(seen_in(tmp_path / "t.parquet").covariance, seen.covariance)
+    np.testing.assert_array_equal(detections(tmp_path / "t.parquet").covariance, seen.covariance)
     assert {"time_ns", "track_id", "x_m", "course_rad"} <= set(estimates_of(["a"]).to_arrow().column_names)
 
 
