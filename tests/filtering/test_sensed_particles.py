@@ -1,13 +1,10 @@
 """Errors that are biased, correlated and late: weights against drawn errors, beliefs against the truth."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from dirprim_filter.config import FilterConfig, TrackingConfig
-from dirprim_filter.detections import Detections
-from dirprim_filter.estimates import EstimateList, Estimates
+from dirprim_filter.estimates import EstimateList
 from dirprim_filter.filtering import ParticleFilter, Tracker
 from dirprim_filter.filtering.smoother import Smoother
 from dirprim_filter.primitives.learning import learn_primitives
@@ -15,7 +12,7 @@ from dirprim_filter.replay import replay
 from dirprim_filter.sensor import AxisError, Sensor
 from evaluation.test_calibration import circling
 from sensing import sense
-from situations import beside, estimates_by
+from situations import beside, estimates_by, seen_at
 
 SENSOR = Sensor(
     along=AxisError(spread_m=0.6, bias_m=0.4, correlated_share=0.7, correlation_s=0.5),
@@ -30,10 +27,6 @@ def learned():
     return learn_primitives(circling(6, 60), tessellation="grid", cell_size=20.0, rng=np.random.default_rng(0))
 
 
-def seen_at(position, time_s=0.0):
-    return Detections(track_id=np.array(["a"]), time_ns=np.array([round(time_s * 1e9)]), position=np.array([position]))
-
-
 def test_weights_are_by_the_mean_and_covariance_of_the_particles_own_errors(learned):
     """What is new of errors along and across courses that differ, drawn a million times; against that of one course."""
     made, rng = ParticleFilter(learned, FilterConfig(n_particles=400), SENSOR), np.random.default_rng(0)
@@ -43,7 +36,7 @@ def test_weights_are_by_the_mean_and_covariance_of_the_particles_own_errors(lear
         cloud.direction[0], cloud.weight[0] = course + np.concatenate([turned, -turned]), 1.0 / 400
         cloud.position[0] = place = z + rng.normal(0.0, 0.5, (400, 2))
         cloud.since_s[0] = 0.3
-        made.weigh(SLOT, seen_at(z))
+        made.weigh(SLOT, seen_at(0.0, [z], ids=["a"]))
         axes = SENSOR.along, SENSOR.across
         spreads = [np.sqrt(axis.new_variance(np.array(0.3))) for axis in axes]
         along, across = (
@@ -90,49 +83,19 @@ def test_with_white_round_errors_it_is_the_plain_filter(learned):
     assert not np.allclose(other, plain, atol=1e-6)
 
 
-def test_a_bias_moves_no_estimate(learned):
-    """Detections that lie ahead by what the sensor's model says are followed as those that do not.
-
-    Particles whose directions differ must not differ in where the bias puts them: those would run ahead. The median of
-    the last two seconds lies at 0.004 m, with a standard deviation of 0.004 among eight seeds; it lay at 0.18 m where
-    each particle had the bias in its own axes.
-    """
-    axes = {
-        name: AxisError(spread_m=0.3, correlated_share=0.99, correlation_s=time_s)
-        for name, time_s in (("along", 2.5), ("across", 20.0))
-    }
-    truth = circling(24, 40)
-    seen = sense(truth, Sensor(**axes), rng=np.random.default_rng(0))
-    course = np.column_stack([np.cos(truth.direction), np.sin(truth.direction)])
-    _, row = beside(seen, truth)
-    ahead = replace(seen, position=seen.position + 2.0 * course[row])
-    biased = Sensor(along=replace(axes["along"], bias_m=2.0), across=axes["across"])
-    medians = []
-    for seed in range(4):
-        own = estimates_of(learned, seen, Sensor(**axes), 200, seed=seed)
-        other = estimates_of(learned, ahead, biased, 200, seed=seed)
-        here, there = beside(own, other)
-        assert here.size > 0.97 * len(own)  # a belief that is lost is reinitialised and misses a frame
-        late = own.time_ns[here] >= seen.time_ns.max() - 2_000_000_000
-        here, there = here[late], there[late]
-        off = (other.position[there] - own.position[here]) @ np.array([1.0, 1j]) * np.exp(-1j * own.direction[here])
-        medians.append(np.median(off.real))
-    assert abs(np.mean(medians)) < 0.02
-
-
 def followed(learned, truth, seen, sensor):
     """RMSE and NEES of the filter's and the smoother's estimates."""
-    filtered, smoothed = EstimateList(), []
+    found, rng = (EstimateList(), EstimateList()), np.random.default_rng(0)
     config = FilterConfig(n_particles=200, **({"noise_m": sensor.noise_m} if sensor else {}))
-    smoother = Smoother(sinks=[lambda frame: smoothed.append(frame.estimates)])
-    rng = np.random.default_rng(0)
+    smoother = Smoother(sinks=[found[1].write])
     tracker = smoother.tracker(0, learned, config=config, tracking=TrackingConfig(), sensor=sensor, rng=rng)
     with smoother:
-        replay(seen.frames(), tracker, [filtered, smoother])
-    for found in (filtered.all(), Estimates.concatenate(smoothed)):
-        here, there = beside(found, truth[truth.time_ns > 1_000_000_000])
-        error = found.position[here] - truth[truth.time_ns > 1_000_000_000].position[there]
-        nees = np.einsum("ni,ni->n", error, np.linalg.solve(found.covariance[here], error[..., None])[..., 0]).mean()
+        replay(seen.frames(), tracker, [found[0], smoother])
+    late = truth[truth.time_ns > 1_000_000_000]
+    for rows in (of.all() for of in found):
+        here, there = beside(rows, late)
+        error = rows.position[here] - late.position[there]
+        nees = np.einsum("ni,ni->n", error, np.linalg.solve(rows.covariance[here], error[..., None])[..., 0]).mean()
         yield float(np.sqrt((error**2).sum(axis=1).mean())), float(nees)
 
 
