@@ -167,7 +167,8 @@ def lloyd_generators(position: FloatArray, uniform: FloatArray) -> FloatArray:
     if uniform.size < 1:
         raise ValueError(f"n_cells: expected at least 1, got {uniform.size}")
     position, weight = _distinct(position)
-    stride = 1 + len(position) * uniform.size // MOST_DISTANCES
+    n, k = len(position), min(len(position), uniform.size)
+    stride = min(1 + n * k // MOST_DISTANCES, n // k)  # seeds are drawn from so many fewer, yet from no fewer than k
     generators = position[::stride][seeds(position[::stride], weight[::stride], uniform)]
     before = np.inf
     for _ in range(MAX_STEPS):

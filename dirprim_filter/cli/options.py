@@ -112,7 +112,8 @@ def month(text: str) -> str:
 def _sensor(text: str) -> str:
     """A file that exists, or `AUTO`."""
     if text != AUTO and not Path(text).is_file():
-        raise typer.BadParameter(f"expected auto or a file, but '{text}' does not exist")
+        fault = "is no file" if Path(text).exists() else "does not exist"
+        raise typer.BadParameter(f"expected {AUTO} or a file, but '{text}' {fault}")
     return text
 
 

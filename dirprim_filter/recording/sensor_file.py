@@ -23,8 +23,12 @@ def load_sensor(path: str | Path) -> Sensor:
     """
     path = Path(path)
     try:
-        return from_table(Sensor, tomllib.loads(path.read_text(encoding="utf-8")))
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as error:  # what is no TOML or no UTF-8 is the first as well
+        raise ValueError(f"{path}: expected a sensor in TOML, as `dirprim calibrate` writes it: {error}") from error
+    try:
+        return from_table(Sensor, table)
+    except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
 
 

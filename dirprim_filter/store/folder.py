@@ -108,7 +108,10 @@ class Folder:
         Raises:
             RecordingError: something is there.
         """
-        if "://" not in self.path and not Path(self.path).is_dir():
+        path = Path(self.path)
+        if "://" not in self.path and not path.is_dir():
+            if path.exists():
+                raise RecordingError(f"{self}: expected a store, or the name of a new folder, got that of a file")
             return
         for top in self.listed("", deep=False):
             is_own = top.path in ("rows", FITS, "_delta_log") and not top.is_file

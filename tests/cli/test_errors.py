@@ -66,7 +66,9 @@ CASES = [
     ("evaluate tracking log.mcap --config cut.toml", FAILED, "cut.toml: expected an experiment in TOML"),
     *((f"evaluate tracking log.mcap --config deep.{form}", FAILED, f"deep.{form}: expected an experiment in TOML")
       for form in ("toml", "json")),
-    (f"{TRACK} --sensor deep.toml", FAILED, "deep.toml: maximum recursion depth"),
+    *((f"{TRACK} --sensor {file}", FAILED, f"{file}: expected a sensor in TOML, as `dirprim calibrate`")
+      for file in ("deep.toml", "cut.toml", "map.mcap")),
+    (f"{TRACK} --sensor .", USAGE, "expected auto or a file, but '.' is no file"),
     (f"{TRACK} --set noise_m={'[' * 20_000}", FAILED, "noise_m: expected"),
     *((f"{TRACK} {option} 1e300", USAGE, f"Invalid value for '{option}'") for option in ("--lag", "--forecast")),
     ("forecast --map map.mcap --at 1 2 --direction-deg 0 --speed 5 --dt 1e-300", USAGE, "Invalid value for '--dt'"),
@@ -113,6 +115,7 @@ CASES = [
     ("info text.mcap", FAILED, "error: text.mcap"),
     ("store learn log.mcap -o x", FAILED, "expected a store"),
     ("store add fleet -", FAILED, "-: expected a file or a URL"),
+    ("store add notes.txt log.mcap", FAILED, "notes.txt: expected a store, or the name of a new folder, got that of"),
     ("store add fleet nothing*.mcap", FAILED, "nothing*.mcap: expected logs, found none"),
     ("store learn fleet -o x --now 3", FAILED, "expected --half-life with it"),
     ("store learn fleet -o x --zone Europe/Berlin", FAILED, "--zone: expected --hours with it"),

@@ -152,6 +152,8 @@ def test_smoothed_estimates_stand_beside_the_filters_and_come_back_bit_for_bit(t
         log.write(a_frame(0))
     with pytest.raises(NoTracksError, match="/dirprim/smoothed"):
         read_estimates(path, smoothed=True)
+    with pytest.raises(NoTracksError, match="/dirprim/tracks: holds results; `dirprim export` makes a table"):
+        read_tracks(path)
     frames = [a_frame(i * STEP) for i in range(40)]
     later = [a_frame(i * STEP, n=2) for i in range(40)]
     with EstimateWriter(path, metadata={}, force=True) as log:

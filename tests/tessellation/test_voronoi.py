@@ -166,16 +166,17 @@ def test_seeds_are_drawn_as_by_the_plain_algorithm():
 
 
 @pytest.mark.parametrize(
-    ("position", "n"),
+    ("position", "asked", "n"),
     [
-        (np.zeros((100, 2)), 1),
-        (np.repeat(np.array([[0.0, 0.0], [1.0, 0.0], [5.0, 5.0]]), 10, axis=0), 3),
-        (np.full((4, 2), 1e7), 1),
-        (np.column_stack([np.arange(30.0), np.arange(30.0)]), 10),
+        (np.zeros((100, 2)), 10, 1),
+        (np.repeat(np.array([[0.0, 0.0], [1.0, 0.0], [5.0, 5.0]]), 10, axis=0), 10, 3),
+        (np.full((4, 2), 1e7), 10, 1),
+        (np.column_stack([np.arange(30.0), np.arange(30.0)]), 10, 10),
+        (np.column_stack([np.arange(600.0), np.zeros(600)]), 3_000_000, 600),
     ],
 )
-def test_there_are_no_more_cells_than_distinct_positions(position, n):
-    cells = cells_around(position, n_cells=10)
+def test_there_are_as_many_cells_as_asked_for_but_no_more_than_distinct_positions(position, asked, n):
+    cells = cells_around(position, n_cells=asked)
     assert cells.n_cells == n
     assert (cells.cell_of(position) >= 0).all()
 

@@ -14,7 +14,7 @@ from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.errors import DamagedRecordingError, NoTracksError, warn
 from dirprim_filter.recording.name_patterns import matching
 from dirprim_filter.recording.objects.options import ReadOptions
-from dirprim_filter.recording.schemas.decoders import NOT_KNOWN, Decoders, batches, by_schema, schema_name
+from dirprim_filter.recording.schemas.decoders import NOT_KNOWN, ONLY_NAMED, Decoders, batches, by_schema, schema_name
 from dirprim_filter.recording.schemas.families import KINDS, MARKERS, OBSERVATIONS, SCENE_UPDATE
 from dirprim_filter.recording.summary import TopicKey, key_of, summarise_by_index
 
@@ -61,8 +61,9 @@ def choose_topics(log: Log, options: ReadOptions, *, prefer_detections: bool = F
         if options.strict and scan.damage:
             raise DamagedRecordingError(log.path, scan.damage)
         asked = ((c.topic, decoders.refusal(c)) for c in channels if topics is None or is_wanted(c.topic))
-        refused = (f"{topic}: {why}" for topic, why in asked if why not in ("", NOT_KNOWN))
-        why = failures.line() or next(refused, failures.nothing_held() if mapping else "")
+        refused = [f"{topic}: {why}" for topic, why in asked if why not in ("", NOT_KNOWN)]
+        last = failures.nothing_held() if mapping else ""
+        why = failures.line() or min(refused, key=lambda line: line.endswith(ONLY_NAMED), default=last)
         raise NoTracksError(log.path, has=channels, wanted=wanted, damage=scan.damage, why=why)
     return chosen
 

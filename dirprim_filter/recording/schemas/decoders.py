@@ -20,7 +20,7 @@ from dirprim_filter.recording.decoding.field_columns import FieldColumns, Schema
 from dirprim_filter.recording.decoding.json_plan import JsonPlan
 from dirprim_filter.recording.decoding.protobuf_plan import protobuf_plan
 from dirprim_filter.recording.rows import Rows
-from dirprim_filter.recording.schemas import ASSIGNMENTS_SCHEMA
+from dirprim_filter.recording.schemas import ASSIGNMENTS_SCHEMA, ESTIMATES_SCHEMA
 from dirprim_filter.recording.schemas.families import FAMILIES, KINDS
 from dirprim_filter.recording.schemas.family import Family, FieldMapping
 from dirprim_filter.track_ids import rows_of_each
@@ -33,8 +33,12 @@ NOT_KNOWN = "its schema is not known to hold objects; --set fields=... says wher
 NO_PLACES = {
     f"vision_msgs/msg/{name}": "boxes in an image are no places on the ground; a 3D detector's topic has them"
     for name in ("Detection2D", "Detection2DArray", "BoundingBox2DArray")
-} | {ASSIGNMENTS_SCHEMA: "`dirprim export --assigned` makes a table of it"}
+} | {
+    ESTIMATES_SCHEMA: "holds results; `dirprim export` makes a table of them that is read, `track --smooth` smooths",
+    ASSIGNMENTS_SCHEMA: "`dirprim export --assigned` makes a table of it",
+}
 """Why some schemas of objects cannot be read."""
+ONLY_NAMED = "read only where --topics names it"
 
 
 def family_of(channel: Channel) -> Family | None:
@@ -89,7 +93,7 @@ class Decoders:
             return NO_PLACES.get(name, NOT_KNOWN)
         if self._mapped is not None and isinstance(plan := self._plan(channel), SchemaError):
             return str(plan)
-        return "" if self.carries_objects(channel) else "read only where --topics names it"
+        return "" if self.carries_objects(channel) else ONLY_NAMED
 
     def _plan(self, channel: Channel) -> Plan | SchemaError:
         """What reads a channel's messages, or why its definition cannot be read, or which field it lacks."""
