@@ -102,7 +102,7 @@ class Score:
         left_out: how many of its rows are of groups or times without a truth.
         beyond: how many rows of the truth are before or after all of its own.
         late_s: seconds by which its errors look late, see `Judged`,
-        late_share: and the share of the squared error that is of that.
+        late_share: how much of the squared error such a delay explains, a share.
         n_tracks: how many tracks they are of.
         n_instants: at how many instants they are.
         report: the figures.

@@ -85,7 +85,7 @@ class Judged(NamedTuple):
         report: the figures.
         errors: (2, n) of each row of the truth: squared error, m2, and in units of the covariance; or NaN.
         late_s: seconds by which the estimates were later, if errors along the way came of that; earlier below 0.
-        late_share: of the squared error that which they would have so.
+        late_share: how much of the squared error such a delay explains, a share.
     """
 
     report: TrackingReport

@@ -45,8 +45,6 @@ GROUPS: dict[str, dict[str, str]] = {
     "quaternion": {"qx": ".x", "qy": ".y", "qz": ".z", "qw": ".w"},
     "pose": {f"{axis}": f".position.{axis}" for axis in "xyz"}
     | {f"q{axis}": f".orientation.{axis}" for axis in "xyzw"},
-    "guess": {f"guess_{axis}": f".position.{axis}" for axis in "xyz"}
-    | {f"guess_q{axis}": f".orientation.{axis}" for axis in "xyzw"},
     "velocity": {"vx": ".x", "vy": ".y", "vz": ".z"},
     "size": {"length": ".x", "width": ".y", "height": ".z"},
     "covariance6": {"cxx": "[0]", "cxy": "[1]", "cyy": "[7]"},
@@ -54,6 +52,7 @@ GROUPS: dict[str, dict[str, str]] = {
     "covariance2": {"cxx": "[0]", "cxy": "[1]", "cyy": "[3]"},
 }
 """Names that stand for several below one path."""
+GROUPS["guess"] = {f"guess_{name}": path for name, path in GROUPS["pose"].items()}
 _KINDS: dict[str, Kind] = {
     **dict.fromkeys(("id", "frame", "own_frame", "axes", "label", "space", "key", "value", "host", "mover"), "name"),
     **dict.fromkeys(("time", "own_time", "measured"), "time"),
@@ -237,7 +236,7 @@ class FieldMapping:
 
 
 def _fill_in(known: dict[str, Any], of: ObjectColumns) -> None:
-    """Where nobody filled in the box, which is at (0, 0, 0) then and of no size, the likeliest guess says where."""
+    """A box that was not filled in is at (0, 0, 0) and has no size: the likeliest guess then says where it is."""
     empty = np.flatnonzero(~known["place"].any(axis=1) & ~(known["size"] > 0).any(axis=1))
     if empty.size:
         guess = of.vectors([f"guess_{name}" for name in ("x", "y", "z", *QUATERNION)])[empty]
