@@ -53,22 +53,17 @@ def central_differences(track_id, time_ns, position, *, half_window_s, max_gap_s
     for vehicle in set(track_id.tolist()):
         rows = sorted(np.flatnonzero(track_id == vehicle), key=lambda j: time_ns[j])
         for at, i in enumerate(rows):
-            low = high = at
-            while low > 0 and time_ns[rows[low]] - time_ns[rows[low - 1]] <= max_gap_s * 1e9:
-                if time_ns[i] - time_ns[rows[low - 1]] > half_window_s * 1e9 and low != at:
-                    break
-                low -= 1
-                if time_ns[i] - time_ns[rows[low]] > half_window_s * 1e9:
-                    break
-            while high < len(rows) - 1 and time_ns[rows[high + 1]] - time_ns[rows[high]] <= max_gap_s * 1e9:
-                if time_ns[rows[high + 1]] - time_ns[i] > half_window_s * 1e9 and high != at:
-                    break
-                high += 1
-                if time_ns[rows[high]] - time_ns[i] > half_window_s * 1e9:
-                    break
-            if low != high:
-                span_s[i] = (time_ns[rows[high]] - time_ns[rows[low]]) * 1e-9
-                moved[i] = position[rows[high]] - position[rows[low]]
+            ends = [at, at]
+            for side, step in enumerate((-1, 1)):
+                is_in = True
+                while is_in and 0 <= ends[side] + step < len(rows):
+                    here, there = rows[ends[side]], rows[ends[side] + step]
+                    is_in = abs(time_ns[there] - time_ns[i]) <= half_window_s * 1e9
+                    if abs(time_ns[there] - time_ns[here]) > max_gap_s * 1e9 or not (is_in or here == i):
+                        break
+                    ends[side] += step
+            low, high = (rows[end] for end in ends)
+            span_s[i], moved[i] = (time_ns[high] - time_ns[low]) * 1e-9, position[high] - position[low]
     return moved, span_s
 
 
@@ -83,20 +78,12 @@ def nearest_moving(track_id, time_ns, moves, *, max_gap_s):
     """(n,) the row nearest in time that moves, of the same vehicle and with no longer gap between; -1 where none is."""
     nearest = np.full(len(time_ns), -1)
     for i in range(len(time_ns)):
-        best_ns = None
+        rows, found = sorted(np.flatnonzero(track_id == track_id[i]), key=lambda j: time_ns[j]), []
         for step in (-1, 1):
-            rows = sorted(np.flatnonzero(track_id == track_id[i]), key=lambda j: time_ns[j])
-            at = rows.index(i)
-            while not moves[rows[at]]:
-                if (
-                    not 0 <= at + step < len(rows)
-                    or abs(time_ns[rows[at + step]] - time_ns[rows[at]]) > max_gap_s * 1e9
-                ):
-                    at = None
-                    break
-                at += step
-            if at is not None and (best_ns is None or abs(time_ns[rows[at]] - time_ns[i]) < best_ns):
-                nearest[i], best_ns = rows[at], abs(time_ns[rows[at]] - time_ns[i])
+            own = rows[rows.index(i) :: step]
+            near = [True, *(np.abs(np.diff(time_ns[own])) <= max_gap_s * 1e9)]
+            found += [j for j, is_near in zip(own, np.cumprod(near), strict=True) if is_near and moves[j]][:1]
+        nearest[i] = min(found, key=lambda j: abs(time_ns[j] - time_ns[i]), default=-1)
     return nearest
 
 

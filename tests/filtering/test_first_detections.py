@@ -8,11 +8,10 @@ from scipy.linalg import expm
 from scipy.sparse import csr_array
 
 from dirprim_filter.config import FilterConfig, TrackingConfig
-from dirprim_filter.detections import Detections
-from dirprim_filter.filtering import ParticleFilter, Tracker
+from dirprim_filter.filtering import ParticleFilter
 from dirprim_filter.filtering.existence import LEVEL_S, Undetected
 from dirprim_filter.primitives.traffic import Traffic
-from situations import one_cell_map, with_ways
+from situations import on_the_ring, one_cell_map, seen_at, tracker_of, with_ways
 from tessellation import GridTessellation
 
 SETTINGS = FilterConfig(n_particles=100)
@@ -36,11 +35,9 @@ def of_map(primitive_map):
 
 def seen_in(traffic, rng, *, level, clutter):
     """First detections of a Poisson number of vehicles where traffic is, and false ones among them."""
-    side = np.sqrt(traffic.tessellation.area[0])
+    side, n_cells = np.sqrt(traffic.tessellation.area[0]), traffic.tessellation.n_cells
     n, n_false = rng.poisson(level), rng.poisson(clutter * traffic.tessellation.area.sum())
-    cell = np.append(
-        rng.choice(traffic.cell, n, p=traffic.present), rng.integers(0, traffic.tessellation.n_cells, n_false)
-    )
+    cell = np.append(rng.choice(traffic.cell, n, p=traffic.present), rng.integers(0, n_cells, n_false))
     return np.column_stack([side * (cell + rng.random(cell.size)), side * rng.random(cell.size)])
 
 
@@ -73,7 +70,8 @@ def test_who_is_not_detected_passes_on_by_the_chains_exact_solution_and_is_thinn
     for _ in range(4):
         expected = config.birth_density + 0.6 * level * share / traffic.tessellation.area
         np.testing.assert_allclose(expected_at(undetected, centers), expected, rtol=0.03)
-        undetected = thinned(undetected, level)
+        see(undetected, np.empty((0, 2)))
+        undetected._counts[0] = level * undetected._counts[1]  # only what is where is asked about
         share = (expm(generator * 0.2) @ np.append(0.4 * share, 1.0))[:4]
         undetected.advance(0.2, 5.0)
     assert share[0] > 5.0 * share[-1]  # the first cell is where trajectories begin
@@ -113,25 +111,16 @@ def see(undetected, places, *, labelled=False):
     return undetected.see(places, np.full(len(places), labelled), false)
 
 
-def thinned(undetected, level):
-    """After a frame without detections, its level put back."""
-    see(undetected, np.empty((0, 2)))
-    undetected._counts[0] = level * undetected._counts[1]
-    return undetected
-
-
 def test_the_level_is_learned_from_vehicles_and_not_from_clutter():
     traffic, config = road(), TrackingConfig(clutter_density=2e-3, vehicle_density=1e-2)
-    levels = {}
-    for truth in (0.0, 40.0):
-        found = []
-        for seed in range(40):
-            undetected, rng = Undetected(traffic, config, SETTINGS), np.random.default_rng(seed)
-            see(undetected, seen_in(traffic, rng, level=0.9 * truth, clutter=config.clutter_density))
-            found.append(undetected.level)
-        levels[truth] = np.mean(found)
-    assert levels[40.0] == pytest.approx(40.0, rel=0.1)  # 16 were expected
-    assert levels[0.0] < 4.0
+    levels = np.zeros((2, 40))
+    for (i, seed), _ in np.ndenumerate(levels):
+        undetected, rng = Undetected(traffic, config, SETTINGS), np.random.default_rng(seed)
+        see(undetected, seen_in(traffic, rng, level=i * 0.9 * 40.0, clutter=config.clutter_density))
+        levels[i, seed] = undetected.level
+    of_clutter, of_forty = levels.mean(axis=1)  # 16 were expected
+    assert of_clutter < 4.0
+    assert of_forty == pytest.approx(40.0, rel=0.1)
     stays = Undetected(traffic, config, SETTINGS)
     see(stays, seen_in(traffic, np.random.default_rng(0), level=40.0, clutter=0.0), labelled=True)
     assert stays.level == pytest.approx(config.vehicle_density * traffic.tessellation.area.sum())
@@ -166,35 +155,27 @@ def test_a_first_frame_full_of_vehicles_on_the_road_is_reported_and_one_detectio
     rng = np.random.default_rng(0)
     angle, off_road = rng.uniform(0, 2 * np.pi, 20 if is_dense else 1), rng.uniform(40, 80, (5, 2))
     places = np.concatenate([20.0 * np.column_stack([np.cos(angle), np.sin(angle)]), off_road])
-    tracker = Tracker(ring_map, config=SETTINGS, rng=np.random.default_rng(1))
-    seen = Detections(track_id=[""] * len(places), time_ns=[0] * len(places), position=places)
-    found = tracker.step(seen)
+    found = tracker_of(ring_map, seed=1, n_particles=100).step(seen_at(0.0, places))
     assert len(found) == (angle.size if is_dense else 0)
     assert (np.linalg.norm(found.position, axis=1) < 30.0).all()
 
 
+class AtAnExit(ParticleFilter):
+    """Where trajectories end at a rate, 1/s."""
+
+    rate = 0.0
+
+    def places(self, slot):
+        return super().places(slot)._replace(ends=np.full(slot.size, self.rate))
+
+
 def test_who_is_missed_where_trajectories_end_is_gone_sooner_than_elsewhere(ring_map):
-    ends = np.array([0.0, 2.0])
-
-    class AtAnExit:
-        def __init__(self, inner, rate):
-            self._inner, self.rate = inner, rate
-
-        def __getattr__(self, name):
-            return getattr(self._inner, name)
-
-        def places(self, slot):
-            return self._inner.places(slot)._replace(ends=np.full(slot.size, self.rate))
-
     left = []
-    for rate in ends:
-        model = AtAnExit(ParticleFilter(ring_map, SETTINGS), rate)
-        tracker = Tracker(model, config=SETTINGS, rng=np.random.default_rng(1))
-        names = []
-        for i in range(30):
-            place = 20.0 * np.array([[np.cos(0.04 * i), np.sin(0.04 * i)]])[: i < 20]
-            seen = Detections(track_id=[""] * len(place), time_ns=[i * 10**8] * len(place), position=place)
-            names.append(len(tracker.step(seen, time_ns=i * 10**8)))
-        assert all(names[5:20])
-        left.append(sum(names[20:]))
+    for rate in (0.0, 2.0):
+        model = AtAnExit(ring_map, SETTINGS)
+        model.rate, tracker = rate, tracker_of(model, seed=1, n_particles=100)
+        seen = [seen_at(0.1 * i, [on_the_ring(0.1 * i)][: i < 20]) for i in range(30)]
+        n_found = [len(tracker.step(frame, time_ns=i * 10**8)) for i, frame in enumerate(seen)]
+        assert all(n_found[5:20])
+        left.append(sum(n_found[20:]))
     assert left[1] < left[0]
