@@ -1,4 +1,4 @@
-"""A tracker against the truth: at instants of its own, and row by row beside a slow loop."""
+"""A tracker against the truth: at instants of its own, row by row beside a slow loop, and by place and time unseen."""
 
 from dataclasses import replace
 
@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from dirprim_filter.distributions.angles import wrap
-from dirprim_filter.evaluation.scores import TrackedScene, score_rows, scored
+from dirprim_filter.evaluation.error_curves import SQUARES, by_place, reliability, rmse
+from dirprim_filter.evaluation.scores import RowErrors, TrackedScene, score_rows, scored
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
 from dirprim_filter.evaluation.tracking_report import report_of
 from dirprim_filter.evaluation.truth import interpolated, judged_rows, judged_truth, known_at
@@ -38,8 +39,7 @@ def truth_of(offset_ns=0):
 
 def tracked_at(time_ns):
     """All vehicles at times within the truth, as a tracker says: errs by its own sines, loses one, swaps two."""
-    vehicle = np.repeat(np.arange(N_VEHICLES), len(time_ns))
-    when = np.tile(time_ns, N_VEHICLES)
+    vehicle, when = np.repeat(np.arange(N_VEHICLES), len(time_ns)), np.tile(time_ns, N_VEHICLES)
     seconds = when * 1e-9
     position, direction, speed = where(vehicle, seconds)
     off = 0.6 * np.column_stack([np.sin(seconds + vehicle), np.cos(1.7 * seconds - vehicle)])
@@ -64,8 +64,7 @@ def test_clocks_of_vehicles_change_no_figure(seed):
     """Neither where the tracker follows the asynchronous rows, nor in frames between them; row by row all is wrong."""
     frames = np.arange(N) * STEP_NS
     synchronous = table_of(tracked_at(frames), truth_of()).scores[0].report
-    offset = np.random.default_rng(seed).integers(-STEP_NS, STEP_NS, N_VEHICLES)
-    truth = truth_of(offset)
+    truth = truth_of(np.random.default_rng(seed).integers(-STEP_NS, STEP_NS, N_VEHICLES))
     rows = tracked_at(np.unique(truth.time_ns))
     for found in (table_of(rows, truth), table_of(tracked_at(frames), truth)):
         assert found.n_interpolated > 0.7 * found.n_rows
@@ -80,8 +79,7 @@ def test_frames_are_judged_as_they_are_to_the_last_digit():
     """With misses, and with a vehicle that is away for long: a missing estimate is a miss."""
     truth = truth_of()
     truth = truth[(truth.track_id != 2) | (truth.time_ns < 2e9) | (truth.time_ns > 4e9)]
-    judged = judged_truth(truth)
-    assert judged.tracks is truth
+    assert judged_truth(truth).tracks is truth
     rows = tracked_at(np.unique(truth.time_ns))
     rows = rows[np.random.default_rng(0).random(len(rows)) > 0.3]
     table = table_of(rows, truth)
@@ -135,15 +133,13 @@ def row_of(times_s, direction, **columns):
 
 def test_rows_of_a_tracker_are_interpolated_within_its_own_interval():
     """Direction turns the shorter way round; a covariance is the mean of both; 0.5 s without a row are a silence."""
-    covariance = np.array([1.0, 3.0, 3.0, 3.0, 5.0, 5.0])[:, None, None] * np.eye(2)
+    covariance = np.multiply.outer([1.0, 3.0, 3.0, 3.0, 5.0, 5.0], np.eye(2))
     rows = row_of([0.0, 0.2, 0.4, 0.6, 1.1, 1.3], [3.0, -3.0, 3.0, 3.0, 0.0, 0.0], covariance=covariance)
     found, n_interpolated, left_out, beyond = judged_rows(rows, judged_truth(of_one(np.arange(13) / 10)).tracks)
     np.testing.assert_allclose(found.time_ns * 1e-9, [0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 1.1, 1.2])
     np.testing.assert_allclose(found.position[:, 0], found.time_ns * 1e-8)
     np.testing.assert_allclose(found.direction[:4], [3.0, np.pi, -3.0, np.pi])
-    np.testing.assert_allclose(
-        found.covariance[[0, 1, 2, 8]], np.array([1.0, 2.0, 3.0, 5.0])[:, None, None] * np.eye(2)
-    )
+    np.testing.assert_allclose(found.covariance[[0, 1, 2, 8]], np.multiply.outer([1.0, 2.0, 3.0, 5.0], np.eye(2)))
     assert (n_interpolated, left_out, beyond) == (4, 1, 0)
     assert judged_rows(rows[2:4], of_one(np.arange(13) / 10)).beyond == 10
 
@@ -153,9 +149,8 @@ def test_the_delay_that_errors_come_of_is_found(late_s):
     """Beside errors of half a metre of their own."""
     truth, rng = truth_of(), np.random.default_rng(0)
     place, _, _ = where(truth.vehicle, truth.time_ns * 1e-9 - late_s)
-    rows = TrackedRows(
-        track_id=truth.track_id, time_ns=truth.time_ns, position=place + rng.normal(0.0, 0.5, place.shape)
-    )
+    off = rng.normal(0.0, 0.5, place.shape)
+    rows = TrackedRows(track_id=truth.track_id, time_ns=truth.time_ns, position=place + off)
     found = report_of(rows, truth, with_ids=True)
     assert found.late_s == pytest.approx(late_s, abs=0.02)
     assert (found.late_share > 0.5) == (late_s != 0.0)
@@ -187,7 +182,7 @@ def test_a_tracker_is_judged_alone_whatever_its_clock_and_who_stands_beside_it(s
     assert report.hota < alone.scores[0].report.hota - 0.07
 
 
-def test_an_interpolated_row_is_hidden_where_both_its_neighbours_are():
+def test_an_interpolated_row_is_hidden_where_both_its_neighbours_are_and_unseen_since_the_last_in_sight():
     truth = Tracks.concatenate([of_one(np.arange(6) / 4), of_one(np.arange(6) / 4 + 0.125, track_id="b")])
     hidden = (truth.track_id == "a") & (truth.time_ns >= 500_000_000) & (truth.time_ns <= 750_000_000)
     judged = judged_truth(truth)
@@ -205,6 +200,10 @@ def test_an_interpolated_row_is_hidden_where_both_its_neighbours_are():
     assert set(found.cluster) == {"a", "b"}
     assert found.squared == pytest.approx(np.where(is_hidden, 9.0, 1.0))
     np.testing.assert_array_equal(found.is_hidden, is_hidden)
+    np.testing.assert_allclose(found.unseen_s[is_hidden], [0.125, 0.25, 0.375])
+    assert not found.unseen_s[~is_hidden].any()
+    slow = TrackedRows.of(estimates)[judged.tracks.time_ns % 250_000_000 == 0]
+    assert scored([TrackedScene(truth, hidden, slow)], with_ids=True)[0].reported == pytest.approx(20 / 22)
 
 
 N_ROWS = 40
@@ -212,10 +211,8 @@ N_ROWS = 40
 
 def lane(name, north, *, group=0):
     """A vehicle that drives east at 10 m/s, and stands in its first five rows as far as its speed says."""
-    way, speed = (
-        np.column_stack([np.arange(N_ROWS), np.full(N_ROWS, north)]),
-        np.where(np.arange(N_ROWS) < 5, 0.4, 10.0),
-    )
+    east = np.arange(N_ROWS)
+    way, speed = np.column_stack([east, np.full(N_ROWS, north)]), np.where(east < 5, 0.4, 10.0)
     return tracks_of([way], track_id=name, direction=3.1, speed=speed, group=group)
 
 
@@ -244,8 +241,8 @@ def tracked_on(seed):
 def slowly(rows, truth, is_hidden):
     """Each row of the truth by itself."""
     own = {(g, i, t): k for k, (g, i, t) in enumerate(zip(rows.group, rows.track_id, rows.time_ns, strict=True))}
-    lists = {name: [] for name in ("rmse", "seen_rmse", "hidden_rmse", "direction_rmse", "speed_rmse", "nees")}
-    lists |= {name: [] for name in ("seen_nees", "hidden_nees", "coverage_90", "hidden_coverage_90")}
+    lists = {f"{prefix}{name}": [] for prefix in ("", "seen_", "hidden_") for name in ("rmse", "nees", "coverage_90")}
+    lists |= {"direction_rmse": [], "speed_rmse": []}
     by_row, n_found = np.full((2, len(truth)), np.nan), 0
     for i in range(len(truth)):
         k = own.get((truth.group[i], truth.track_id[i], truth.time_ns[i]))
@@ -263,13 +260,12 @@ def slowly(rows, truth, is_hidden):
             by_row[1, i] = off @ np.linalg.solve(rows.covariance[k], off)
             for prefix in where:
                 lists[f"{prefix}nees"].append(by_row[1, i])
-                if prefix != "seen_":
-                    lists[f"{prefix}coverage_90"].append(by_row[1, i] <= -2.0 * np.log(0.1))
+                lists[f"{prefix}coverage_90"].append(by_row[1, i] <= -2.0 * np.log(0.1))
         if np.isfinite(rows.direction[k]) and truth.speed[i] >= 0.5:
             lists["direction_rmse"].append(np.angle(np.exp(1j * (rows.direction[k] - truth.direction[i]))) ** 2)
         if np.isfinite(rows.speed[k]):
             lists["speed_rmse"].append((rows.speed[k] - truth.speed[i]) ** 2)
-    figures = {name: np.mean(of) if of else np.nan for name, of in lists.items()}
+    figures = {name: np.mean(of) if of else np.nan for name, of in lists.items() if name != "seen_coverage_90"}
     figures = {name: np.sqrt(of) if name.endswith("rmse") else of for name, of in figures.items()}
     return figures | {"reported": n_found / len(truth)}, by_row
 
@@ -290,20 +286,6 @@ def test_errors_are_those_of_a_slow_loop_over_the_rows_of_the_same_name(seed, is
     assert np.isnan([unknown.seen_rmse, unknown.hidden_rmse, unknown.nees, unknown.coverage_90]).all()
 
 
-def test_a_filter_that_states_the_truth_of_its_errors_has_a_nees_of_two():
-    rng = np.random.default_rng(0)
-    n = 5000
-    truth = tracks_of(np.zeros((n, 1, 2)), time_ns=np.arange(n)[:, None])
-    found = TrackedRows(
-        track_id=np.arange(n), time_ns=np.arange(n), position=rng.normal(0, 0.5, (n, 2)),
-        covariance=np.tile(0.25 * np.eye(2), (n, 1, 1)),
-    )  # fmt: skip
-    five_errors = 5 * 2 / np.sqrt(n)  # chi squared of 2 degrees deviates by 2
-    assert report(found, truth=truth).nees == pytest.approx(2.0, abs=five_errors)
-    boasting = replace(found, covariance=0.8 * found.covariance)
-    assert report(boasting, truth=truth).nees > 2.0 + five_errors
-
-
 def test_gospa_and_its_parts_are_per_vehicle_whatever_the_number_of_instants():
     rows = TrackedRows(track_id=LANES.track_id, time_ns=LANES.time_ns, group=LANES.group, position=LANES.position + 0.6)
     whole, half = report(rows), report(rows[np.arange(0, len(LANES), 2)])
@@ -320,3 +302,48 @@ def test_lengths_are_positive_and_a_truth_has_rows():
         report(rows, truth=LANES[np.zeros(len(LANES), bool)])
     with pytest.raises(ValueError, match="has two rows at 0 ns"):
         TrackedRows(track_id=["a", "a"], time_ns=[0, 0], position=np.zeros((2, 2)))
+
+
+# What pictures of an experiment show
+
+
+def errors(cluster, squared, unseen_s, normalised=None, position=None):
+    squared, unseen_s = np.array(squared), np.array(unseen_s)
+    known = np.full(squared.shape, np.nan) if normalised is None else np.array(normalised)
+    place = np.zeros((squared.size, 2)) if position is None else position
+    return RowErrors(np.array(cluster), squared, known, unseen_s > 0, unseen_s, place)
+
+
+def test_errors_are_of_the_rows_that_were_unseen_so_long_and_intervals_are_over_vehicles_of_all_runs():
+    runs = [errors(["a", "a", "b"], [1.0, 9.0, 4.0], [0.0, 1.0, 1.0]), errors(["b", "c"], [np.nan, 16.0], [1.0, 1.0])]
+    found = rmse(runs, above_s=0.0, to_s=1.0)
+    assert found.value == pytest.approx(np.sqrt((9 + 4 + 16) / 3))
+    assert (found.n_clusters, found.low < found.value < found.high) == (3, True)
+    assert rmse(runs, above_s=-np.inf, to_s=0.0)[:1] == (1.0,)
+    assert np.isnan(rmse(runs, above_s=1.0, to_s=2.0).value)
+
+
+def test_errors_by_place_are_those_of_the_rows_in_each_square():
+    rng = np.random.default_rng(1)
+    place, squared = rng.uniform([0.0, 10.0], [60.0, 40.0], (500, 2)), rng.uniform(0.0, 9.0, 500)
+    hidden, squared[7] = np.arange(500) % 5, np.nan
+    runs = [errors(hidden[at], squared[at], hidden[at] / 9, position=place[at]) for at in (np.s_[:200], np.s_[200:])]
+    middles, found = by_place(runs, is_hidden=True)
+    known = (hidden > 0) & np.isfinite(squared)
+    side = np.ptp(place[known], axis=0).max() / SQUARES
+    nearest = np.abs(place[known][:, None] - middles).max(axis=2)  # in the metric whose circles are squares
+    assert nearest.min(axis=1).max() <= side * (0.5 + 1e-9)
+    own = nearest.argmin(axis=1)
+    assert found == pytest.approx([np.sqrt(squared[known][own == i].mean()) for i in range(len(found))])
+    assert [len(of) for of in by_place([errors([0], [np.nan], [1.0])], is_hidden=True)] == [0, 0]
+
+
+def test_a_tracker_that_is_right_is_on_the_diagonal_and_one_that_is_too_sure_below_it():
+    square, share = np.random.default_rng(0).chisquare(2, 20_000), np.array([0.1, 0.5, 0.9])
+    hidden = np.ones(square.size)
+    right, sure = (
+        reliability([errors(hidden, square, hidden, of)], share, is_hidden=True) for of in (square, 2 * square)
+    )
+    assert right == pytest.approx(share, abs=0.015)
+    assert (sure < share - 0.03).all()
+    assert np.isnan(reliability([errors(hidden, square, hidden)], share, is_hidden=False)).all()
