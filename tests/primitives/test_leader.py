@@ -8,6 +8,7 @@ from dirprim_filter.primitives.leader import N_FEATURES, LeaderResponse
 from dirprim_filter.primitives.leader_learning import LeaderSums
 from dirprim_filter.tracks import Tracks
 from oracles import leader_features, leader_of
+from situations import tracks_of
 
 
 def test_the_leader_and_what_a_driver_goes_by_are_those_of_the_slow_twin():
@@ -37,11 +38,8 @@ def test_the_leader_and_what_a_driver_goes_by_are_those_of_the_slow_twin():
 
 def eastward(rows, *, group=0):
     """Vehicles that head east, of rows (vehicle, tenth of a second, east, north, speed)."""
-    track_id, tick, x, y, speed = np.array(rows).T
-    return Tracks(
-        track_id=track_id.astype(np.int64), time_ns=tick.astype(np.int64) * 100_000_000, speed=speed,
-        position=np.column_stack([x, y]), direction=np.zeros(len(rows)), group=np.full(len(rows), group),
-    )  # fmt: skip
+    (track_id, tick), (*place, speed) = np.array(rows).T[:2].astype(np.int64), np.array(rows).T[2:]
+    return tracks_of([np.column_stack(place)], track_id=track_id, time_ns=10**8 * tick, speed=speed, group=group)
 
 
 def pairs(rng, n, *, responds, group=0):
@@ -51,10 +49,8 @@ def pairs(rng, n, *, responds, group=0):
         own, lead, gap = rng.uniform(4, 12), rng.uniform(4, 12), rng.uniform(15, 35)
         place, wanted = -gap, rng.uniform(4, 12)
         for tick in range(40):
-            rows += [
-                (2 * pair, tick, place, 100.0 * pair, own),
-                (2 * pair + 1, tick, 0.1 * tick * lead, 100.0 * pair, lead),
-            ]
+            rows.append((2 * pair, tick, place, 100.0 * pair, own))
+            rows.append((2 * pair + 1, tick, 0.1 * tick * lead, 100.0 * pair, lead))
             own += 0.1 * 0.4 * ((lead if responds else wanted) - own)
             place += 0.1 * own
     return eastward(rows, group=group)
@@ -95,10 +91,8 @@ def test_sums_of_two_groups_are_the_sums_of_both():
 
 
 def test_who_knows_nothing_of_leaders_has_no_response():
-    for tracks in (
-        pairs(np.random.default_rng(4), 1, responds=True)[:1],
-        pairs(np.random.default_rng(4), 1, responds=True),
-    ):
+    pair = pairs(np.random.default_rng(4), 1, responds=True)
+    for tracks in (pair[:1], pair):
         assert LeaderSums.of(tracks).response() is None
 
 

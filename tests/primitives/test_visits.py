@@ -16,11 +16,6 @@ from situations import ring_traffic, tracks_of
 from tessellation import GridTessellation
 
 
-def rows_of_tracks(tracks):
-    """All rows of tracks, by vehicle and time."""
-    return TrackRows.thinned(tracks, interval_s=1e-3)
-
-
 def squares_of(tracks, *, side):
     return GridTessellation.covering(np.concatenate([tracks.position, tracks.position + side]), cell_size=side)
 
@@ -37,15 +32,16 @@ def eastward(speed, *, dt_s=0.1, x=0.0, track_id=0, group=0, start_s=0.0):
 STREET = GridTessellation(origin=np.zeros(2), cell_size=10.0, n_x=20, n_y=1, square=np.arange(20))
 
 
-def visits_of(*parts):
-    return Visits.of(rows_of_tracks(Tracks.concatenate(list(parts))), STREET)
+def visits_of(*parts, cells=STREET):
+    """Of all rows of tracks."""
+    return Visits.of(TrackRows.thinned(Tracks.concatenate(list(parts)), interval_s=1e-3), cells)
 
 
 def test_rows_at_2_hz_pass_the_cells_that_rows_at_10_hz_pass():
     often = ring_traffic(np.random.default_rng(4), n_rows=96)
     seldom = often[often.time_ns % 500_000_000 == 0]
     cells = squares_of(often, side=3.0)
-    of_often, of_seldom = (Visits.of(rows_of_tracks(tracks), cells) for tracks in (often, seldom))
+    of_often, of_seldom = (visits_of(tracks, cells=cells) for tracks in (often, seldom))
     np.testing.assert_array_equal(of_often.cell, of_seldom.cell)
     np.testing.assert_array_equal(of_often.vehicle, of_seldom.vehicle)
     np.testing.assert_allclose(of_often.position, of_seldom.position, atol=1e-3)
@@ -60,8 +56,7 @@ def test_between_rows_instants_are_on_splines_and_rows_alone_say_nothing():
     tracks = ring_traffic(rng, n_vehicles=4, radius=6.0, n_rows=60, dt_s=0.13)
     far = (tracks.time_ns > 3e9).astype(np.int64) + (tracks.time_ns > tracks.time_ns.max() - 1e8)
     tracks = replace(tracks, time_ns=tracks.time_ns + rng.integers(0, 50_000_000, len(tracks)) + far * 4_000_000_000)
-    rows = rows_of_tracks(tracks)
-    visits = Visits.of(rows, squares_of(tracks, side=5.0))
+    rows, visits = TrackRows.thinned(tracks, interval_s=1e-3), visits_of(tracks, cells=squares_of(tracks, side=5.0))
     breaks = np.flatnonzero((np.diff(rows.vehicle) != 0) | (np.diff(rows.time_ns) > 1_500_000_000)) + 1
     parts = np.split(np.arange(len(rows)), breaks)
     assert {part.size == 1 for part in parts} == {True, False}
@@ -100,13 +95,7 @@ def test_who_stops_makes_three_visits_and_who_hardly_stops_one():
 
 @pytest.mark.parametrize(
     ("second", "joined"),
-    [
-        ({"track_id": 0}, True),
-        ({"track_id": 1}, False),
-        ({"group": 1}, False),
-        ({"start_s": 2.0 + 1.6}, False),
-        ({"start_s": 2.0 + 1.2}, True),
-    ],
+    [({}, True), ({"track_id": 1}, False), ({"group": 1}, False), ({"start_s": 3.6}, False), ({"start_s": 3.2}, True)],
     ids=["the same vehicle", "another vehicle", "another group", "a long gap", "a short gap"],
 )
 def test_nothing_joins_two_vehicles_groups_or_what_a_long_gap_divides(second, joined):
