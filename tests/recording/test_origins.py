@@ -4,25 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mcap_files import write_protobuf_log
+from mcap_files import detections, write_protobuf_log
 
-from dirprim_filter import (
-    Detections,
-    Tracks,
-    learn_primitives,
-    load_map,
-    read_estimates,
-    read_tracks,
-    save_map,
-    write_tracks,
-)
+from dirprim_filter import Detections, Tracks, learn_primitives, load_map, read_estimates, save_map, write_tracks
 from dirprim_filter.columns import GLOBE, ORIGIN
 from dirprim_filter.filtering import Tracker
 from dirprim_filter.origin import REACH_M, Origin
 from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.estimate_tables import write_estimates
 from dirprim_filter.recording.losses import FAR, INVALID
-from dirprim_filter.recording.reader import read_track_logs, stream_detections
+from dirprim_filter.recording.reader import read_track_logs, read_tracks, stream_detections
 from dirprim_filter.recording.transforms.geodesy import FIXES, median_of
 from dirprim_filter.recording.writer import EstimateWriter
 from dirprim_filter.replay import replay
@@ -38,12 +29,11 @@ DRIVE = HERE + np.column_stack([np.linspace(0, 1e-3, N), np.linspace(0, 2e-3, N)
 
 def fixes(path, places):
     """A log of a fix each .1 s."""
-    made = []
-    for k, (latitude, longitude) in enumerate(places.tolist()):
-        one = LocationFix(latitude=latitude, longitude=longitude)
-        one.timestamp.FromNanoseconds(START_NS + k * STEP_NS)
-        made.append(("/gps", START_NS + k * STEP_NS, one))
-    return write_protobuf_log(path, made)
+    time_ns = [START_NS + k * STEP_NS for k in range(len(places))]
+    made = [LocationFix(latitude=latitude, longitude=longitude) for latitude, longitude in places.tolist()]
+    for one, at_ns in zip(made, time_ns, strict=True):
+        one.timestamp.FromNanoseconds(at_ns)
+    return write_protobuf_log(path, [("/gps", *of) for of in zip(time_ns, made, strict=True)])
 
 
 def csv(path, places, header="time_s,track_id,latitude_deg,longitude_deg"):
@@ -64,10 +54,8 @@ def test_one_wrong_fix_is_no_origin_and_is_named(tmp_path, name, bad, at, caplog
     places[at] = bad
     log = read_track_logs(WRITERS[name](tmp_path / name, places))
     assert len(log.tracks) == N - 1
-    lost = {INVALID: 1} if bad == (0.0, 0.0) and name == "log.mcap" else {FAR: 1}
-    assert log.losses.dropped == lost
-    (said,) = [line for line in caplog.messages if "left out" in line]
-    assert "left out 1 rows" in said
+    assert log.losses.dropped == {INVALID if bad == (0.0, 0.0) and name == "log.mcap" else FAR: 1}
+    assert caplog.text.count("left out") == caplog.text.count("left out 1 rows") == 1
     assert np.abs(np.array(log.tracks.origin) - HERE).max() < 2e-3
     np.testing.assert_allclose(log.tracks.origin.to_globe(log.tracks.position), np.delete(DRIVE, at, axis=0), atol=1e-8)
 
@@ -79,7 +67,7 @@ def test_the_origin_is_the_median_of_the_first_fixes_however_they_are_read(tmp_p
     whole = read_tracks(path)
     assert whole.origin == expected
     monkeypatch.setattr("dirprim_filter.recording.schemas.decoders.BATCH_MESSAGES", 7)
-    streamed = Detections.concatenate(stream_detections(path))
+    streamed = detections(path)
     assert streamed.origin == expected
     np.testing.assert_array_equal(streamed.position, whole.position)
     assert read_tracks(csv(tmp_path / "table.csv", DRIVE)).origin == expected
@@ -102,14 +90,6 @@ def test_places_go_to_the_plane_and_back_as_by_pyproj(tmp_path):
     assert np.max(metres) < 1e-3
 
 
-def estimates_of(tracks, path):
-    """What a tracker without a map's origin makes of tracks, from memory and from a log."""
-    tracker = Tracker(one_cell_map(), rng=np.random.default_rng(0))
-    with EstimateWriter(path, metadata={}) as writer:
-        replay(Detections.of(tracks).frames(), tracker, [writer])
-    return read_estimates(path)
-
-
 def test_all_that_is_made_of_a_log_has_its_origin(tmp_path):
     tracks = read_tracks(fixes(tmp_path / "log.mcap", DRIVE))
     origin = tracks.origin
@@ -117,7 +97,9 @@ def test_all_that_is_made_of_a_log_has_its_origin(tmp_path):
     write_tracks(tracks, tmp_path / "tracks.mcap", detections=Detections.of(tracks))
     assert read_tracks(tmp_path / "tracks.mcap") == tracks
     assert all(seen.origin == origin for seen in stream_detections(tmp_path / "tracks.mcap"))
-    estimates = estimates_of(tracks, tmp_path / "out.mcap")
+    with EstimateWriter(tmp_path / "out.mcap", metadata={}) as writer:  # of a tracker whose map has no origin
+        replay(Detections.of(tracks).frames(), Tracker(one_cell_map(), rng=np.random.default_rng(0)), [writer])
+    estimates = read_estimates(tmp_path / "out.mcap")
     assert estimates.origin == estimates[:3].origin == origin
     for name in ("out.csv", "out.parquet"):
         write_estimates(estimates, tmp_path / name)
@@ -165,12 +147,12 @@ def test_metres_and_degrees_meet_only_where_the_origin_is_stated(tmp_path):
     metres = csv(tmp_path / "metres.csv", np.column_stack([np.arange(9.0), np.zeros(9)]), "time_s,track_id,x_m,y_m")
     write_tracks(read_tracks(metres), tmp_path / "metres.mcap")
     for plain in (metres, tmp_path / "metres.mcap"):
-        with pytest.raises(RecordingError, match=r"metres.*: expected latitudes and longitudes, as .*log.mcap has the"):
-            read_tracks([degrees, plain])
-        with pytest.raises(
-            RecordingError, match=r"log.mcap: expected positions in metres, as of .*, which has no orig"
+        for logs, why in (
+            ([degrees, plain], r"metres.*: expected latitudes and longitudes, as .*log.mcap has the"),
+            ([plain, degrees], r"log.mcap: expected positions in metres, as of .*, which has no orig"),
         ):
-            read_tracks([plain, degrees])
+            with pytest.raises(RecordingError, match=why):
+                read_tracks(logs)
         stated = read_tracks([plain, degrees], origin=Origin(*HERE))
         assert stated.origin == tuple(HERE)
         assert read_tracks(plain).origin is None

@@ -51,25 +51,21 @@ def sensor_data_class():
         message = file.message_type.add(name=name)
         for field, (number, kind, *repeated) in fields.items():
             label = F.LABEL_REPEATED if repeated else F.LABEL_OPTIONAL
-            if kind in OSI:
-                message.field.add(
-                    name=field, number=number, label=label, type=F.TYPE_MESSAGE, type_name=f".osi3.{kind}"
-                )
-            else:
-                message.field.add(name=field, number=number, label=label, type=getattr(F, f"TYPE_{kind.upper()}"))
+            of = {"type": F.TYPE_MESSAGE, "type_name": f".osi3.{kind}"}
+            of = of if kind in OSI else {"type": getattr(F, f"TYPE_{kind.upper()}")}
+            message.field.add(name=field, number=number, label=label, **of)
     pool = descriptor_pool.DescriptorPool()
     pool.Add(file)
     found = message_factory.GetMessageClass(pool.FindMessageTypeByName("osi3.SensorData"))
     return found, descriptor_pb2.FileDescriptorSet(file=[file]).SerializeToString()
 
 
-def put(message, values):
-    for axis, value in zip("xyz", values, strict=True):
-        setattr(message, axis, value)
+def put(message, values, names=("x", "y", "z")):
+    for name, value in zip(names, values, strict=True):
+        setattr(message, name, value)
 
 
-def turn(message, yaw, pitch, roll):
-    message.yaw, message.pitch, message.roll = yaw, pitch, roll
+TURNS, SIDES = ("yaw", "pitch", "roll"), ("length", "width", "height")
 
 
 def homogeneous(place, angles):
@@ -90,15 +86,14 @@ def test_what_a_moving_sensor_perceives_arrives_in_the_world(tmp_path):
         message.timestamp.seconds, message.last_measurement_time.nanos = 1000 + k, k * STEP_NS % 10**9
         message.last_measurement_time.seconds = k * STEP_NS // 10**9
         put(message.mounting_position.position, mount)
-        turn(message.mounting_position.orientation, *mounted)
+        put(message.mounting_position.orientation, mounted, TURNS)
         place, angles = [10.0 + k, 0.1 * k * k, 0.7], [0.2 * k, 0.03, -0.02]
         truth = message.sensor_view.add().global_ground_truth
         truth.host_vehicle_id.value = 77
         other, host = truth.moving_object.add(), truth.moving_object.add()
-        other.id.value = 3
-        host.id.value = 77
+        other.id.value, host.id.value = 3, 77
         put(host.base.position, place)
-        turn(host.base.orientation, *angles)
+        put(host.base.orientation, angles, TURNS)
         put(host.vehicle_attributes.bbcenter_to_rear, rear)
         vehicle = homogeneous(place, angles) @ homogeneous(rear, 0.0)
         back = np.linalg.inv(vehicle @ homogeneous(mount, mounted))
@@ -108,10 +103,10 @@ def test_what_a_moving_sensor_perceives_arrives_in_the_world(tmp_path):
             seen.header.tracking_id.value = i
             put(seen.base.position, (back @ [*(cars[i] + velocity[i] * k * 0.1), 1.0])[:3])
         first = message.moving_object[0].base
-        turn(first.orientation, *body.as_euler("ZYX"))  # the other's is not set, nor is its size
+        put(first.orientation, body.as_euler("ZYX"), TURNS)  # the other's is not set, nor is its size
         put(message.moving_object[0].base_rmse.position, [0.5, 0.2, 0.1])
         message.moving_object[0].header.existence_probability = 0.25
-        first.dimension.length, first.dimension.width, first.dimension.height = 4.25, 1.875, 1.5
+        put(first.dimension, [4.25, 1.875, 1.5], SIDES)
         message.moving_object.add().header.tracking_id.value = 9  # not placed, so no object
         if k == 4:
             truth.host_vehicle_id.value = 5
@@ -167,7 +162,7 @@ def test_rows_labels_sizes_and_signals_are_what_the_stock_decoder_finds(path):
                 if kind == "TYPE_VEHICLE" and name_of(of, "type") not in ("TYPE_UNKNOWN", "TYPE_OTHER"):
                     kind = name_of(of, "type")
                 labels[{"medium_car": "car"}.get(*[kind.removeprefix("TYPE_").lower()] * 2)] += 1
-                size = [getattr(base.dimension, side) or np.nan for side in ("length", "width", "height")]
+                size = [getattr(base.dimension, side) or np.nan for side in SIDES]
                 turn = TURN.get(name_of(of.light_state, "indicator_state"), np.nan)
                 at = truth.timestamp.seconds * 10**9 + truth.timestamp.nanos
                 expected[at, str(name)] = [*size, turn, 2.5 + 0 * turn]

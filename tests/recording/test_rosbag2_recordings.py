@@ -1,6 +1,5 @@
 """Folders of rosbag2 as one recording: split MCAP files as one file would, bags in SQLite as rosbags reads them."""
 
-import json
 import sqlite3
 import tempfile
 from contextlib import closing
@@ -24,57 +23,49 @@ from dirprim_filter.recording.scan import scan
 from dirprim_filter.recording.summary import summarise_by_index
 
 DONE, FAILED = 0, 1
-PARTS = [  # channel 1 is another topic in each; the second begins before the first ends
-    [("/a", t, b"0") for t in range(0, 60, 2)] + [("/b", 40, b"b")],
-    [("/b", 55, b"1"), *(("/a", t, b"1") for t in range(55, 90))],
-    [("/c", 90, b"2"), ("/a", 91, b"2")],
-]
-
-
-def described(folder, names, storage="mcap"):
-    """The folder, with the metadata that rosbag2 would write."""
-    (folder / "metadata.yaml").write_text(json.dumps({  # which is YAML too
-        "rosbag2_bagfile_information": {
-            "version": 5, "storage_identifier": storage, "relative_file_paths": names,
-            "files": [{"path": name} for name in names],
-        }
-    }))  # fmt: skip
-    return folder
+PARTS = {  # channel 1 is another topic in each; the second begins before the first ends
+    "run_0.mcap": [("/a", t, b"0") for t in range(0, 60, 2)] + [("/b", 40, b"b")],
+    "run_1.mcap": [("/b", 55, b"1"), *(("/a", t, b"1") for t in range(55, 90))],
+    "run_2.mcap": [("/c", 90, b"2"), ("/a", 91, b"2")],
+}
+N_MESSAGES = sum(map(len, PARTS.values()))
+INFORMATION = "rosbag2_bagfile_information: "
+MCAP = INFORMATION + "{storage_identifier: mcap, relative_file_paths: "
 
 
 @pytest.fixture
 def split(tmp_path):
+    """A folder, with the metadata that rosbag2 would write."""
     folder = tmp_path / "run"
     folder.mkdir()
-    for i, part in enumerate(PARTS):
-        (folder / f"run_{i}.mcap").write_bytes(log_bytes(part, chunk_size=100))
-    return described(folder, [f"run/run_{i}.mcap" for i in range(len(PARTS))])
+    for name, part in PARTS.items():
+        (folder / name).write_bytes(log_bytes(part, chunk_size=100))
+    names = [f"run/{name}" for name in PARTS]
+    (folder / "metadata.yaml").write_text(f"{MCAP}{names}, version: 5, files: {[{'path': name} for name in names]}}}")
+    return folder
 
 
 def test_a_split_recording_is_one_log_one_index_and_recovered_one_file(split, tmp_path):
     log = scan(split)
-    assert rows(log) == sorted((m for part in PARTS for m in part), key=lambda m: m[1])  # stably: in the files' order
+    expected = sorted((m for part in PARTS.values() for m in part), key=lambda m: m[1])  # stably: in the files' order
+    assert rows(log) == expected
     assert log.damage == []
     assert rows(scan(split, topics="/b".__eq__)) == [("/b", 40, b"b"), ("/b", 55, b"1")]
-    assert rows(scan(split, start_ns=90)) == PARTS[2]
+    assert rows(scan(split, start_ns=90)) == PARTS["run_2.mcap"]
     assert [channel.topic for channel in log.channels()] == ["/a", "/b", "/c"]
     assert log.end_ns == 91
     recovery = recover(split, tmp_path / "one.mcap")
     assert recovery.is_lossless
-    assert rows(scan(tmp_path / "one.mcap")) == rows(scan(split))
-    assert recovery.saved == sum(map(len, PARTS))
+    assert rows(scan(tmp_path / "one.mcap")) == expected
+    assert recovery.saved == N_MESSAGES
     summary = summarise_by_index(log_files(split), from_bytes=0)
     assert {topic.name: topic.messages for topic in summary.topics} == {"/a": 66, "/b": 2, "/c": 1}
     assert (summary.messages, summary.start_ns, summary.end_ns) == (69, 0, 91)
-    (split / "run_1.mcap").write_bytes(log_bytes(PARTS[1])[:-50])
+    (split / "run_1.mcap").write_bytes(log_bytes(PARTS["run_1.mcap"])[:-50])
     assert summarise_by_index(log_files(split), from_bytes=0) is None
     log = scan(split)  # damage names the file and costs no other
-    assert len(rows(log)) == sum(map(len, PARTS))
+    assert len(rows(log)) == N_MESSAGES
     assert {(damage.kind, damage.detail.partition(": ")[0]) for damage in log.damage} == {("truncated", "run_1.mcap")}
-
-
-INFORMATION = "rosbag2_bagfile_information: "
-MCAP = INFORMATION + "{storage_identifier: mcap, relative_file_paths: "
 
 
 @pytest.mark.parametrize(
@@ -127,30 +118,28 @@ def check_drive(tracks):
 
 
 def write_bag(path, plugin, *, n=20):
+    """A folder of rosbag2. -> its file."""
     with Writer(path, version=9, storage_plugin=plugin) as bag:
         topic = bag.add_connection("/odom", "nav_msgs/msg/Odometry", typestore=ROS)
         for k in range(n):
             bag.write(topic, k * 100_000_000, ROS.serialize_cdr(odometry(ROS, k), topic.msgtype))
-    return path
+    (file,) = (file for file in path.iterdir() if file.name != "metadata.yaml")
+    return file
 
 
-@pytest.fixture(scope="module", params=list(StoragePlugin), ids=lambda plugin: plugin.name)
-def bag(tmp_path_factory, request):
-    return write_bag(tmp_path_factory.mktemp("bags") / "bag", request.param)
-
-
-def test_a_bag_reads_whatever_its_storage(bag, tmp_path, capsys):
+@pytest.mark.parametrize("plugin", list(StoragePlugin), ids=lambda plugin: plugin.name)
+def test_a_bag_reads_whatever_its_storage(tmp_path, plugin, capsys):
+    bag = tmp_path / "bag"
+    file = write_bag(bag, plugin)
     tracks = read_tracks(bag)
     check_drive(tracks)
     with Reader(bag) as reader:
         assert [(m.log_time_ns, m.data) for m in scan(bag)] == [(time, data) for _, time, data in reader.messages()]
     assert run(["info", str(bag)]) == DONE
     assert "nav_msgs/msg/Odometry" in capsys.readouterr().out
-    assert (
-        run(["learn", str(bag), "-o", str(tmp_path / "map.mcap"), "--tessellation", "grid", "--cell-size", "9"]) == DONE
-    )
-    (file,) = [file for file in bag.iterdir() if file.name != "metadata.yaml"]
-    assert read_tracks(file).position.tolist() == tracks.position.tolist()
+    grid = ["--tessellation", "grid", "--cell-size", "9"]
+    assert run(["learn", str(bag), "-o", str(tmp_path / "map.mcap"), *grid]) == DONE
+    assert read_tracks(file) == tracks
 
 
 def write_old_bag(path, *, n):
@@ -177,9 +166,8 @@ def test_a_bag_is_read_as_it_is_now_and_nothing_of_it_stays(tmp_path, monkeypatc
     descriptors = Path("/proc/self/fd")
     before = len([*descriptors.iterdir()]) if descriptors.exists() else 0
     for k in range(10):
-        log = scan(write_old_bag(tmp_path / f"{k}.bag", n=2))
-        assert len(list(log)) == 2
-        log.close()
+        with scan(write_old_bag(tmp_path / f"{k}.bag", n=2)) as log:
+            assert len(list(log)) == 2
     assert not descriptors.exists() or len([*descriptors.iterdir()]) == before
     assert not [*copies.iterdir()]
 
@@ -194,11 +182,11 @@ def test_a_bag_of_ros_1_reads_as_one_of_ros_2(tmp_path):
 
 
 def test_a_bag_without_definitions_is_read_and_a_broken_one_says_how_to_save_what_is_left(tmp_path):
-    file = next(write_bag(tmp_path / "old", StoragePlugin.SQLITE3).glob("*.db3"))
+    file = write_bag(tmp_path / "old", StoragePlugin.SQLITE3)
     with sqlite3.connect(file) as database:
         database.execute("DELETE FROM message_definitions")
     assert len(read_tracks(file)) == 20
-    file = next(write_bag(tmp_path / "long", StoragePlugin.SQLITE3, n=200).glob("*.db3"))
+    file = write_bag(tmp_path / "long", StoragePlugin.SQLITE3, n=200)
     data = bytearray(file.read_bytes())
     data[len(data) // 2 : len(data) // 2 + 20_000] = bytes(20_000)
     file.write_bytes(data)
@@ -214,7 +202,7 @@ def test_a_bag_without_definitions_is_read_and_a_broken_one_says_how_to_save_wha
 )  # fmt: skip
 def test_a_bag_whose_cells_are_of_another_type_and_a_file_that_is_none_are_one_line(tmp_path, cell):
     """SQLite's columns take anything; nor is a file without tables one, or an empty one."""
-    file = next(write_bag(tmp_path / "typed", StoragePlugin.SQLITE3).glob("*.db3"))
+    file = write_bag(tmp_path / "typed", StoragePlugin.SQLITE3)
     if isinstance(cell, bytes):
         file.write_bytes(cell)
     else:
