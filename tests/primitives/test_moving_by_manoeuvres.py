@@ -1,4 +1,4 @@
-"""Particles move by manoeuvres: the kernels against slow twins, and who goes where as often as counted."""
+"""Particles move by manoeuvres: kernels against slow twins, who goes where as often as counted, in a place or none."""
 
 from dataclasses import replace
 
@@ -7,7 +7,11 @@ import pytest
 from scipy import stats
 
 from dirprim_filter.primitives import _manoeuvres, _motion
+from dirprim_filter.primitives.background import learn_chain
+from dirprim_filter.primitives.motion import FLOATS, background_manoeuvres, joined
 from dirprim_filter.primitives.motion_table import motion_table
+from dirprim_filter.primitives.rows import Scale
+from dirprim_filter.primitives.visits import Visits
 from moving import ALONE, SIDE, motion_by_hand, moved, only_places, seeded, squares
 from oracles import manoeuvre_weights, moved_without_noise
 
@@ -48,10 +52,8 @@ def test_weights_of_manoeuvres_are_what_the_slow_twin_says(rate, n_moving):
         may = motion_table(random).candidates
         place, direction, speed = somewhere(rng)
         for cell in (0, 1):
-            slow = manoeuvre_weights(
-                random.motion, cell, random.centers[cell], EXTENT, place, direction, speed,
-                by_time=rate == _manoeuvres.BY_TIME,
-            )  # fmt: skip
+            given = (random.motion, cell, random.centers[cell], EXTENT, place, direction, speed)
+            slow = manoeuvre_weights(*given, by_time=rate == _manoeuvres.BY_TIME)
             slow = slow[:-1] if speed > 0.1 else slow[-1:]
             for quicker in (0.0, 1e-2):
                 room = np.full((3, 8), np.nan, np.float32)
@@ -71,9 +73,8 @@ def test_manoeuvres_are_taken_up_by_their_weights_against_those_of_the_backgroun
     place, direction, speed = np.array([12.0, 8.0]), 0.3, 8.0
     weight = manoeuvre_weights(random.motion, 0, random.centers[0], EXTENT, place, direction, speed, by_time=True)
     for free in (1 / 3, 0.7):
-        table = motion_table(
-            replace(random, motion=replace(random.motion, background_visits=free / (1.0 - free) * weight.sum()))
-        )
+        motion = replace(random.motion, background_visits=free / (1.0 - free) * weight.sum())
+        table = motion_table(replace(random, motion=motion))
         given = (*place, direction, speed, _manoeuvres.BY_TIME, np.empty((3, 8), np.float32), seeded(4))
         found = [_manoeuvres.take_up(table, -1, 0, *given) for _ in range(N)]
         count = np.bincount(found, minlength=12)
@@ -95,16 +96,15 @@ def test_a_step_that_nothing_disturbs_is_the_slow_twins():
         z = int(rng.choice([0, 1, 2, 3, 10]))
         place, direction, speed = rng.uniform(4.0, 16.0, 2), rng.uniform(-np.pi, np.pi), rng.uniform(4.0, 20.0)
         push = rng.normal() if z < 10 else 0.0
-        position, course, pace, pushes = place[None].copy(), np.array([direction]), np.array([speed]), np.array([push])
+        position, (course, pace, pushes) = place[None].copy(), np.array([[direction], [speed], [push]])
         z_of = np.array([z])
         _motion.move(table, position, course, pace, np.zeros(1, np.int64), z_of, pushes, ALONE, 0.07, seeded(1))
         center = random.centers[random.motion.cell[z]]
-        slow = moved_without_noise(random.motion, z, center, EXTENT, place, direction, speed, push, 0.07)
+        there, *slow = moved_without_noise(random.motion, z, center, EXTENT, place, direction, speed, push, 0.07)
         assert z_of[0] == z
-        np.testing.assert_allclose(position[0], slow[0], rtol=1e-9)
-        assert course[0] == pytest.approx(slow[1], abs=1e-9)
-        assert pace[0] == pytest.approx(slow[2], rel=1e-9)
-        assert np.linalg.norm(slow[0] - place) > 0.1
+        np.testing.assert_allclose(position[0], there, rtol=1e-9)
+        assert [course[0], pace[0]] == pytest.approx(slow[:2], rel=1e-9, abs=1e-9)
+        assert np.linalg.norm(there - place) > 0.1
 
 
 def test_a_step_follows_the_arc():
@@ -188,3 +188,106 @@ def test_in_the_next_cell_who_drives_by_no_place_keeps_its_direction_and_all_the
     later = moved(ahead, 0.6, n=N, place=(17.0, 10.0))  # the same numbers, two steps more
     assert (found.cell == 1).all()
     assert np.corrcoef(found.speed - 10.0, later.speed - found.speed)[0, 1] > 0.8
+
+
+# Where the place says nothing: a Markov chain of what vehicles do
+
+STEP_S = 0.1
+
+
+def visits_of(speed, course, vehicle):
+    """One visit of each vehicle, outside of all cells, at instants 0.1 s apart."""
+    begin = np.flatnonzero(np.diff(vehicle, prepend=-1))
+    end = np.append(begin[1:], speed.size)
+    velocity = speed[:, None] * np.column_stack([np.cos(course), np.sin(course)])
+    return Visits(
+        vehicle=vehicle, segment=vehicle, position=np.cumsum(STEP_S * velocity, axis=0), course=course, speed=speed,
+        begin=begin, end=end, cell=np.full(begin.size, -1), stands=speed[begin] < 0.3, weight=np.ones(begin.size),
+        scale=Scale(),
+    )  # fmt: skip
+
+
+def two_habits(rng, *, n_vehicles=60, seconds=20):
+    """Vehicles at 10 m/s that now go straight on, now turn left on 50 m, and change as a coin says every second."""
+    turns = np.repeat(rng.random((n_vehicles, seconds)) < 0.5, 10, axis=1)
+    course = np.cumsum(np.where(turns, 0.02, 0.0), axis=1) + rng.uniform(-np.pi, np.pi, (n_vehicles, 1))
+    vehicle = np.repeat(np.arange(n_vehicles), turns.shape[1])
+    return visits_of(np.full(vehicle.size, 10.0), course.ravel(), vehicle)
+
+
+def test_groups_tell_who_turns_from_who_does_not():
+    columns, follow = learn_chain(two_habits(np.random.default_rng(1)), rng=np.random.default_rng(0))
+    moves = columns["start_rate"] == 0
+    share, curvature = columns["seconds"][moves], columns["curvature"][moves]
+    assert share.sum() == pytest.approx(1.0)
+    # Windows of a second are straight, left, or partly; of each habit there is one that is nothing else.
+    assert curvature.min() == pytest.approx(0.0, abs=2e-3)
+    assert curvature.max() == pytest.approx(0.02, abs=2e-3)
+    assert share @ curvature == pytest.approx(0.01, abs=1e-3)
+    np.testing.assert_allclose(columns["log_pace"][moves], np.log(10.3), rtol=1e-9)
+    # Where habits are independent from second to second, seconds that begin anywhere share on average 1/4 of them:
+    # the integral of f (1 - f) by that of f^2 + (1 - f)^2.
+    before, after = follow.nonzero()
+    count = np.asarray(follow[before, after]).ravel()
+    turned = columns["curvature"] - np.average(columns["curvature"][before], weights=count)
+    shared = np.average(turned[before] * turned[after], weights=count) / np.average(turned[before] ** 2, weights=count)
+    assert shared == pytest.approx(0.25, abs=0.05)
+    assert (columns["start_rate"][after] == 0).all()  # none stood
+
+
+def test_who_brakes_and_who_speeds_up_are_of_different_groups():
+    rng = np.random.default_rng(2)
+    gained = rng.choice([-1.0, 1.0], 80)
+    speed = 10.0 + gained[:, None] * np.arange(0.0, 4.0, STEP_S)
+    vehicle = np.repeat(np.arange(80), speed.shape[1])
+    visits = visits_of(speed.ravel(), np.zeros(vehicle.size), vehicle)
+    columns, _ = learn_chain(visits, rng=np.random.default_rng(0))
+    moves = columns["start_rate"] == 0
+    acceleration, pace = columns["acceleration"][moves], np.exp(columns["log_pace"][moves]) - 0.3
+    by_pace = acceleration[:, 0] + acceleration[:, 3] * pace
+    np.testing.assert_allclose(np.abs(by_pace), 1.0, atol=0.05)
+    assert {-1.0, 1.0} == set(np.sign(by_pace))
+
+
+def test_the_share_of_those_that_stand_and_their_start_rate_are_counted():
+    speed = np.concatenate([np.zeros(100), np.full(300, 5.0)] * 4)
+    vehicle = np.repeat(np.arange(4), 400)
+    rows = visits_of(speed, np.zeros(speed.size), vehicle)
+    begin = np.sort(np.concatenate([rows.begin, rows.begin + 100]))
+    stands, end = speed[begin] < 0.3, np.append(begin[1:], speed.size)
+    visits = replace(rows, begin=begin, end=end, cell=np.full(8, -1), stands=stands)
+    columns, _ = learn_chain(visits, rng=np.random.default_rng(0))
+    assert columns["seconds"][-1] == pytest.approx(0.25)
+    assert columns["start_rate"][-1] == pytest.approx(4.1 / 41.0)
+    assert (columns["start_rate"][:-1] == 0).all()
+
+
+def chain(count):
+    """Two background manoeuvres, straight and left, that follow each other as counted, and no cell to drive in."""
+    nowhere = motion_by_hand([0], course=0.0)
+    free = background_manoeuvres(
+        share=[0.5, 0.5], log_pace=[2.3, 2.3], log_pace_spread=[1.0, 1.0], acceleration=np.zeros((2, 2)),
+        push=[0.0, 0.0], turning=[0.0, 0.0], curvature=[0.0, 1e-6], standing=0.0, start_rate=0.1,
+    )  # fmt: skip
+    placed = {name: getattr(nowhere, name)[:1] for name in (*FLOATS, "cell", "mode")}
+    before, after = np.nonzero(count)
+    return replace(
+        nowhere, **joined(placed, free), first=np.searchsorted(before + 1, np.arange(5)), following=after + 1,
+        count=np.asarray(count, np.float64)[before, after],
+    )  # fmt: skip
+
+
+def test_vehicles_of_no_place_go_over_once_a_second_as_counted():
+    """The share that turns after t seconds is that of the chain whose rows are drawn at rate 1/s."""
+    count = np.array([[3.0, 1.0], [2.0, 2.0]])
+    rate = count / count.sum(axis=1, keepdims=True) - np.eye(2)
+    for seconds in (0.5, 2.0):
+        found = moved(squares(1, 1, chain(count)), seconds, n=N, place=(500.0, 500.0), step_s=0.02)
+        assert (found.manoeuvre > 0).all()
+        turning = int((found.manoeuvre == 2).sum())
+        # exp(Q t) of two states: what is left of the difference from the stationary share decays at a + b.
+        a, b = rate[0, 1], rate[1, 0]
+        still = a / (a + b)
+        expected = still + (0.5 - still) * np.exp(-(a + b) * seconds)
+        assert stats.binomtest(turning, N, expected).pvalue > FALSE_ALARM
+        assert stats.binomtest(turning, N, 0.5).pvalue < FALSE_ALARM  # as if none went over
