@@ -24,6 +24,18 @@ def scale_of(tracks):
     return TrackRows.thinned(tracks, interval_s=0.2).scale
 
 
+def mean_density(learned, tracks):
+    return learned.log_density(tracks.position, tracks.direction, tracks.speed).mean()
+
+
+def measured(ids, vehicle, time_ns, position):
+    """Tracks of vehicles of which only the places are known, where their speeds are."""
+    of = motion_of(vehicle, time_ns, position)
+    known = np.isfinite(of.speed)
+    motion = {"direction": of.direction[known], "speed": of.speed[known]}
+    return Tracks(track_id=ids[vehicle[known]], time_ns=time_ns[known], position=position[known], **motion)
+
+
 def test_cars_have_the_least_scale_and_what_is_seen_seldom_has_more():
     often = ring_traffic(np.random.default_rng(0), n_vehicles=6, dt_s=0.5, n_rows=30)
     assert scale_of(often) == Scale(3.0, 0.5)
@@ -39,11 +51,10 @@ def test_a_larger_world_seen_more_seldom_is_learned_alike(tessellation):
     seen, found = scaled(ring_traffic(np.random.default_rng(2), n_vehicles=6, dt_s=0.5, n_rows=40), 8), []
     for times in (1, 4):
         learned = learn_primitives(scaled(small, times), tessellation=tessellation, rng=np.random.default_rng(0))
-        test = scaled(seen, times)
-        found.append((learned, learned.log_density(test.position, test.direction, test.speed).mean()))
+        found.append((learned, mean_density(learned, scaled(seen, times))))
     (one, density), (other, of_large) = found
     assert of_large == pytest.approx(density, abs=0.1)
-    assert density > one.without_places().log_density(seen.position, seen.direction, seen.speed).mean() + 0.5
+    assert density > mean_density(one.without_places(), seen) + 0.5
     assert other.tessellation.n_cells == pytest.approx(one.tessellation.n_cells, rel=0.3)
     assert other.motion.n_placed > 0
 
@@ -66,18 +77,11 @@ def test_ships_of_a_strait_are_learned():
     ids, vehicle = np.unique(table["track_id"], return_inverse=True)
     time_ns = np.round(table["time_s"] * 1e9).astype(np.int64)
     _, once = np.unique(np.column_stack([vehicle, time_ns]), axis=0, return_index=True)
-    vehicle, time_ns, position = vehicle[once], time_ns[once], position[once]
-    of = motion_of(vehicle, time_ns, position)
-    known = np.isfinite(of.speed)
-    assert known.mean() > 0.9  # but for those at anchor, who report every three minutes
-    tracks = Tracks(
-        track_id=ids[vehicle[known]], time_ns=time_ns[known], position=position[known], direction=of.direction[known],
-        speed=of.speed[known],
-    )  # fmt: skip
+    tracks = measured(ids, vehicle[once], time_ns[once], position[once])
+    assert len(tracks) > 0.9 * once.size  # but for those at anchor, who report every three minutes
     learned = learn_primitives(tracks, tessellation="voronoi", n_cells=100, rng=np.random.default_rng(0))
     moving = tracks[tracks.speed > 1.0]
-    seen = moving.position, moving.direction, moving.speed
-    assert learned.log_density(*seen).mean() > learned.without_places().log_density(*seen).mean() + 1.0
+    assert mean_density(learned, moving) > mean_density(learned.without_places(), moving) + 1.0
 
 
 @pytest.mark.parametrize("jitter_m", [0.0, 1e-6, 1e-2, 10.0])
@@ -86,9 +90,7 @@ def test_what_parked_vehicles_cost_does_not_depend_on_how_far_they_jitter(jitter
     homes = rng.uniform(-50, 50, (20, 1, 2)) + jitter_m * rng.normal(size=(20, n, 2))
     way = np.stack([np.arange(n) - 50.0, np.zeros(n)], axis=1) + rng.uniform(-3, 3, (20, 1, 2)) * [0, 1]
     position, vehicle = np.concatenate([homes, way]).reshape(-1, 2), np.repeat(np.arange(40), n)
-    time_ns = np.tile(np.arange(n) * 100_000_000, 40)
-    of = motion_of(vehicle, time_ns, position)
-    tracks = Tracks(track_id=vehicle, time_ns=time_ns, position=position, direction=of.direction, speed=of.speed)
+    tracks = measured(np.arange(40), vehicle, np.tile(np.arange(n) * 100_000_000, 40), position)
     learned = learn_primitives(tracks, rng=np.random.default_rng(0))
     assert sum(np.asarray(column).nbytes for column in learned.tessellation.locator) < 1e6
     assert learned.tessellation.n_cells < 200
@@ -110,9 +112,8 @@ def test_a_clock_that_jitters_by_a_millisecond_thins_to_the_same_rows():
 
 @pytest.mark.parametrize(("n_vehicles", "n_rows", "most"), [(1, 20_000, 1000), (2, 9000, 100), (300, 100, 3000)])
 def test_some_rows_are_about_as_many_as_asked_for_and_never_none(n_vehicles, n_rows, most):
-    rows = TrackRows.thinned(
-        ring_traffic(np.random.default_rng(0), n_vehicles=n_vehicles, n_rows=n_rows), interval_s=0.05
-    )
+    ring = ring_traffic(np.random.default_rng(0), n_vehicles=n_vehicles, n_rows=n_rows)
+    rows = TrackRows.thinned(ring, interval_s=0.05)
     for seed in range(5):
         some = rows.some(most, rng=np.random.default_rng(seed))
         assert 0.9 * most <= len(some) <= 2 * most
@@ -124,17 +125,11 @@ def test_some_rows_are_about_as_many_as_asked_for_and_never_none(n_vehicles, n_r
     assert rows.some(len(rows), rng=np.random.default_rng(0)) is rows
 
 
-def grouped(n_groups, *, share_of_first=None):
-    ring = ring_traffic(np.random.default_rng(0), n_vehicles=24, n_rows=20)
-    group = ring.track_id % n_groups
-    if share_of_first is not None:
-        group = np.where(ring.track_id < 24 * share_of_first, 0, 1 + ring.track_id % (n_groups - 1))
-    return replace(ring, group=10 * group)
-
-
 def test_groups_are_held_out_whole_where_there_are_three_and_none_rules():
-    rows = TrackRows.thinned(grouped(3), interval_s=0.2)
+    ring = ring_traffic(np.random.default_rng(0), n_vehicles=24, n_rows=20)
+    rows = TrackRows.thinned(replace(ring, group=10 * (ring.track_id % 3)), interval_s=0.2)
     np.testing.assert_array_equal(rows.group, 10 * (rows.vehicle // 8))  # vehicles are in order of group and id
-    for too_few in (grouped(1), grouped(2), grouped(4, share_of_first=0.75)):
-        by_vehicle = TrackRows.thinned(too_few, interval_s=0.2)
+    one_rules = np.where(ring.track_id < 18, 0, 1 + ring.track_id % 3)
+    for too_few in (0 * ring.track_id, ring.track_id % 2, one_rules):
+        by_vehicle = TrackRows.thinned(replace(ring, group=10 * too_few), interval_s=0.2)
         np.testing.assert_array_equal(by_vehicle.group, by_vehicle.vehicle)
