@@ -4,7 +4,7 @@ from shutil import copy
 
 import pytest
 
-from cli.commands import DONE, dirprim
+from cli.commands import DONE, FAILED, USAGE, dirprim
 from dirprim_filter import save_map, write_tracks
 
 
@@ -38,3 +38,33 @@ def here(files, tmp_path, monkeypatch):
         copy(path, tmp_path)
     monkeypatch.chdir(tmp_path)
     return tmp_path
+
+
+@pytest.fixture
+def said(capsys):
+    """Runs a command, which ends with a code; -> what it says: its `out` and `err`."""
+
+    def run(command, *more, code=DONE):
+        capsys.readouterr()
+        assert dirprim(command, *more) == code, (command, *more)
+        return capsys.readouterr()
+
+    return run
+
+
+@pytest.fixture
+def refused(said):
+    """Runs a command, which fails with a text in what it says, of which one line is of the error, the last.
+
+    -> what it says, words set apart by one blank: "error: " stands first where it says nothing else.
+    """
+
+    def run(command, text, *more, code=FAILED):
+        lines = said(command, *more, code=code).err.splitlines()
+        if code != USAGE:
+            assert [line.startswith("error: ") for line in lines] == [False] * (len(lines) - 1) + [True], lines
+        error = " ".join(" ".join(lines).split())
+        assert text in error, (command, *more)
+        return error
+
+    return run

@@ -34,11 +34,10 @@ def rough(monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_log_is_calibrated(here, capsys):
-    assert dirprim("calibrate log.mcap --truth log.mcap -o sensor.toml") == DONE
-    said = capsys.readouterr().out
-    assert "latency_s" in said
-    assert "of 15 true vehicles" in said
+def test_a_log_is_calibrated(here, said):
+    shown = said("calibrate log.mcap --truth log.mcap -o sensor.toml").out
+    assert "latency_s" in shown
+    assert "of 15 true vehicles" in shown
     assert load_sensor("sensor.toml").latency_s == pytest.approx(0.3, abs=0.03)
 
 
@@ -86,25 +85,24 @@ def test_a_bad_sensor_file_is_one_line(text, says, tmp_path):
         ("--end 2 --no-ids", "sensor, learned from "),
     ],
 )
-def test_where_no_noise_is_stated_it_is_learned_from_the_log_which_is_tracked_whole(options, says, here, capsys):
+def test_where_no_noise_is_stated_it_is_learned_from_the_log_which_is_tracked_whole(options, says, here, said):
     Path("own.toml").write_text("[filter]\nn_particles = 20\n")
     if "stated" in options:  # by the log
         seen = sense(TRUTH, BIASED, rng=np.random.default_rng(1))
         stated = replace(seen, covariance=np.tile(np.eye(2), (len(seen), 1, 1)))
         write_tracks(TRUTH, "log.mcap", detections=stated, force=True)
-    assert dirprim(f"{TRACK} {options.removesuffix('--set fields=stated')}") == DONE
-    said = capsys.readouterr().out.splitlines()
-    assert said[0].startswith(says) if says else not said[0].startswith(("sensor", "noise"))
+    lines = said(f"{TRACK} {options.removesuffix('--set fields=stated')}").out.splitlines()
+    assert lines[0].startswith(says) if says else not lines[0].startswith(("sensor", "noise"))
     if says == "sensor, learned from ":
-        assert {line.split()[0] for line in said if " m" in line} >= {"along.spread_m", "across.spread_m"}
-        assert not any(line.startswith(("latency_s", "along.bias_m")) for line in said)
-        assert any(line.startswith("not known: latency_s, along.bias_m, across.bias_m") for line in said)
-        counted = {"detection_probability", "clutter_density", "birth_density"} & {line.split()[0] for line in said}
+        assert {line.split()[0] for line in lines if " m" in line} >= {"along.spread_m", "across.spread_m"}
+        assert not any(line.startswith(("latency_s", "along.bias_m")) for line in lines)
+        assert any(line.startswith("not known: latency_s, along.bias_m, across.bias_m") for line in lines)
+        counted = {"detection_probability", "clutter_density", "birth_density"} & {line.split()[0] for line in lines}
         assert len(counted) == 3 * ("--no-ids" in options)
         assert read_estimates("out").time_ns.min() <= TRUTH.time_ns.min() + 500_000_000  # what was learned from too
 
 
-def test_a_log_is_tracked_by_a_sensor_file(here, capsys):
+def test_a_log_is_tracked_by_a_sensor_file(here):
     save_sensor(BIASED, "sensor.toml")
     rmse = []
     for options in ("--noise 1", "--sensor sensor.toml"):
@@ -117,7 +115,7 @@ def test_a_log_is_tracked_by_a_sensor_file(here, capsys):
 
 
 @pytest.mark.parametrize("states", ["user", "log", "nobody"])
-def test_without_ids_misses_and_clutter_are_learned_whoever_states_the_noise(states, here, capsys, monkeypatch):
+def test_without_ids_misses_and_clutter_are_learned_whoever_states_the_noise(states, here, said, monkeypatch):
     """Fifty false detections a frame; before anything was learned of them, all of them were taken for vehicles."""
     monkeypatch.setattr(self_calibration, "MOST_PIECES", 9)  # noise is learned from fewer than there are
     rng = np.random.default_rng(0)
@@ -132,11 +130,10 @@ def test_without_ids_misses_and_clutter_are_learned_whoever_states_the_noise(sta
         both = replace(both, covariance=np.tile(np.eye(2), (len(both), 1, 1)))
     write_tracks(TRUTH[:0], "log.mcap", detections=both, force=True)
     options = "--particles 100" + " --noise 1" * (states == "user")
-    assert dirprim(f"track log.mcap --no-ids --end 4 -o out {options}") == DONE
-    said = capsys.readouterr()
-    assert said.out.startswith("sensor, learned from " if states == "nobody" else "scene, learned from ")
-    n_true = int(said.out.partition(" detections without ids, ")[2].split()[0])
+    shown = said(f"track log.mcap --no-ids --end 4 -o out {options}")
+    assert shown.out.startswith("sensor, learned from " if states == "nobody" else "scene, learned from ")
+    n_true = int(shown.out.partition(" detections without ids, ")[2].split()[0])
     assert n_true == pytest.approx((seen.time_ns - seen.time_ns.min() < 4e9).sum(), rel=0.2)
-    assert "no estimate" not in said.err  # though most are of no vehicle
+    assert "no estimate" not in shown.err  # though most are of no vehicle
     found = read_estimates("out")
     assert len(np.unique(found.track_id)) < 2 * TRUTH.n_tracks

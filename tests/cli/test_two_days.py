@@ -7,7 +7,7 @@ from shutil import copytree
 import numpy as np
 import pytest
 
-from cli.commands import DONE, FAILED, dirprim
+from cli.commands import DONE, FAILED, GRID, dirprim
 from dirprim_filter import load_map, read_estimates, read_tracks
 from dirprim_filter.origin import _topocentric
 from dirprim_filter.recording.tables.files import cells_of
@@ -28,7 +28,9 @@ def made(tmp_path_factory):
                 rows.append((20 * i + 0.5 * k, i, 48.1 + north / 111200, 11.5 + east / 74400))
         lines = [f"{t},v{i},{latitude:.8f},{longitude:.8f}" for t, i, latitude, longitude in sorted(rows)]
         (folder / name).write_text("\n".join(["time_s,track_id,latitude_deg,longitude_deg", *lines]))
-    assert dirprim(f"learn {folder}/day1.csv -o {folder}/map.mcap --tessellation grid --cell-size 8") == DONE
+    lines = ["time_s,track_id,x_m,y_m", *(f"{k},v,{5 * k},0" for k in range(9))]
+    (folder / "metres.csv").write_text("\n".join(lines))
+    assert dirprim(f"learn {folder}/day1.csv -o {folder}/map.mcap {GRID}") == DONE
     return folder
 
 
@@ -42,69 +44,55 @@ def days(made, tmp_path, monkeypatch):
 TRACK = "--map map.mcap -o out.mcap --noise 0.3 --particles 30 --force"
 
 
-def test_the_second_day_is_on_the_plane_of_the_map_and_comes_out_in_degrees(days, capsys):
+def test_the_second_day_is_on_the_plane_of_the_map_and_comes_out_in_degrees(days, said):
     origin = load_map("map.mcap").origin
     assert dirprim("convert day2.csv -o day2.mcap") == DONE  # with an origin of its own
     assert read_tracks("day2.mcap").origin not in (None, origin)
     for log in ("day2.csv", "day2.mcap"):
-        capsys.readouterr()
-        assert dirprim(f"track {log} {TRACK}") == DONE
-        said = capsys.readouterr()
-        assert f"map.mcap: origin {origin}, of the logs" in said.err
-        assert float(re.search(r"([\d.]+)% outside the map", said.out)[1]) < 10
+        shown = said(f"track {log} {TRACK}")
+        assert f"map.mcap: origin {origin}, of the logs" in shown.err
+        assert float(re.search(r"([\d.]+)% outside the map", shown.out)[1]) < 10
         assert read_estimates("out.mcap").origin == origin
     assert dirprim("export out.mcap -o out.csv") == DONE
-    table = cells_of(Path("out.csv"))
-    estimates = read_estimates("out.mcap")
-    degrees = table.numbers(("latitude_deg", "longitude_deg"))
-    np.testing.assert_allclose(degrees, origin.to_globe(estimates.position), atol=1e-9)
-    assert dirprim("score out.mcap out.csv --truth day2.csv --json") == DONE
+    degrees = cells_of(Path("out.csv")).numbers(("latitude_deg", "longitude_deg"))
+    np.testing.assert_allclose(degrees, origin.to_globe(read_estimates("out.mcap").position), atol=1e-9)
     for command in (
-        "smooth out.csv --map map.mcap -o smooth.mcap --particles 30",
+        "score out.mcap out.csv --truth day2.csv", "smooth out.csv --map map.mcap -o smooth.mcap --particles 30",
         "plot map.mcap -o map.png --log day2.csv --estimates out.mcap",
-    ):
+    ):  # fmt: skip
         assert dirprim(command) == DONE
     assert read_estimates("smooth.mcap").origin == origin
 
 
-def test_a_store_has_the_origin_of_its_first_log(days, capsys):
+def test_a_store_has_the_origin_of_its_first_log(days, refused):
     pytest.importorskip("deltalake", reason="the extra fleet is not installed")
-    assert dirprim("store add fleet day1.csv") == DONE
-    assert dirprim("store add fleet day2.csv") == DONE
-    assert dirprim("learn fleet -o both.mcap --tessellation grid --cell-size 8") == DONE
+    for command in ("store add fleet day1.csv", "store add fleet day2.csv", f"learn fleet -o both.mcap {GRID}"):
+        assert dirprim(command) == DONE
     assert load_map("both.mcap").origin == load_map("map.mcap").origin
-    capsys.readouterr()
-    Path("metres.csv").write_text("time_s,track_id,x_m,y_m\n" + "".join(f"{k},v,{5 * k},0\n" for k in range(9)))
-    assert dirprim("store add fleet metres.csv") == FAILED
-    assert "expected latitudes and longitudes" in capsys.readouterr().err
+    refused("store add fleet metres.csv", "expected latitudes and longitudes")
 
 
 @pytest.mark.parametrize("command", ["track", "smooth"])
-def test_a_log_of_another_country_is_refused_and_what_is_there_stays(days, capsys, command):
+def test_a_log_of_another_country_is_refused_and_what_is_there_stays(days, refused, command):
     Path("far.csv").write_text(Path("day2.csv").read_text().replace(",48.", ",52."))
     Path("out.mcap").write_text("of another run")
-    assert dirprim(f"{command} far.csv {TRACK}") == FAILED
-    assert "far.csv: expected moving objects, got none; left out: 270 rows that are no lat" in capsys.readouterr().err
+    expected = "far.csv: expected moving objects, got none; left out: 270 rows that are no lat"
+    refused(f"{command} far.csv {TRACK}", expected)
     assert Path("out.mcap").read_text() == "of another run"
 
 
-def test_another_plane_is_refused(days, capsys, monkeypatch):
+def test_another_plane_is_refused(days, refused, monkeypatch):
     origin = load_map("map.mcap").origin
-    Path("metres.csv").write_text("time_s,track_id,x_m,y_m\n" + "".join(f"{k},v,{5 * k},0\n" for k in range(9)))
-    assert dirprim("learn metres.csv -o plain.mcap --tessellation grid --cell-size 8") == DONE
-    for command, said in (
+    assert dirprim(f"learn metres.csv -o plain.mcap {GRID}") == DONE
+    for command, text in (
         (f"track metres.csv {TRACK}", f"say --set origin={origin}"),
         (f"track day2.csv {TRACK} --set origin=48,11", "map.mcap: expected origin 48.0,11.0, as --set origin=... st"),
         (f"track day2.csv {TRACK.replace('map.mcap', 'plain.mcap')}", "as of plain.mcap, which has no origin"),
         ("learn day1.csv metres.csv -o x", "metres.csv: expected latitudes and longitudes, as day1.csv has the origin"),
     ):
-        capsys.readouterr()
-        assert dirprim(command) == FAILED
-        assert said in " ".join(capsys.readouterr().err.split())
+        refused(command, text)
     assert dirprim(f"track metres.csv {TRACK} --set origin={origin}") != FAILED
     monkeypatch.setitem(__import__("sys").modules, "pyproj", None)
     _topocentric.cache_clear()
     for command in (f"track day2.csv {TRACK}", "export out.mcap -o out.csv"):
-        capsys.readouterr()
-        assert dirprim(command) == FAILED
-        assert capsys.readouterr().err.splitlines()[-1].endswith("pip install 'dirprim-filter[geo]'")
+        refused(command, "pip install 'dirprim-filter[geo]'")
