@@ -8,10 +8,10 @@ import pytest
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import EstimateList, Estimates
-from dirprim_filter.filtering import GroupTracker, Tracker
+from dirprim_filter.filtering import GroupTracker
 from dirprim_filter.filtering.smoother import Smoother
 from dirprim_filter.replay import replay
-from situations import TRUSTING
+from situations import TRUSTING, tracker_of
 
 
 class Witness:
@@ -37,7 +37,7 @@ def test_sinks_see_every_frame_in_order_of_a_stream_that_is_read_one_at_a_time(r
             assert len(seen) == 2 * i  # all before it have been dealt with
             yield frame
 
-    tracker = Tracker(ring_map, config=FilterConfig(n_particles=20), tracking=TRUSTING, rng=np.random.default_rng(0))
+    tracker = tracker_of(ring_map, tracking=TRUSTING, n_particles=20)
     assert replay(stream(), tracker, [Witness("first", seen), Witness("second", seen)]) == 10
     assert [name for name, _ in seen] == ["first", "second"] * 10
     assert [frame.time_ns for _, frame in seen[::2]] == sorted(set(detections.time_ns.tolist()))
@@ -56,7 +56,7 @@ def of_group(seen, group):
 @pytest.mark.parametrize("smooth", [False, True])
 def test_at_a_rate_each_group_has_estimates_in_its_own_gaps_as_if_it_were_alone(ring_map, ring, smooth):
     """The gaps of the first and the second overlap, that of the third begins and ends between their frames."""
-    few = Detections.of(ring[(ring.track_id < 3) & (ring.time_ns < 5e9)])
+    few = Detections.of(ring[(ring.track_id < 2) & (ring.time_ns < 5e9)])
     gaps = {1: (1.0, 3.0), 4: (2.0, 4.05), 7: (0.35, 0.65)}
     parts = {
         group: of_group(few[(few.time_ns < low * 1e9) | (few.time_ns > high * 1e9)], group)
@@ -64,9 +64,8 @@ def test_at_a_rate_each_group_has_estimates_in_its_own_gaps_as_if_it_were_alone(
     }
 
     def tracked(seen, rate_hz=5.0):
-        kept, config = EstimateList(), FilterConfig(n_particles=50)
+        kept, options = EstimateList(), {"config": FilterConfig(n_particles=50), "tracking": TRUSTING}
         smoother = Smoother(sinks=[kept.write])
-        options = {"config": config, "tracking": TRUSTING}
         tracker = GroupTracker(lambda group: smoother.tracker(group, ring_map, **options, rng=np.random.default_rng(0)))
         with smoother:
             n_frames = replay(seen.frames(), tracker, [smoother] if smooth else [kept], rate_hz=rate_hz)

