@@ -101,5 +101,5 @@ def array(stamp_ns, frame, objects, *, late_ns=0):
     return "/objects", stamp_ns + late_ns, "derived_object_msgs/msg/ObjectArray", message
 
 
-def ros2_log_in_order(path, messages):
+def ros2_log_in_order(path, *messages):
     return write_ros2_log(path, sorted(messages, key=lambda message: message[1]))

@@ -120,8 +120,6 @@ def changed(log, at, to=b"x"):
 
 HARMLESS = ("another time in the chunk", "another length of the chunk", "another message index")
 """The contents have a checksum of their own, and the Summary section says where they stand."""
-
-
 HARMS = {
     "none": lambda log, _: log,
     "no summary": lambda log, _: log[: log.rindex(b"\x0f\x04\x00\x00\x00\x00\x00\x00\x00")],
@@ -163,9 +161,8 @@ def test_a_part_that_is_cut_short_is_said_in_one_line_and_the_next_read_goes_on(
         assert list(log)
 
 
-@pytest.mark.parametrize("query", ["?sig=x", "?sig=[x]*&part=1"])
-def test_a_url_with_a_query_is_no_pattern_of_files(serve, drive, capfd, query):
-    assert run(["info", serve(drive[1], knows_ranges=True) + query]) == 0
+def test_a_url_with_a_query_is_no_pattern_of_files(serve, drive, capfd):
+    assert run(["info", serve(drive[1], knows_ranges=True) + "?sig=[x]*&part=1"]) == 0
     assert "/camera" in capfd.readouterr().out
 
 

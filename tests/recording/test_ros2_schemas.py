@@ -145,31 +145,20 @@ def test_markers_that_draw_no_body_are_no_objects(tmp_path):
     assert read_tracks(array_log(tmp_path, "visualization_msgs/msg/MarkerArray", items)).n_tracks == 1
 
 
-def odometry(k, i=1):
-    attitude = quaternion(0.1, -0.2, SCENE.yaw[k, i])
-    return {
-        "header": header(START_NS + k * STEP_NS, "odom"), "child_frame_id": "base_link",
-        "pose": {"pose": {"position": point(*SCENE.place[k, i]), "orientation": attitude}},
-        "twist": {"twist": {"linear": point(3.0, 1.0, 0.5), "angular": point(0, 0, 1)}},
-    }  # fmt: skip
-
-
-def expected_velocity():
-    turned = Rotation.from_euler("ZYX", [(SCENE.yaw[k, 1], -0.2, 0.1) for k in range(N_TIMES)])
-    return turned.apply([3.0, 1.0, 0.5])[:, :2]
-
-
 def test_a_fleet_is_read_in_whole_and_no_two_become_one(tmp_path, caplog):
     """Each calls itself base_link; vehicles 200 m apart would be one that jumps, or all but one not read.
 
     Their twists are turned from the body into its frame.
     """
     messages = []
-    for k in range(N_TIMES):
-        for i in range(23):
-            reported = odometry(k)
-            reported["pose"]["pose"]["position"] = point(k, 200.0 * i, 0)
-            messages.append((f"/car{i}/odom", START_NS + k * STEP_NS + i, "nav_msgs/msg/Odometry", reported))
+    for k, i in np.ndindex(N_TIMES, 23):
+        pose = {"position": point(k, 200.0 * i, 0), "orientation": quaternion(0.1, -0.2, SCENE.yaw[k, 1])}
+        reported = {
+            "header": header(START_NS + k * STEP_NS, "odom"), "child_frame_id": "base_link", "pose": {"pose": pose},
+            "twist": {"twist": {"linear": point(3.0, 1.0, 0.5), "angular": point(0, 0, 1)}},
+        }  # fmt: skip
+        messages.append((f"/car{i}/odom", START_NS + k * STEP_NS + i, "nav_msgs/msg/Odometry", reported))
+    turned = Rotation.from_euler("ZYX", [(yaw, -0.2, 0.1) for yaw in SCENE.yaw[:, 1]]).apply([3.0, 1.0, 0.5])
     path = write_ros2_log(tmp_path / "log.mcap", messages)
     for options in ({}, {"topics": "/car.*"}):
         tracks = read_tracks(path, **options)
@@ -178,7 +167,7 @@ def test_a_fleet_is_read_in_whole_and_no_two_become_one(tmp_path, caplog):
             of = tracks[tracks.track_id == f"/car{i}/odom/base_link"]
             np.testing.assert_array_equal(of.position, [[k, 200.0 * i] for k in range(N_TIMES)])
             velocity = of.speed[:, None] * np.stack([np.cos(of.direction), np.sin(of.direction)], -1)
-            np.testing.assert_allclose(velocity, expected_velocity(), atol=1e-12)
+            np.testing.assert_allclose(velocity, turned[:, :2], atol=1e-12)
     assert all(len(frame) == 23 for frame in stream_detections(path))
     assert set(read_tracks(path, topics="/car7/odom").track_id) == {"base_link"}
     assert "is read, not" not in caplog.text
@@ -216,12 +205,11 @@ def test_vehicles_that_may_not_be_of_one_frame_are_reported(tmp_path, caplog, ch
 
 def test_topics_of_other_kinds_that_are_not_read_are_named(tmp_path, caplog):
     """But for drawings, which show what others say."""
-    fixes = [
-        ("/fix", START_NS + k * STEP_NS, "sensor_msgs/msg/NavSatFix", {
-            "header": header(START_NS + k * STEP_NS, "gps"), "status": {"status": 0, "service": 1}, "latitude": 52.0,
-            "longitude": 13.0 + 1e-5 * k, "altitude": 0.0, "position_covariance": [0.0] * 9,
-            "position_covariance_type": 0,
-        }) for k in range(N_TIMES)
-    ]  # fmt: skip
+    fix = {
+        "status": {"status": 0, "service": 1}, "latitude": 52.0, "longitude": 13.0, "altitude": 0.0,
+        "position_covariance": [0.0] * 9, "position_covariance_type": 0,
+    }  # fmt: skip
+    times = START_NS + np.arange(N_TIMES) * STEP_NS
+    fixes = [("/fix", at, "sensor_msgs/msg/NavSatFix", {"header": header(at, "gps")} | fix) for at in times.tolist()]
     read_tracks(write_ros2_log(tmp_path / "log.mcap", [*poses(0, begins=(9.0, 9.0)), *fixes]))
     assert [line.partition(": ")[2] for line in caplog.messages] == ["/car0/pose is read, not /fix; --topics chooses"]

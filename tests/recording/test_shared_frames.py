@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from ros_messages import array, header, point, quaternion, ros2_log_in_order, ros_transform, tf, write_ros2_log
+from ros_messages import array, header, point, quaternion, ros_transform, tf, write_ros2_log
+from ros_messages import ros2_log_in_order as log
 from test_ros2_schemas import START_NS, STEP_NS, carla
 
 from dirprim_filter.cli.main import run
@@ -34,10 +35,6 @@ def parked(times=range(N), frame="base_link", ahead=0.0):
 
 
 MOUNTED = placed(START_NS, "base_link", "lidar", (2.0, 0.0), topic="/tf_static")
-
-
-def log(path, *messages):
-    return ros2_log_in_order(path, messages)
 
 
 def stands(tracks, n=N):

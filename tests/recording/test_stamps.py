@@ -73,17 +73,13 @@ HONEST = {
     "swapped": wrong([20, 21, 90, 91], STEP_NS * np.array([1, -1, 1, -1])),
     "ten times as fast": START_NS + (LOG_NS - START_NS) * 10,
     "delays of minutes": LOG_NS - RNG.integers(0, 300 * SECOND_NS, N),
-    **{
-        f"simulated, {pace} as fast": ((LOG_NS - START_NS) * pace).astype(np.int64) + 1
-        for pace in (0.1, 0.5, 2.0, 10.0)
-    },
+    **{f"simulated, {pace} as fast": np.int64((LOG_NS - START_NS) * pace) + 1 for pace in (0.1, 0.5, 2.0, 10.0)},
 }
 
 
 @pytest.mark.parametrize("stamps", HONEST.values(), ids=HONEST)
 def test_honest_clocks_lose_nothing(tmp_path, stamps):
-    stamps = stamps + np.arange(N) % 7 * 1000  # no two alike
-    stamps = stamps + (np.arange(N) // 7)
+    stamps = stamps + np.arange(N) % 7 * 1000 + np.arange(N) // 7  # no two alike
     assert streamed(log_of(tmp_path, stamps)) == (np.sort(stamps).tolist(), {})
 
 
@@ -94,28 +90,27 @@ def test_log_times_that_say_nothing_judge_no_stamp(tmp_path, every_s):
     for log_ns in (np.full(N, 5), START_NS + np.arange(N)):
         assert streamed(log_of(tmp_path, stamps, log_ns=log_ns)) == (stamps.tolist(), {})
     for few in (1, 2, 3, 4):
-        got = streamed(log_of(tmp_path, stamps[:few], log_ns=np.full(few, 5)))
-        assert got == (stamps[:few].tolist(), {})
+        assert streamed(log_of(tmp_path, stamps[:few], log_ns=np.full(few, 5))) == (stamps[:few].tolist(), {})
 
 
-def test_topics_have_clocks_of_their_own_and_such_that_differ_are_reported(tmp_path, caplog):
-    stamps = LOG_NS - np.where(np.arange(N) % 2, START_NS, 0)
-    stamps[30] += YEAR_NS
+OF_B = np.arange(N) % 2 == 1
+CLOCKS = {
+    "simulated, and one stamp of /a a year ahead": (wrong([30], YEAR_NS) - START_NS * OF_B, 1_700_000_000),
+    "simulated, and of /a none, so that log time counts": (np.where(OF_B, LOG_NS - START_NS, 0), 1_700_000_000),
+    "of /a none": (np.where(OF_B, LOG_NS, 0), None),
+    "as late as sensors are": (LOG_NS - 2 * SECOND_NS * OF_B, None),
+    "never set": (LOG_NS - 5 * SECOND_NS * OF_B, 5),
+}
+
+
+@pytest.mark.parametrize(("stamps", "apart_s"), CLOCKS.values(), ids=CLOCKS)
+def test_topics_have_clocks_of_their_own_and_such_that_differ_are_reported(tmp_path, caplog, stamps, apart_s):
     times, dropped = streamed(log_of(tmp_path, stamps, topics=("/a", "/b")), topics="/[ab]")
-    assert (times, dropped) == (sorted(np.delete(stamps, 30).tolist()), {STRAY: 1})
-    assert caplog.text.count("times of /a are 1700000000 s ahead of those of /b") == 1
-    caplog.clear()
-    simulated = np.where(np.arange(N) % 2, LOG_NS - START_NS, 0)  # and of /a none, so that log time counts
-    streamed(log_of(tmp_path, simulated, topics=("/a", "/b")), topics="/[ab]")
-    assert caplog.text.count("times of /a are 1700000000 s ahead of those of /b") == 1
-    streamed(log_of(tmp_path, np.where(np.arange(N) % 2, LOG_NS, 0), topics=("/a", "/b")), topics="/[ab]")
-    assert caplog.text.count("ahead") == 1
-    for late_s, n_reported in ((2, 0), (5, 1)):  # as late as sensors are, and a clock that was never set
-        caplog.clear()
-        streamed(
-            log_of(tmp_path, LOG_NS - late_s * SECOND_NS * (np.arange(N) % 2), topics=("/a", "/b")), topics="/[ab]"
-        )
-        assert caplog.text.count("times of /a are 5 s ahead of those of /b") == n_reported
+    is_stray = stamps > LOG_NS
+    expected = np.sort(np.where(stamps == 0, LOG_NS, stamps)[~is_stray])
+    assert (times, dropped) == (expected.tolist(), {STRAY: 1} if is_stray.any() else {})
+    assert caplog.text.count("ahead of those") == (apart_s is not None)
+    assert apart_s is None or f"times of /a are {apart_s} s ahead of those of /b" in caplog.text
 
 
 def test_stamps_that_were_not_set_or_do_not_fit_are_counted_as_such(tmp_path):

@@ -43,7 +43,7 @@ def write_ros(path, objects, *, transforms=range(-1, N + 1), more=(), static=())
         messages.append(tf(time_ns, ros_transform(time_ns, "odom", "base_link", *ego((time_ns - START_NS) * 1e-9))))
     messages += [array(START_NS + k * STEP_NS, *of, late_ns=30_000_000) for k, of in enumerate(objects)]
     messages += [*(tf(*of) for of in more), *(tf(*of, topic="/tf_static") for of in static)]
-    return ros2_log_in_order(path, messages)
+    return ros2_log_in_order(path, *messages)
 
 
 def streamed(path, **options):
@@ -188,7 +188,7 @@ def test_an_object_is_where_the_vehicle_was_at_its_stamp_then(tmp_path, late_ns)
             one["pose"] = {"position": point(x, 0, 0), "orientation": quaternion(0, 0, 0)}
         late = late_ns - int(rng.integers(40_000_000))
         messages.append(array(START_NS + k * STEP_NS, "base_link", [ahead, driving], late_ns=late))
-    path = ros2_log_in_order(tmp_path / "log.mcap", messages)
+    path = ros2_log_in_order(tmp_path / "log.mcap", *messages)
     tracks = read_tracks(path)
     still, driving = tracks[tracks.track_id == 1], tracks[tracks.track_id == 2]
     np.testing.assert_allclose(still.position[:, 0], 90.0, atol=1e-6)
@@ -246,13 +246,9 @@ def test_an_objects_own_header_counts_where_it_is_filled_in(tmp_path, caplog, sc
 
 def broken_transform(k):
     """One that is none: not finite, of no rotation, of a frame in itself."""
-    one = ros_transform(START_NS, "odom", "base_link", *ego(0))
-    if k % 3 == 0:
-        one["transform"]["translation"]["x"] = float("nan")
-    elif k % 3 == 1:
+    one = ros_transform(START_NS, "odom", "base_link" if k % 3 else "odom", (np.nan if k % 3 == 1 else 0.0, 0.0, 0.0))
+    if k % 3 == 2:
         one["transform"]["rotation"] = dict.fromkeys("xyzw", 0.0)
-    else:
-        one["child_frame_id"] = "odom"
     return one
 
 
