@@ -85,6 +85,31 @@ def test_numbers_and_names_of_any_length_and_an_id_is_the_same_as_a_whole_number
     assert read("name", "a", "a\0", "a\0b") == (["a", "", "a\0b"], [1])  # NUL at the end makes no other name
 
 
+def test_json_reads_what_is_there_and_says_what_is_not():
+    fields = {
+        "id": Field(path=".objects[].id", kind="name"), "x": Field(path=".objects[].at[0]"),
+        "t": Field(path=".stamp", kind="time"), "set": Field(path=".more", kind="presence"),
+        "deep": Field(path=".objects[].parts[].y"),
+    }  # fmt: skip
+    reported = [
+        {"stamp": 5, "more": {}, "objects": [{"id": 7, "at": [1.5]}, {"id": "b", "parts": [{"y": 2}]}]},
+        {"objects": None},
+        {"objects": [{"id": None, "at": [3, 4], "parts": [{"y": 5}, {}]}]},
+        {"objects": 5},
+        [],
+        {"objects": [{"id": {}}]},
+    ]
+    read = run(JsonPlan(fields), [*(json.dumps(one).encode() for one in reported), b"{", b"\xff"])
+    assert sorted(read.failures) == [3, 4, 5, 6, 7]
+    assert read.read("id", "").tolist() == ["7", "b", ""]
+    np.testing.assert_array_equal(read.read("x"), [1.5, np.nan, 3.0])
+    np.testing.assert_array_equal(read.read("deep"), [2.0, 5.0, np.nan])
+    assert read.parent_of(".objects[].parts[]").tolist() == [1, 2, 2]
+    assert read.read("t", NO_TIME).tolist()[:3] == [5, NO_TIME, NO_TIME]
+    assert read.is_set("set").tolist()[:3] == [True, False, False]
+    assert read.message_of("").tolist() == list(range(8))
+
+
 def test_a_message_nested_without_end_costs_itself():
     deep = [b"[" * 100_000, b'{"v":' * 100_000, b'{"v": ' + b"[" * 100_000 + b"]" * 100_000 + b"}", b'{"v": 1}']
     columns = run(JsonPlan({"v": Field(path=".v")}), deep)
