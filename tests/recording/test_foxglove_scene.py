@@ -214,12 +214,8 @@ def test_regions_of_forecasts_hold_their_share_of_the_paths():
         areas, held = [], []
         for k, (region, share) in enumerate(zip(entity.triangles, (0.9, 0.5), strict=True)):
             corner = np.array([(p.x, p.y) for p in region.points])[np.array(region.indices).reshape(-1, 3)]
-            held.append(
-                [
-                    np.any([Outline(c).contains_points(paths[:, step], radius=1e-6) for c in corner], axis=0).mean()
-                    for step in range(paths.shape[1])
-                ]
-            )
+            within = [[Outline(c).contains_points(at, radius=1e-6) for c in corner] for at in paths.swapaxes(0, 1)]
+            held.append(np.any(within, axis=1).mean(axis=1))
             assert min(held[k]) >= share - 0.05  # straight edges between nodes cost a sample or two
             (ax, ay), (bx, by) = (corner[:, 1] - corner[:, 0]).T, (corner[:, 2] - corner[:, 0]).T
             areas.append(0.5 * (ax * by - ay * bx).sum())
@@ -251,9 +247,7 @@ def test_each_state_has_a_topic_to_be_plotted_and_where_the_plane_is_on_the_eart
     with EstimateWriter(tmp_path / "a.mcap", metadata={}) as log:
         log.write_map_scene(replace(ring_map, origin=origin))
         log.write(replace(frame, estimates=estimates))
-    with scan(
-        tmp_path / "a.mcap"
-    ) as log:  # Foxglove shows an error for each topic in an encoding that it does not know
+    with scan(tmp_path / "a.mcap") as log:  # Foxglove shows an error for each topic in an encoding that it knows not
         assert {channel.message_encoding for channel in log.channels()} == {"protobuf"}
     for topic, rows in ((topic_names.MEASURED, [0, 2]), (topic_names.COASTING, [1, 3])):
         (message,) = messages(tmp_path / "a.mcap", topic)
@@ -265,10 +259,8 @@ def test_each_state_has_a_topic_to_be_plotted_and_where_the_plane_is_on_the_eart
     points = [feature["geometry"]["coordinates"][::-1] for feature in drawn[topic_names.ESTIMATES_GLOBE]]
     np.testing.assert_allclose(origin.to_plane(np.array(points)), estimates.position, atol=0.02)
     petals = np.array([feature["geometry"]["coordinates"][0] for feature in drawn[topic_names.MAP_GLOBE]])
-    expected = shapes.rose_petals(ring_map).polygon
-    np.testing.assert_allclose(
-        origin.to_plane(petals[:, :-1, ::-1].reshape(-1, 2)), expected.reshape(-1, 2), atol=0.02
-    )  # fmt: skip
+    corners, expected = petals[:, :-1, ::-1].reshape(-1, 2), shapes.rose_petals(ring_map).polygon.reshape(-1, 2)
+    np.testing.assert_allclose(origin.to_plane(corners), expected, atol=0.02)
     (message,) = messages(tmp_path / "a.mcap", topic_names.LOCATION)
     fix = LocationFix.FromString(message.data)
     middle = shapes.map_extent(ring_map, share=shapes.BUSY_SHARE).mean(axis=0)
