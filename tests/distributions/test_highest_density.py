@@ -7,22 +7,15 @@ from scipy.interpolate import RegularGridInterpolator
 from scipy.ndimage import gaussian_filter
 from scipy.stats import norm
 
-from dirprim_filter.distributions.highest_density import (
-    EASED,
-    FINEST_M,
-    KERNEL_SQUARES,
-    N_SQUARES,
-    highest_densities,
-    highest_density_regions,
-    triangles_above,
-)
+from dirprim_filter.distributions import highest_density
+from dirprim_filter.distributions.highest_density import EASED, FINEST_M, KERNEL_SQUARES, N_SQUARES, triangles_above
 
 SHARES = (0.9, 0.5)
 
 
 def region_triangles(paths, shares):
     """The corners of the triangles of each region, (n, 3, 2)."""
-    return [fan.vertex[fan.triangle] for fan in highest_density_regions(paths, shares)]
+    return [fan.vertex[fan.triangle] for fan in highest_density.highest_density_regions(paths, shares)]
 
 
 def area_of(triangles):
@@ -46,21 +39,20 @@ def fork(n, *, seed):
 
 def test_at_every_instant_the_fan_holds_its_share_and_a_smaller_one_lies_within():
     paths = fork(60, seed=1)
-    for share, fan in zip(SHARES, region_triangles(paths, SHARES), strict=True):
+    wide, narrow = fans = region_triangles(paths, SHARES)
+    for share, fan in zip(SHARES, fans, strict=True):
         for step in range(paths.shape[1]):  # straight edges between nodes cost a sample or two
             assert holds(fan, paths[:, step]).mean() >= share - 0.05
-    wide, narrow = region_triangles(fork(60, seed=2), SHARES)
     assert 0.0 < area_of(narrow).sum() < 0.8 * area_of(wide).sum()
     assert holds(wide, narrow.mean(axis=1)).mean() > 0.98
 
 
 def test_a_fan_splits_where_rollouts_do():
-    (fan,) = region_triangles(fork(60, seed=5), (0.9,))
-    ends = fork(60, seed=5)[:, -1]
-    north = ends[:, 1] > 10
-    between = 0.5 * (ends[north].mean(axis=0) + ends[~north].mean(axis=0))
-    assert holds(fan, np.stack([ends[north].mean(axis=0), ends[~north].mean(axis=0)])).all()
-    assert not holds(fan, between[None]).any()  # where an ellipse around all would lie
+    paths = fork(60, seed=5)
+    (fan,), ends = region_triangles(paths, (0.9,)), paths[:, -1]
+    ways = np.stack([ends[ends[:, 1] > 10].mean(axis=0), ends[ends[:, 1] <= 10].mean(axis=0)])
+    assert holds(fan, ways).all()
+    assert not holds(fan, ways.mean(axis=0)[None]).any()  # where an ellipse around all would lie
 
 
 def test_the_area_is_that_of_the_highest_density_region():
@@ -84,15 +76,13 @@ def test_rollouts_that_agree_have_a_small_fan(paths):
 def test_densities_are_sums_of_normal_ones():
     rng = np.random.default_rng(7)
     place, shares = rng.uniform(6, [24, 34], (5, 40, 2)), np.array([0.9, 0.5])
-    found = highest_densities(place, shares, (30, 40))
+    found = highest_density.highest_densities(place, shares, (30, 40))
     expected = np.zeros_like(found)
     for samples in place:
-        density = np.zeros((30, 40))
-        for row, column in samples:
-            density += np.outer(
-                norm.pdf(np.arange(30), row, KERNEL_SQUARES), norm.pdf(np.arange(40), column, KERNEL_SQUARES)
-            )
-        at_sample = np.sort(RegularGridInterpolator((np.arange(30), np.arange(40)), density)(samples))
+        along, across = np.arange(30), np.arange(40)
+        rows, columns = (norm.pdf(at[:, None], samples[:, i], KERNEL_SQUARES) for i, at in enumerate((along, across)))
+        density = rows @ columns.T
+        at_sample = np.sort(RegularGridInterpolator((along, across), density)(samples))
         for k, share in enumerate(shares):
             expected[k] = np.maximum(expected[k], density / (EASED * at_sample[int((1 - share) * 40)]))
     np.testing.assert_allclose(found, expected, rtol=1e-9)

@@ -47,7 +47,7 @@ def somewhere(rng):
 @pytest.mark.parametrize("n_moving", [4, 8, 11])
 def test_weights_of_manoeuvres_are_what_the_slow_twin_says(rate, n_moving):
     rng = np.random.default_rng(2)
-    for _ in range(30):
+    for _ in range(12):
         random = only_places(random_map(rng, n_moving=n_moving))
         may = motion_table(random).candidates
         place, direction, speed = somewhere(rng)

@@ -193,16 +193,13 @@ def test_little_or_odd_data_give_cells(name, n_cells):
         ({"reach": 0.0}, "reach: expected a positive length in metres, got 0.0"),
         ({"reach": np.nan}, "reach: expected a positive length in metres, got nan"),
         ({"start": np.zeros((5, 3))}, "start"),
+        ({"position": np.zeros((0, 2)), "value": np.zeros(0)}, "position"),
+        ({"position": np.full((50, 2), np.nan)}, "position"),
+        ({"position": np.zeros((50, 3))}, "position"),
     ],
 )
 def test_bad_options_are_refused_before_anything_is_fitted(options, message, monkeypatch):
     position, value, _ = sample(50)
     monkeypatch.delattr(GaussianCells, "fit")
     with pytest.raises(ValueError, match=message):
-        learned(position, value, **options)
-
-
-@pytest.mark.parametrize("position", [np.zeros((0, 2)), np.full((5, 2), np.nan), np.zeros((5, 3))])
-def test_bad_positions_are_refused(position):
-    with pytest.raises(ValueError, match="position"):
-        learned(position, np.zeros(len(position)))
+        learned(**{"position": position, "value": value} | options)
