@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cli.commands import DONE, FAILED, dirprim
 from dirprim_filter import read_estimates
 from dirprim_filter.cli.demo import departure_rate, in_ring, with_blind_ring
 from dirprim_filter.detections import Detections
+from recording.mcap_files import stock
 
 OUTPUTS = {"map.mcap", "tracks.mcap", "tracks.rrd", "demo.png"}
 WAYS = ("with the map", "without the map", "constant velocity")
@@ -38,33 +38,25 @@ def test_vehicles_leave_once_each_in_the_time_that_they_are_watched(ring):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("short")
-def test_the_demo_opens_everywhere(here, capsys):
+def test_the_demo_opens_everywhere(here, said, refused):
     """With the stock reader and its CRCs, with rerun's importer, and by rerun's own check."""
-    from mcap.reader import make_reader
-
-    assert dirprim("demo") == DONE
-    table = capsys.readouterr().out
+    table = said("demo").out
     assert all(f"\n{way}  " in table for way in WAYS)
-    folder = here / "demo"
-    assert {path.name for path in folder.iterdir()} == OUTPUTS
+    assert {path.name for path in Path("demo").iterdir()} == OUTPUTS
     rerun = Path(sys.executable).with_name("rerun")
-    recordings = [folder / "tracks.rrd"]
     for name in ("map", "tracks"):
-        with (folder / f"{name}.mcap").open("rb") as file:
-            assert sum(1 for _ in make_reader(file, validate_crcs=True).iter_messages()) > 0
-        recordings.append(here / f"{name}.rrd")
-        convert = [rerun, "mcap", "convert", folder / f"{name}.mcap", "-o", recordings[-1]]
+        assert stock(Path(f"demo/{name}.mcap"))
+        convert = [rerun, "mcap", "convert", f"demo/{name}.mcap", "-o", f"{name}.rrd"]
         subprocess.run(convert, check=True, capture_output=True)
-    for recording in recordings:
+    for recording in ("demo/tracks.rrd", "map.rrd", "tracks.rrd"):
         subprocess.run([rerun, "rrd", "verify", recording], check=True, capture_output=True)
-    assert dirprim("demo") == FAILED  # nothing is overwritten
+    refused("demo", "use --force")  # nothing is overwritten
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("short")
-def test_the_demo_of_the_blind_scene(tmp_path, capsys):
-    assert dirprim("demo --scene blind -o", tmp_path / "demo") == DONE
-    table = capsys.readouterr().out
+def test_the_demo_of_the_blind_scene(tmp_path, said):
+    table = said("demo --scene blind -o", tmp_path / "demo").out
     assert all(words in table for words in ("HOTA", "identity switches", *WAYS))
     assert {path.name for path in (tmp_path / "demo").iterdir()} == OUTPUTS
     found = read_estimates(tmp_path / "demo" / "tracks.mcap")
