@@ -7,19 +7,17 @@ import pytest
 from scipy import stats
 
 from dirprim_filter.course import motion_of
-from dirprim_filter.evaluation import belief_forecasts
+from dirprim_filter.evaluation import belief_forecasts, forecasting
 from dirprim_filter.evaluation.forecast_cases import SCORES, Cases, score_cases, seen_so_far
-from dirprim_filter.evaluation.forecasting import (
-    METHODS,
-    Forecaster,
-    by_constant_velocity,
-    evaluate_forecasts,
-    rollouts_of,
-)
+from dirprim_filter.evaluation.forecasting import METHODS, Forecaster, by_constant_velocity, evaluate_forecasts
 from dirprim_filter.primitives.learning import learn_primitives
 from situations import ring_traffic, tracks_of
 
 HORIZONS = (0.5, 1.0, 2.0)
+
+
+def ring_of(n_vehicles, **options):
+    return ring_traffic(np.random.default_rng(0), n_vehicles=n_vehicles, **options)
 
 
 def score_of(name, scores):
@@ -32,13 +30,11 @@ def scored(samples, truth):
 
 
 def test_energy_and_regions_are_those_of_slow_loops():
-    rng = np.random.default_rng(0)
-    samples, truth = rng.normal(size=(5, 30, 2)), rng.normal(size=(5, 2))
+    rng = np.random.default_rng(3)
+    samples, truth = rng.normal(size=(40, 30, 2)), 1.5 * rng.normal(size=(40, 2))
     near = np.linalg.norm(samples - truth[:, None], axis=-1).mean(axis=1)
     apart = np.linalg.norm(samples[:, :, None] - samples[:, None], axis=-1).sum(axis=(1, 2)) / (30 * 29)
     np.testing.assert_allclose(score_of("energy", scored(samples, truth)), near - 0.5 * apart, rtol=1e-12)
-    rng = np.random.default_rng(3)
-    samples, truth = rng.normal(size=(40, 30, 2)), 1.5 * rng.normal(size=(40, 2))
     points = np.concatenate([samples, truth[:, None]], axis=1)
     apart = np.sort(np.linalg.norm(points[:, :, None] - points[:, None], axis=-1), axis=2)[:, :, 5]
     rank = (apart[:, :-1] < apart[:, -1:]).mean(axis=1)
@@ -65,28 +61,27 @@ def test_regions_are_where_samples_are_dense_and_hold_their_share_of_any_distrib
 
 
 def test_cases_are_where_the_vehicle_was_later():
-    ring = ring_traffic(np.random.default_rng(0), n_vehicles=3)
+    ring = ring_of(3)
     cases = Cases.of(ring, horizons_s=HORIZONS)
     assert set(cases.vehicle) == {0, 1, 2}
     for i in range(len(cases.vehicle)):
         own = ring[ring.track_id == cases.vehicle[i]]
         at = np.flatnonzero((own.position == cases.position[i]).all(axis=1))[0]
         for h, horizon in enumerate(HORIZONS):
-            if at + round(horizon / 0.1) < len(own):
-                np.testing.assert_allclose(cases.later[i, h], own.position[at + round(horizon / 0.1)], atol=1e-9)
-            else:
-                assert np.isnan(cases.later[i, h]).all()
+            then = at + round(horizon / 0.1)
+            expected = own.position[then] if then < len(own) else [np.nan, np.nan]
+            np.testing.assert_allclose(cases.later[i, h], expected, atol=1e-9)
 
 
 def test_a_vehicle_is_forecast_alike_whichever_others_are_forecast_with_it(monkeypatch):
     """However many are tracked together, and whenever they came. The control: by another seed it is not."""
     monkeypatch.setattr(belief_forecasts, "AT_ONCE", 2)
-    log = ring_traffic(np.random.default_rng(0), n_vehicles=6, n_rows=60)
+    log = ring_of(6, n_rows=60)
     log = replace(log, time_ns=log.time_ns + 10**9 * log.vehicle)
     learned, cases = learn_primitives(log, rng=np.random.default_rng(1)), Cases.of(log, horizons_s=(1.0, 2.0))
     own = cases.vehicle == 2
     assert 0 < own.sum() < own.size
-    sample = rollouts_of(learned, (1.0, 2.0))
+    sample = forecasting.rollouts_of(learned, (1.0, 2.0))
     together, alone = (sample(of, 20, np.random.default_rng(2)) for of in (cases, cases.some(own)))
     np.testing.assert_array_equal(together[own], alone)
     assert (sample(cases.some(own), 20, np.random.default_rng(3)) != alone).all()
@@ -95,7 +90,7 @@ def test_a_vehicle_is_forecast_alike_whichever_others_are_forecast_with_it(monke
 @pytest.mark.parametrize("dt_s", [0.1, 0.5, 1.0])
 def test_what_comes_after_an_instant_changes_no_start(dt_s):
     """Neither of the vehicle nor of those around it; the control: central differences do change."""
-    log = ring_traffic(np.random.default_rng(0), n_vehicles=6, n_rows=60, dt_s=dt_s)
+    log = ring_of(6, n_rows=60, dt_s=dt_s)
     until = int(30 * dt_s * 1e9)
     is_later = log.time_ns > until
     rng = np.random.default_rng(1)
@@ -112,7 +107,7 @@ def test_what_comes_after_an_instant_changes_no_start(dt_s):
         np.testing.assert_array_equal(getattr(now, column)[early], getattr(then, column)[early])
     learned = learn_primitives(log, tessellation="grid", cell_size=10.0, rng=rng)
     for leaders in (False, True):
-        sample = rollouts_of(learned, (1.0, 2.0), leaders=leaders)
+        sample = forecasting.rollouts_of(learned, (1.0, 2.0), leaders=leaders)
         mine, theirs = (sample(cases, 20, np.random.default_rng(2)) for cases in (now, then))
         np.testing.assert_array_equal(mine[early], theirs[early])
         assert (mine != theirs).any()
@@ -122,7 +117,7 @@ def test_what_comes_after_an_instant_changes_no_start(dt_s):
 
 def test_starts_are_exact_on_arcs_of_rows_far_apart_and_at_most_an_eighth_of_a_second_old_else():
     for dt_s, old_s in ((0.5, 0.0), (1.0, 0.0), (0.1, 0.1), (0.25, 0.125), (0.04, 0.12)):
-        ring = ring_traffic(np.random.default_rng(0), n_vehicles=5, dt_s=dt_s)
+        ring = ring_of(5, dt_s=dt_s)
         seen, is_known = seen_so_far(ring)
         rate = ring.speed / np.linalg.norm(ring.position, axis=1)
         off = (ring.direction - seen.direction + np.pi) % (2 * np.pi) - np.pi
@@ -143,21 +138,14 @@ def test_who_brakes_at_rows_far_apart_is_as_slow_as_it_is_now_and_who_stands_kee
     np.testing.assert_array_equal(seen_so_far(waiting)[0].direction, 1.0)
 
 
-def test_across_a_hole_in_the_log_the_place_of_a_vehicle_is_unknown():
-    ring = ring_traffic(np.random.default_rng(0), n_vehicles=1)
-    holed = ring[(ring.time_ns < 2_000_000_000) | (ring.time_ns > 4_000_000_000)]
-    later = Cases.of(holed, horizons_s=(1.0,)).later[:, 0]
-    assert np.isnan(later[1]).all()  # from 1 s on
-    assert np.isfinite(later[0]).all()
-
-
-def test_of_rows_far_apart_the_place_between_two_is_known():
-    """At a sensor's usual interval, and across no hole that is longer."""
-    ring = ring_traffic(np.random.default_rng(0), n_vehicles=3, dt_s=3.0, n_rows=40)
-    later = Cases.of(ring, horizons_s=(5.0,)).later[:, 0]
-    assert np.isfinite(later).all()
-    holed = ring[(ring.time_ns < 40_000_000_000) | (ring.time_ns > 80_000_000_000)]
-    assert np.isnan(Cases.of(holed, horizons_s=(20.0,)).later[:, 0]).any()
+def test_between_two_rows_the_place_is_known_at_a_sensors_usual_interval_and_across_no_longer_hole():
+    often, seldom = ring_of(1), ring_of(3, dt_s=3.0, n_rows=40)
+    holed = often[(often.time_ns < 2_000_000_000) | (often.time_ns > 4_000_000_000)]
+    later = Cases.of(holed, horizons_s=(1.0,)).later[:2, 0]  # of 0 s and of 1 s
+    np.testing.assert_array_equal(np.isfinite(later), [[True, True], [False, False]])
+    assert np.isfinite(Cases.of(seldom, horizons_s=(5.0,)).later).all()
+    holed = seldom[(seldom.time_ns < 40_000_000_000) | (seldom.time_ns > 80_000_000_000)]
+    assert np.isnan(Cases.of(holed, horizons_s=(20.0,)).later).any()
 
 
 def test_constant_velocity_is_as_wide_as_the_training_vehicles_err():
@@ -169,17 +157,13 @@ def test_constant_velocity_is_as_wide_as_the_training_vehicles_err():
     seen = np.isfinite(off[:, 0, :, 0])
     for h in range(3):
         rows = seen[:, h]
-        error = cases.later[rows, h] - cases.position[rows]
-        error -= (
-            cases.speed[rows, None]
-            * HORIZONS[h]
-            * np.column_stack([np.cos(cases.direction[rows]), np.sin(cases.direction[rows])])
-        )
+        heading = np.column_stack([np.cos(cases.direction[rows]), np.sin(cases.direction[rows])])
+        error = cases.later[rows, h] - cases.position[rows] - cases.speed[rows, None] * HORIZONS[h] * heading
         assert np.sqrt((off[rows, :, h] ** 2).mean()) == pytest.approx(np.sqrt(2 * (error**2).mean()), rel=0.1)
 
 
 def test_on_a_ring_the_prior_beats_constant_velocity_on_the_same_cases():
-    ring = ring_traffic(np.random.default_rng(0), n_vehicles=12, n_rows=40, dt_s=0.25)
+    ring = ring_of(12, n_rows=40, dt_s=0.25)
     table = evaluate_forecasts(ring, horizons_s=HORIZONS, n_folds=2, n_samples=40, rng=np.random.default_rng(0))
     rows = {row.name: row.horizons for row in table.methods}
     assert list(rows) == ["prior", "place-free", "prior, leaders", "one cell", "trajectory memory", "constant velocity"]
@@ -211,7 +195,7 @@ def shifted(name, metres):
 
 def test_the_gain_is_paired_over_vehicles():
     """Of point forecasts the energy is the distance: 1 and 2 % less with vehicles a hundredfold apart in difficulty."""
-    ring = ring_traffic(np.random.default_rng(0), n_vehicles=24)
+    ring = ring_of(24)
     metres = np.geomspace(0.1, 10.0, 24)
     less = np.random.default_rng(1).permutation(np.repeat([0.99, 0.98], 12))
     methods = (shifted("a", metres * less), shifted("b", metres))
@@ -236,6 +220,6 @@ def test_the_gain_is_paired_over_vehicles():
     ],
 )
 def test_what_cannot_be_evaluated_is_refused(given, message):
-    ring = ring_traffic(np.random.default_rng(0), n_vehicles=4, n_rows=30)
+    ring = ring_of(4, n_rows=30)
     with pytest.raises(ValueError, match=message):
         evaluate_forecasts(ring, **{"methods": (by_constant_velocity,)} | given, rng=np.random.default_rng(0))
