@@ -5,7 +5,6 @@ import pytest
 from scipy import stats
 
 from dirprim_filter.config import FilterConfig
-from dirprim_filter.detections import Detections
 from dirprim_filter.filtering import ConstantVelocityKalman, ParticleFilter, Tracker, _measuring
 from dirprim_filter.sensor import AxisError, Sensor
 from situations import TRUSTING, gaussian_belief, one_cell_map, seen_at, tracker_of
@@ -47,26 +46,23 @@ def test_a_tracker_goes_by_all_that_its_sensor_states():
     )  # fmt: skip
     rng, course, squared = np.random.default_rng(3), 0.7, []
     turned = np.array([[np.cos(course), -np.sin(course)], [np.sin(course), np.cos(course)]])
-    tracker = Tracker(
-        one_cell_map(mean=course, shape=1e4, concentration=1e4), config=FilterConfig(n_particles=600),
-        sensor=sensor, with_innovations=True, rng=rng,
-    )  # fmt: skip
+    road, config = one_cell_map(mean=course, shape=1e4, concentration=1e4), FilterConfig(n_particles=600)
+    tracker = Tracker(road, config=config, sensor=sensor, with_innovations=True, rng=rng)
     assert (tracker.tracking.detection_probability, tracker.tracking.clutter_density) == (0.6, 1e-12)
     assert (tracker.config.outlier_probability, tracker.config.noise_m) == (0.02, sensor.noise_m)
     for i in range(25):
         off = rng.normal([i - 2.0, 0.5], [1.5, 0.3], (40, 2))
         place = off @ turned.T + 30.0 * np.arange(40)[:, None] * turned[:, 1]
-        frame = tracker.track(Detections(track_id=np.arange(40), time_ns=np.full(40, i * 10**8), position=place))
+        frame = tracker.track(seen_at(0.1 * i, place, ids=np.arange(40)))
         squared += [frame.innovations] if i > 4 else []
     assert abs(np.mean(squared) - 2.0) < 4 * 2.0 / np.sqrt(np.size(squared)) + 0.2  # as above
 
 
 def test_who_is_reinitialised_is_named_and_none_but_on_request_are_reported():
     frames = tracked(noise_m=0.5, n_vehicles=3, n_frames=12, jump_at=6)
-    anew = {i: frame.reinitialised for i, frame in enumerate(frames) if frame.reinitialised}
-    assert anew
-    assert set(anew[min(anew)]) <= {"0"}
-    assert min(anew) >= 6
+    anew = [(i, frame.reinitialised) for i, frame in enumerate(frames) if frame.reinitialised]
+    assert anew[0][0] >= 6
+    assert anew[0][1] == ("0",)
     quiet = tracked(noise_m=0.5, n_vehicles=3, n_frames=12, jump_at=6, with_innovations=False)
     assert all(frame.innovations is None for frame in quiet)
     assert [frame.reinitialised for frame in quiet] == [frame.reinitialised for frame in frames]
@@ -86,8 +82,7 @@ def weighed(place, *, pace, rate=RATE, sensor=None, n=N):
     bayes = gaussian_belief(ParticleFilter(road, config, sensor), 0, np.zeros(4), np.zeros((4, 4)))
     cloud, slot = bayes.cloud, np.array([0])
     cloud.speed[0], cloud.direction[0], bayes.cloud.since_s[0] = pace, 0.0, DT_S
-    seen = Detections(track_id=["a"], time_ns=[0], position=[place], covariance=[MEASURED])
-    evidence = bayes.weigh(slot, seen)
+    evidence = bayes.weigh(slot, seen_at(0.0, [place], covariance=[MEASURED]))
     assert evidence.is_moved[0] == (cloud.position[0] != 0.0).any()
     velocity = cloud.speed[0, :, None] * np.column_stack([np.cos(cloud.direction[0]), np.sin(cloud.direction[0])])
     return cloud.weight[0], cloud.position[0], velocity
@@ -123,12 +118,11 @@ def test_particles_follow_the_posterior_of_the_mixture(place, sensor):
 
 
 def test_who_is_behind_is_slower_and_who_is_aside_turns():
-    _, moved, velocity = weighed((-2.0, 0.0), pace=10.0)
-    is_moved = (moved != 0.0).any(axis=1)
-    assert velocity[is_moved, 0].mean() < 9.0
-    assert velocity[~is_moved, 0].mean() > 9.9
-    _, moved, velocity = weighed((0.0, 2.0), pace=10.0)
-    assert velocity[(moved != 0.0).any(axis=1), 1].mean() > 0.5
+    _, behind, velocity = weighed((-2.0, 0.0), pace=10.0)
+    assert velocity[behind.any(axis=1), 0].mean() < 9.0
+    assert velocity[~behind.any(axis=1), 0].mean() > 9.9
+    _, aside, velocity = weighed((0.0, 2.0), pace=10.0)
+    assert velocity[aside.any(axis=1), 1].mean() > 0.5
 
 
 def test_who_stands_keeps_standing_or_as_often_starts_whichever_way_it_was_put_off():
@@ -231,8 +225,7 @@ def test_the_evidence_of_a_mixture_integrates_to_one(since_s):
     slot, cloud = np.arange(len(places)), bayes.cloud
     cloud.position[:], cloud.speed[:] = np.random.default_rng(0).normal(0.0, 0.3, (20, 2)), 10.0
     cloud.since_s[:] = since_s
-    seen = Detections(track_id=[""] * len(places), time_ns=np.zeros(len(places), np.int64), position=places)
-    total = np.exp(bayes.weigh(slot, seen).log_density).sum() * 0.5**2
+    total = np.exp(bayes.weigh(slot, seen_at(0.0, places)).log_density).sum() * 0.5**2
     assert total == pytest.approx(1.0, abs=0.005)
 
 

@@ -19,7 +19,7 @@ from dirprim_filter.primitives.motion import PUSH_RATE
 from dirprim_filter.replay import Look, follow, replay
 from moving import ring_road
 from oracles import filterpy_constant_velocity, ring_forward_backward
-from situations import beside, one_cell_map, ring_traffic
+from situations import beside, one_cell_map, ring_traffic, seen_at
 
 NOISE_M, DENSITY = 0.7, 2.0
 CONFIG = FilterConfig(noise_m=NOISE_M, outlier_probability=1e-13, n_particles=200)
@@ -193,8 +193,7 @@ def test_frames_come_in_order_each_once_and_hold_the_detections_of_their_time():
 
 
 def test_a_track_without_an_id_begins_at_its_first_detection_and_ends_at_its_last():
-    tracks = ring_traffic(np.random.default_rng(2), n_vehicles=1, n_rows=40)
-    times = [i * 100_000_000 for i in range(60)]
+    tracks, times = ring_traffic(np.random.default_rng(2), n_vehicles=1, n_rows=40), [i * 10**8 for i in range(60)]
     found, later = smoothed(measured(tracks), with_ids=False, times=times)
     assert found.time_ns.min() > 0
     assert found.time_ns.max() > tracks.time_ns.max()
@@ -212,7 +211,7 @@ def test_a_vehicle_is_smoothed_the_same_whichever_others_there_are():
 
 
 def at(time_s, x):
-    return Detections(track_id=["a"], time_ns=[round(time_s * 1e9)], position=[[x, 0.0]])
+    return seen_at(time_s, [(x, 0.0)], ids=["a"])
 
 
 def test_where_a_belief_was_reinitialised_nothing_is_carried_across():

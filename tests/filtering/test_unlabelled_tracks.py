@@ -66,21 +66,13 @@ def test_unlabelled_tracks_are_the_same_each_time_and_keep_out_of_the_way_of_lab
     once, again = (Estimates.concatenate(followed(made(ring_map, "particles"), frames)) for _ in range(2))
     assert once.position.tobytes() == again.position.tobytes()
     assert once.track_id.tolist() == again.track_id.tolist()
-
-    def of_label(found):
-        return found.position[found.track_id == "track-1"].tobytes()
-
-    named = made(ring_map, "particles")
-    alone = made(ring_map, "particles")
+    mixed, alone = made(ring_map, "particles"), made(ring_map, "particles")
     for time_s, places in frames:
-        mixed = seen_at(time_s, [on_the_ring(time_s, from_=1.0), *places], ids=["track-1", *[""] * len(places)])
-        for tracker, frame in ((named, mixed), (alone, mixed[np.array([0])])):
-            found = tracker.step(frame)
-            if tracker is named:
-                first, n_tracks = of_label(found), np.unique(found.track_id).size
-        assert of_label(found) == first
-    assert len(first) > 0
-    assert n_tracks == 3
+        seen = seen_at(time_s, [on_the_ring(time_s, from_=1.0), *places], ids=["track-1", *[""] * len(places)])
+        of_all, of_one = mixed.step(seen), alone.step(seen[:1])
+        assert of_all.position[of_all.track_id == "track-1"].tobytes() == of_one.position.tobytes()
+    assert np.unique(of_all.track_id).size == 3
+    assert len(of_one) == 1
 
 
 def test_a_sensor_that_later_calls_a_vehicle_as_we_call_another_has_the_name(ring_map):
