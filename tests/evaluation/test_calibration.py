@@ -341,7 +341,7 @@ def test_half_of_the_detections_shuffled_in_time_are_clutter():
 def test_what_says_nothing_of_a_sensor_is_refused():
     seen, anything = seen_of(DRIVEN, WHITE), reported(1)
     few = seen[np.isin(seen.track_id, ["v1", "v2", "v3", "v4"]) & (seen.time_ns < 2e9)]
-    with pytest.raises(ValueError, match="at least 8 pieces of track of moving vehicles: state the noise"):
+    with pytest.raises(ValueError, match="at least 8 pieces of track of moving vehicles, of 12 detections each: state"):
         self_calibrated(few)
     place = np.random.default_rng(0).uniform(0.0, 300.0, (len(anything), 2))
     with pytest.raises(ValueError, match="expected detections that go on from frame to frame as vehicles do"):

@@ -59,6 +59,8 @@ def test_logs_that_do_not_fit_are_named_and_stop_no_other(tmp_path):
     assert not Store.is_at(tmp_path / "none")
     added = add_logs(tmp_path / "store", find_logs([str(tmp_path / "*.mcap")]))
     assert list(added.store.contents().entries) == [path["b"], path["d"]]
+    with pytest.raises(RecordingError, match=r"store: expected a file, .* got a store; `dirprim store info`"):
+        read_tracks(tmp_path / "store")
     no_log, too_far = added.failures
     assert "a.mcap" in no_log
     assert "far.mcap: position, speed: expected at most 2e+07 m from the origin" in too_far

@@ -140,8 +140,8 @@ def _of_rows(named: Detections) -> SelfCalibration:
     motion = motion_of(vehicle, named.time_ns, named.position, longest_gap_s=LONGEST_GAP_S)
     if len(named) < FEWEST_ROWS or not motion.noise > SMOOTH.along.spread_m:
         raise ValueError(
-            f"expected at least {FEWEST_PIECES} pieces of track of moving vehicles: state the noise, or calibrate "
-            "the sensor against a truth"
+            f"expected at least {FEWEST_PIECES} pieces of track of moving vehicles, of {FEWEST} detections each: state "
+            "the noise, or calibrate the sensor against a truth"
         )
     few = "correlated_share: rows of so few vehicles, or so seldom ones, do not show what lasts of errors"
     return SelfCalibration(

@@ -42,10 +42,10 @@ def files_of(folder: Path) -> list[Path]:
 
     path = folder / METADATA
     if not path.exists():
-        raise RecordingError(
-            f"{folder}: expected a file, or a folder of rosbag2 with {METADATA}, got one without; give its files "
-            "one by one, or write it by `ros2 bag reindex`"
-        )
+        got = "one without; give its files one by one, or write it by `ros2 bag reindex`"
+        if (folder / "_delta_log").is_dir():
+            got = "a store; `dirprim store info` lists its logs, `dirprim learn` learns from it"
+        raise RecordingError(f"{folder}: expected a file, or a folder of rosbag2 with {METADATA}, got {got}")
     with path.open(encoding="utf-8", errors="replace") as file:
         text = file.read(MAX_METADATA_BYTES)
     try:
