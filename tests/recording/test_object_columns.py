@@ -12,6 +12,7 @@ from test_estimate_log import a_frame
 from test_ros2_schemas import N_TIMES, SCENE, array_log, carla, detected, detection, marker, tracked
 from test_stated_errors import result
 
+from dirprim_filter.cli.exit_codes import INPUT_LOST
 from dirprim_filter.cli.main import run
 from dirprim_filter.columns import is_held
 from dirprim_filter.detections import Detections
@@ -36,12 +37,8 @@ def solid(kind, *dimensions):
     return lambda k, i: carla(k, i) | {"shape": shape}
 
 
-def drawn(kind):
-    return lambda k, i: marker(k, i, kind=kind) | {"scale": point(L, W, H)}
-
-
 def boxed(*size):
-    return lambda k, i: detection(k, i) | {"bbox": detection(k, i)["bbox"] | {"size": point(*size)}}
+    return lambda k, i: detection(k, i) | {"bbox": {"center": SCENE.pose(k, i), "size": point(*size)}}
 
 
 AUTOWARE = "autoware_perception_msgs/msg/TrackedObjects"
@@ -64,11 +61,10 @@ SIZES = {
     "vision": (VISION, boxed(L, W, H), (L, W, H)),
     "vision, flat": (VISION, boxed(L, W, 0), (L, W, NAN)),
     "vision, unset": (VISION, boxed(0, 0, 0), (NAN, NAN, NAN)),
-    "marker, cube": (MARKERS, drawn(1), (L, W, H)),
-    "marker, sphere": (MARKERS, drawn(2), (L, W, H)),
-    "marker, cylinder": (MARKERS, drawn(3), (L, W, H)),
-    "marker, mesh": (MARKERS, drawn(10), (NAN, NAN, NAN)),
-}
+    **{f"marker, {name}": (MARKERS, partial(marker, kind=kind), (4, 2, 1))
+       for name, kind in (("cube", 1), ("sphere", 2), ("cylinder", 3))},
+    "marker, mesh": (MARKERS, partial(marker, kind=10), (NAN, NAN, NAN)),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", SIZES)
@@ -150,19 +146,14 @@ def test_a_box_that_stands_for_an_estimate_is_no_measured_size(tmp_path):
 
 
 def test_sizes_of_a_table(tmp_path):
-    path = tmp_path / "table.csv"
-    path.write_text(
-        "time_s,track_id,x_m,y_m,heading_rad,speed_mps,length_m,width_m,height\n"
-        "0,a,0,0,0,1,4.5,1.9,3\n1,a,1,0,0,1,,1.9,3\n2,a,2,0,0,1,0,-1,3\n3,a,nan,0,0,1,7,7,3\n"
-    )
-    expected = [[4.5, 1.9, NAN], [NAN, 1.9, NAN], [NAN, NAN, NAN]]
-    read = read_named(path)
-    np.testing.assert_array_equal(read.tracks.size, expected)
-    assert list(read.losses.dropped.values()) == [1]
-    lines = [line.split(",") for line in path.read_text().splitlines()[:-1]]
-    path.write_text("\n".join(",".join(cells[:4] + cells[6:]) for cells in lines))
-    np.testing.assert_array_equal(read_named(path).tracks.size, expected)  # motion from positions
-    assert run(["convert", str(path), "-o", str(tmp_path / "log.mcap"), "--format", "csv"]) == 0
+    path, expected = tmp_path / "table.csv", [[4.5, 1.9, NAN], [NAN, 1.9, NAN], [NAN, NAN, NAN]]
+    rows = "0,a,0,0{0},4.5,1.9,3\n1,a,1,0{0},,1.9,3\n2,a,2,0{0},0,-1,3\n3,a,nan,0{0},7,7,3\n"
+    for header, motion in ((",heading_rad,speed_mps", ",0,1"), ("", "")):  # motion is stated, or from positions
+        path.write_text(f"time_s,track_id,x_m,y_m{header},length_m,width_m,height\n" + rows.format(motion))
+        read = read_named(path)
+        np.testing.assert_array_equal(read.tracks.size, expected)
+        assert list(read.losses.dropped.values()) == [1]
+    assert run(["convert", str(path), "-o", str(tmp_path / "log.mcap"), "--format", "csv"]) == INPUT_LOST
     np.testing.assert_array_equal(read_tracks(tmp_path / "log.mcap").size, expected)
 
 
@@ -214,13 +205,15 @@ def test_a_table_keeps_confidence_on_its_way_through_a_log_with_and_without_ids(
 
 def test_confidence_stays_with_its_row(tmp_path):
     rng = np.random.default_rng(0)
-    share = np.where(rng.random(40) < 0.3, np.nan, rng.random(40))
-    seen = Detections(
-        track_id=[""] * 40, time_ns=np.arange(40) // 4 * 10**8, position=rng.normal(size=(40, 2)), confidence=share
-    )
+    share, time_ns = np.where(rng.random(40) < 0.3, np.nan, rng.random(40)), np.arange(40) // 4 * 10**8
+    seen = Detections(track_id=[""] * 40, time_ns=time_ns, position=rng.normal(size=(40, 2)), confidence=share)
     write_tracks(Tracks.none(), tmp_path / "log.mcap", detections=seen)
-    again = detections(tmp_path / "log.mcap")
-    for same in (again, Detections.concatenate(seen.frames()), seen.without_ids(), seen.in_one_group()):
+    for same in (
+        detections(tmp_path / "log.mcap"),
+        Detections.concatenate(seen.frames()),
+        seen.without_ids(),
+        seen.in_one_group(),
+    ):
         np.testing.assert_array_equal(same.confidence, share)
     np.testing.assert_array_equal(seen[share > 0.5].confidence, share[share > 0.5])
     np.testing.assert_array_equal(seen.to_arrow()["confidence"].to_numpy(), share)
