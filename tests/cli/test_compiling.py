@@ -1,12 +1,11 @@
 """The line about compiling: once, only where something is compiled for long; and the kernels' cache."""
 
-import os
-import subprocess
 import sys
 
 import pytest
 from numba import njit
 
+from cli.commands import python
 from dirprim_filter.cli import compiling
 from dirprim_filter.cli.demo import recordings_folder
 from tessellation import _compiling
@@ -33,8 +32,7 @@ def test_programs_that_use_the_package_are_told_too():
         "from tessellation import _compiling; _compiling.UNNOTICED_S = 0.0\n"
         "from numba import njit; njit(lambda x: x)(1.0); njit(lambda x: x)(1)"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stderr == f"{_compiling.NOTICE}\n"
+    assert python(code).stderr == f"{_compiling.NOTICE}\n"
 
 
 def test_damaged_kernels_are_compiled_again(tmp_path, monkeypatch, capsys):
@@ -62,15 +60,8 @@ def test_an_installation_that_keeps_nothing_compiles_in_each_run_and_says_so(tmp
         "from dirprim_filter.cli.main import run\n"
         f"raise SystemExit(run(['info', {str(table)!r}]))"
     )
-    refused = {
-        "NUMBA_CACHE_DIR": "",
-        "HOME": "/proc",
-        "XDG_CACHE_HOME": "/proc/none",
-        "NUMBA_CACHE_LOCATOR_CLASSES": NOWHERE,
-    }
-    done = subprocess.run(
-        [sys.executable, "-c", code], env=os.environ | refused, capture_output=True, text=True, check=False
-    )
+    nowhere = {"NUMBA_CACHE_DIR": "", "HOME": "/proc", "XDG_CACHE_HOME": "/proc/none"}
+    done = python(code, **nowhere, NUMBA_CACHE_LOCATOR_CLASSES=NOWHERE)
     assert done.returncode == 0, done.stderr
     assert "warning: every run compiles" in done.stderr
 
@@ -90,5 +81,4 @@ def test_learning_and_tracking_compile_each_kernel_for_one_kind_of_arguments(tmp
         "of = [k for k in kernels if k.py_func.__module__.startswith(('dirprim_filter', 'tessellation'))]\n"
         "print(len(of) > 50, [k.py_func.__qualname__ for k in of if len(k.signatures) > 1])\n"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines()[-2:] == ["0 0", "True []"]
+    assert python(code).stdout.splitlines()[-2:] == ["0 0", "True []"]

@@ -1,9 +1,8 @@
 """Ctrl-C and SIGTERM end a command alike; one that compiled code would swallow is raised again."""
 
-import subprocess
-import sys
-
 import pytest
+
+from cli.commands import python
 
 CALLBACK = """
 import ctypes, signal, sys, time
@@ -47,10 +46,6 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 sys.argv = ["dirprim", "wait"]
 main.main()
 """
-
-
-def python(code, *arguments):
-    return subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=False)
 
 
 @pytest.mark.parametrize(
