@@ -223,15 +223,15 @@ def test_where_a_belief_was_reinitialised_nothing_is_carried_across():
 
 
 def test_a_belief_that_was_lost_in_a_gap_is_smoothed_up_to_where_its_vehicle_was_found():
-    def halfway(end, seed):
+    def halfway(end):
         """Drives at 10 m/s, and is found at `end` after three seconds out of sight: at 50 m it would have been."""
         seen = Detections.concatenate([at(0.1 * i, i) for i in range(20)] + [at(5.0 + 0.1 * i, end) for i in range(5)])
         model, times = one_cell_map(concentration=1e3, shape=100.0), [i * 100_000_000 for i in range(55)]
-        later = smoothed(seen, model=model, times=times, seed=seed)[1]
+        later = smoothed(seen, model=model, times=times)[1]
         return float(later.position[later.time_ns == 3_500_000_000, 0][0])
 
-    assert np.mean([halfway(75.0, seed) for seed in range(3)]) > 44.0
-    assert halfway(200.0, 0) < 36.0  # that is another
+    assert halfway(75.0) > 44.0  # 46.5 of six seeds alike
+    assert halfway(200.0) < 36.0  # that is another
 
 
 def linear_pair(rng, n):
