@@ -1,13 +1,19 @@
-"""What a store did not write it leaves alone: files of the user's beside it and within it, whatever is done to it."""
+"""What a store did not write it leaves alone, whatever is done to it: files of the user's beside it and within it.
+
+Nor does a command that is killed touch them, and it is done as it is given once more.
+"""
 
 import os
+import shutil
 import time
 from pathlib import Path
 
 import pytest
+from killed_commands import kill_command, run_command
 from streets import GRID, logs_of, store_of, street
 
 from cli.commands import DONE, FAILED, dirprim
+from dirprim_filter import load_map
 from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.store import Store, add_logs, find_logs, keep, learn_from_store
 from dirprim_filter.store.forgetting import forget, merge
@@ -32,18 +38,15 @@ def put_foreign(store, folder):
         (folder / name).symlink_to("nowhere" if number == 2 else folder / "notes.txt")
     for name in NAMES:
         os.utime(folder / name, (OLD_S, OLD_S))
-    names = [path.relative_to(folder) for path in folder.rglob("*") if path.is_symlink() or path.name in ours()]
-    assert len(names) >= len(NAMES) + 4
-
-    def there():
-        return {name: path.readlink() if path.is_symlink() else path.read_bytes() for name in names
-                for path in [folder / name]}  # fmt: skip
-
-    return there
+    assert len(foreign_files(folder)) >= len(NAMES) + 4
+    return lambda: foreign_files(folder)
 
 
-def ours():
-    return {Path(name).name for name in NAMES}
+def foreign_files(folder):
+    """What the files hold, and where links lead, that no command is to touch."""
+    names = {Path(name).name for name in NAMES}
+    return {path: path.readlink() if path.is_symlink() else path.read_bytes() for path in folder.rglob("*")
+            if path.is_symlink() or (path.name in names and path.is_file())}  # fmt: skip
 
 
 def test_no_command_touches_what_a_store_did_not_write(place, tmp_path):
@@ -113,3 +116,74 @@ def test_what_nobody_knows_of_goes_a_day_later(tmp_path):
     store.tidy()
     kept = [store.get(name) is not None for name in (*left, damaged.path, file.path)]
     assert kept == [False, True, True, True]
+
+
+LEARN = "--force --tessellation grid --cell-size 32"
+COMMANDS = {
+    "add": "store add store ../b.mcap ../c.mcap", "keep": "store keep store --of-month 1970-01 --vehicles 1",
+    "forget": "store forget store ../b.mcap", "merge": "store merge new store",
+    "store learn": f"store learn store -o precious.mcap {LEARN}", "learn": f"learn ../a.mcap -o precious.mcap {LEARN}",
+}  # fmt: skip
+
+
+class Ground:
+    """A folder with a store and a map, and files of the user's beside and within them; made anew for each kill."""
+
+    def __init__(self, top):
+        path = logs_of(top, a=street(1), b=street(2), c=street(3))
+        self.whole, self.folder = top / "whole", top / "folder"
+        store = store_of(self.whole / "store", path["a"], path["b"])
+        assert run_command(self.whole, f"learn ../a.mcap -o precious.mcap {LEARN}")[0] == DONE
+        (self.whole / "notes.txt").write_bytes(b"mine")
+        put_foreign(store, self.whole / "store")
+
+    def begin(self):
+        """As it was."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+        shutil.copytree(self.whole, self.folder, symlinks=True)
+        return foreign_files(self.folder)
+
+    def after(self, command):
+        """What is in the stores after a command that is let be."""
+        self.begin()
+        assert run_command(self.folder, command)[0] == DONE
+        return self.held()
+
+    def held(self):
+        """Of each log in each store, how many rows can be read."""
+        stores = [Store.open(path) for name in ("store", "new") if Store.is_at(path := self.folder / name)]
+        return {(store.path, log): sum(len(store.read(file)) for file in entry.files if not file.halo)
+                for store in stores for log, entry in store.contents().entries.items()}  # fmt: skip
+
+    def check(self, command, there, aim):
+        """The laws after a kill, and after the command is given once more."""
+        before = self.held()
+        assert load_map(self.folder / "precious.mcap").n_rows.sum() > 0
+        code, said = run_command(self.folder, command)
+        assert code == DONE or ("is not in the store" in said and before == aim), said
+        assert self.held() == aim
+        assert foreign_files(self.folder) == there
+
+
+@pytest.fixture(scope="module")
+def ground(tmp_path_factory):
+    return Ground(tmp_path_factory.mktemp("kills"))
+
+
+@pytest.mark.parametrize(
+    "killed",
+    [
+        [{"step": 3}, {"step": 12}],  # of its writing, before or after which it is killed
+        pytest.param([{"after_s": 0.001}, {"after_s": 0.03}], marks=pytest.mark.slow),  # of its time, from the first on
+    ],
+    ids=["at steps", "at times"],
+)
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_command_that_is_killed_as_it_writes_touches_nothing_else_and_can_be_given_again(name, killed, ground):
+    aim, command = ground.after(COMMANDS[name]), COMMANDS[name]
+    was_killed = []
+    for how in killed:
+        there = ground.begin()
+        was_killed.append(kill_command(ground.folder, command, **how))
+        ground.check(command, there, aim)
+    assert was_killed[0] if "step" in killed[0] else any(was_killed)
