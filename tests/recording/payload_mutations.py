@@ -30,17 +30,8 @@ from dirprim_filter.recording.tables import READERS
 from dirprim_filter.recording.transforms.transform_tree import TransformTree
 
 TAGS = (
-    b"\xff" * 10,
-    b"\x00" * 8,
-    b"\x7f\xff\xff\xff",
-    b"[" * 500,
-    b'{"a":',
-    b"1e999",
-    b"-0",
-    b'"\\ud800"',
-    b"null",
-    b"[]",
-)
+    b"\xff" * 10, b"\x00" * 8, b"\x7f\xff\xff\xff", b"[" * 500, b'{"a":', b"1e999", b"-0", b'"\\ud800"', b"null", b"[]",
+)  # fmt: skip
 NUMBERS = tuple(b"%d" % n for n in (0, 1, 1 << 16, 1 << 24, (1 << 24) + 1, (1 << 32) - 1, (1 << 63) - 1, (1 << 64) + 1))
 """Lengths and bounds for a definition in text: at the edges of what is allowed, and beyond."""
 TIMES = np.arange(0, 10**10, 10**9)
@@ -54,31 +45,26 @@ class Subject(NamedTuple):
 
 def subjects(folder):
     """A message of each encoding, and what it is read by."""
-    update, frames = a_scene(), some_transforms()
-    channels = {
-        kind.DESCRIPTOR.name: Channel(topic="/t", message_encoding="protobuf", schema=schema_of(kind), metadata=())
+    update = a_scene()
+    scenes, transforms = (
+        Channel(topic="/t", message_encoding="protobuf", schema=schema_of(kind), metadata=())
         for kind in (SceneUpdate, FrameTransforms)
-    }
-    in_json = replace(channels["SceneUpdate"], message_encoding="json")
+    )
     text = json.dumps(MessageToDict(update, preserving_proto_field_name=True)).encode()
     made = [
-        Subject("protobuf", channels["SceneUpdate"], update.SerializeToString()),
-        Subject("protobuf transforms", channels["FrameTransforms"], frames.SerializeToString()),
-        Subject("json", in_json, text),
+        Subject("protobuf", scenes, update.SerializeToString()),
+        Subject("protobuf transforms", transforms, some_transforms().SerializeToString()),
+        Subject("json", replace(scenes, message_encoding="json"), text),
     ]
     point, turn = {"x": 1.0, "y": 2.0, "z": 3.0}, {"x": 0.0, "y": 0.0, "z": 0.6, "w": 0.8}
     stamped = {"header": header(10**9), "child_frame_id": "car", "transform": {"translation": point, "rotation": turn}}
     marker = {"header": header(10**9), "ns": "car", "id": 3, "type": 1, "action": 0, "scale": point, "text": "a car",
               "pose": {"position": point, "orientation": turn}}  # fmt: skip
+    objects = {"header": header(0), "objects": [tracked(1, 0)] * 2}
     messages = [
         ("/tf", 0, "tf2_msgs/msg/TFMessage", {"transforms": [stamped] * 3}),
         ("/markers", 1, "visualization_msgs/msg/MarkerArray", {"markers": [marker] * 3}),
-        (
-            "/objects",
-            2,
-            "autoware_perception_msgs/msg/TrackedObjects",
-            {"header": header(0), "objects": [tracked(1, 0)] * 2},
-        ),
+        ("/objects", 2, "autoware_perception_msgs/msg/TrackedObjects", objects),
     ]
     with scan(write_ros2_log(folder / "ros.mcap", messages)) as log:
         made += [Subject(f"cdr {m.topic}", m.channel, m.data) for m in log]
@@ -173,9 +159,8 @@ def check_definition(subject, rng):
 def check_transforms(rng, path, n):
     """Broken transforms behind whole ones in a log: what is placed is turned by a rotation. -> messages refused."""
     data = some_transforms().SerializeToString()
-    kind = schema_of(FrameTransforms)
     sent = [("/tf", 10**9 * k, payload) for k, payload in enumerate([data, *(broken(data, rng) for _ in range(n))])]
-    write_log(path, sent, (kind.name, kind.encoding, kind.data), "protobuf")
+    write_log(path, sent, protobuf_schema(FrameTransforms), "protobuf")
     with Log(path) as log:
         tree = TransformTree.of_log(log)
     assert {"car", "lidar", "pole"} <= tree.edges.keys()

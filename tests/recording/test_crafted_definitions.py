@@ -10,15 +10,13 @@ import numpy as np
 import pytest
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from map_mutations import MAPS, check_map
-from mcap_files import log_bytes, run
+from mcap_files import run
 from mcap_protobuf.schema import build_file_descriptor_set
 from payload_mutations import TABLES, broken, check_definition, check_payload, check_table, check_transforms, subjects
 
-from dirprim_filter import read_tracks
 from dirprim_filter.recording.decoding.cdr_plan import MAX_DEPTH, CdrPlan
 from dirprim_filter.recording.decoding.field_columns import Field, SchemaError
 from dirprim_filter.recording.decoding.protobuf_plan import protobuf_plan
-from dirprim_filter.recording.errors import NoTracksError
 
 IDL = b"""module p { module msg {
   module M_Constants { const uint8 CAR = 1; };
@@ -45,7 +43,7 @@ def test_a_chain_of_definitions_is_followed_so_far_and_no_further(leaf):
             CdrPlan("p/M", "ros2msg", nested(depth, "a", leaf), fields)
 
 
-@pytest.mark.parametrize("leaf", ["", "uint8[16777216] x", "uint8 x\nuint16 y", "string s"])
+@pytest.mark.parametrize("leaf", ["", "uint8[16777216] x", "string s"])
 def test_definitions_that_double_at_each_level_are_refused_soon(leaf):
     """2^30 messages, or as many operations, where they were written out."""
     with pytest.raises(SchemaError, match="all written out"):
@@ -78,7 +76,7 @@ def test_a_broken_idl_definition_is_read_or_refused_in_one_line():
     fields = {"x": Field(path=".at.x"), "y": Field(path=".many[].y"), "name": Field(path=".name", kind="name")}
     CdrPlan("p/M", "ros2idl", IDL, fields)
     reported = []
-    for i in range(150):
+    for i in range(50):
         try:
             CdrPlan("p/M", "ros2idl", broken(IDL, np.random.default_rng(i)), fields)
         except SchemaError as error:
@@ -92,17 +90,9 @@ def test_a_name_that_would_break_the_line_is_escaped(name):
     """The fuzzer's find: protobuf repeats a name that is none, whatever characters are in it."""
     definition = build_file_descriptor_set(SceneUpdate).SerializeToString()
     assert b"orientation" in definition
+    broken_line, fields = definition.replace(b"orientation", name), {"x": Field(path=".entities[].id")}
     with pytest.raises(SchemaError, match="invalid name") as caught:
-        protobuf_plan(
-            "foxglove.SceneUpdate", definition.replace(b"orientation", name), {"x": Field(path=".entities[].id")}
-        )
-    assert str(caught.value).isprintable()
-
-
-def test_an_error_is_one_line_whatever_a_log_calls_its_topics(tmp_path):
-    (tmp_path / "log.mcap").write_bytes(log_bytes([("/a\nb\x1b[2J", 0, b"")]))
-    with pytest.raises(NoTracksError, match=r"/a\\nb\\x1b\[2J") as caught:
-        read_tracks(tmp_path / "log.mcap")
+        protobuf_plan("foxglove.SceneUpdate", broken_line, fields)
     assert str(caught.value).isprintable()
 
 
@@ -140,10 +130,11 @@ def whole(tmp_path_factory):
 
 @pytest.mark.parametrize("check", [check_payload, check_definition])
 def test_what_is_broken_costs_itself_and_no_more(whole, check):
-    read_by_definition = [subject for subject in whole if subject.name != "json"]
+    """A JSON message is read without its definition."""
     refused = [
         check(subject, np.random.default_rng([i, 3]))
-        for subject in (whole if check is check_payload else read_by_definition)
+        for subject in whole
+        if check is check_payload or subject.name != "json"
         for i in range(ROUNDS)
     ]
     assert 0 < sum(refused) < len(refused)

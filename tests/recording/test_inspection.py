@@ -11,7 +11,7 @@ from mcap_files import CHUNK, log_bytes, records, scene, write_protobuf_log
 from dirprim_filter import read_tracks
 from dirprim_filter.cli.main import run
 from dirprim_filter.recording.container.source import log_files
-from dirprim_filter.recording.errors import RecordingError
+from dirprim_filter.recording.errors import NoTracksError, RecordingError
 from dirprim_filter.recording.inspection import inspect
 from dirprim_filter.recording.schemas import decoders
 from dirprim_filter.recording.summary import summarise_by_index
@@ -28,9 +28,7 @@ def test_the_index_tells_what_reading_tells(log_file):
     )  # fmt: skip
     assert (reported.is_checked, read.is_checked) == (False, True)
     assert summarise_by_index(log_files(path)) is None  # a short log is read
-    few = summarise_by_index(
-        log_files(path), topics="/topic1", from_bytes=0
-    )  # the index knows the span of all topics alone
+    few = summarise_by_index(log_files(path), topics="/topic1", from_bytes=0)  # it knows the span of all topics alone
     assert ([topic.name for topic in few.topics], few.start_ns, few.end_ns) == (["/topic1"], None, None)
 
 
@@ -69,13 +67,16 @@ def test_filters(log_file, capsys):
     assert (reported["start_ns"], reported["end_ns"]) == (60_000, 88_000)
 
 
-def test_names_in_a_log_do_not_steer_the_terminal(tmp_path, capsys):
+def test_names_in_a_log_do_not_steer_the_terminal(log_file, capsys):
     """An escape that clears the screen, a new line, and a mark that turns the direction of writing."""
-    (tmp_path / "log.mcap").write_bytes(log_bytes([("/a\x1b[2J\nb\u202e", 0, b"")]))
-    assert run(["info", str(tmp_path / "log.mcap")]) == 0
-    said = capsys.readouterr().out
-    assert r"/a\x1b[2J\nb\u202e" in said
-    assert not set(said) & set("\x1b\u202e")
+    path = log_file(log_bytes([("/a\x1b[2J\nb\u202e", 0, b"")]))
+    assert run(["info", str(path)]) == 0
+    with pytest.raises(NoTracksError) as caught:
+        read_tracks(path)
+    assert str(caught.value).isprintable()
+    for said in (capsys.readouterr().out, str(caught.value)):
+        assert r"/a\x1b[2J\nb\u202e" in said
+        assert not set(said) & set("\x1b\u202e")
 
 
 def test_info_decodes_a_chunk_of_any_size_in_pieces(tmp_path, monkeypatch):
