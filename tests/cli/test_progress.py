@@ -3,12 +3,11 @@
 import re
 from contextlib import redirect_stderr
 
-import numpy as np
 import pytest
 
 from cli.commands import DONE, GRID, Terminal, dirprim
 from dirprim_filter.cli.progress import learning_progress, step_progress, with_progress, working
-from dirprim_filter.detections import Detections
+from situations import seen_at
 
 
 @pytest.fixture(autouse=True)
@@ -21,15 +20,10 @@ def text_of(shown):
     return re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", shown.getvalue())
 
 
-def ten_frames():
-    times = np.arange(10, dtype=np.int64) * 1_000_000_000
-    return list(Detections(track_id=np.repeat("a", 10), time_ns=times, position=np.zeros((10, 2))).frames())
-
-
 @pytest.mark.parametrize("end_ns", [9_000_000_000, None, -1, 0])
 def test_frames_are_as_they_were_and_the_bar_ends_with_the_log(end_ns, capsys):
     """An end that is not known, or a wrong one, is no end."""
-    frames = ten_frames()
+    frames = [seen_at(second, [[0.0, 0.0]], ["a"]) for second in range(10)]
     with redirect_stderr(Terminal()) as shown:
         assert list(with_progress(frames, what="tracking x", end_ns=end_ns)) == frames
     assert "tracking x" in text_of(shown)
@@ -44,13 +38,11 @@ def test_frames_are_as_they_were_and_the_bar_ends_with_the_log(end_ns, capsys):
 
 def test_the_long_commands_tell_of_their_steps(here):
     (here / "t.csv").write_text("time_s,track_id,x_m,y_m\n" + "".join(f"{t},a,{t},0\n" for t in range(9)))
-    commands = {
-        "convert t.csv -o t.mcap": r"9 of 9 instants",
-        f"learn log.mcap -o m {GRID}": r"how vehicles go on",
-        "recover t.mcap -o whole.mcap": r"(\d+) of \1 chunks",
-        "evaluate cues log.mcap --folds 2 --tessellation grid": r"2 of 2 folds",
-    }
-    for command, reported in commands.items():
+    for command, reported in (
+        ("convert t.csv -o t.mcap", r"9 of 9 instants"), (f"learn log.mcap -o m {GRID}", r"how vehicles go on"),
+        ("recover t.mcap -o whole.mcap", r"(\d+) of \1 chunks"),
+        ("evaluate cues log.mcap --folds 2 --tessellation grid", r"2 of 2 folds"),
+    ):  # fmt: skip
         with redirect_stderr(Terminal()) as shown:
             assert dirprim(command) == DONE
         assert re.search(reported, text_of(shown)), command

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from mcap.writer import Writer
 
-from cli.commands import DONE, FAILED, GRID, INPUT_LOST, USAGE, dirprim
+from cli.commands import FAILED, GRID, INPUT_LOST, USAGE, dirprim
 from dirprim_filter.cli.options import time_ns
 from dirprim_filter.recording.objects.options import FromStart
 
@@ -15,10 +15,7 @@ COMMANDS = {
     "learn": f"learn log.mcap {GRID} -o out",
     "track": "track log.mcap --map map.mcap --particles 20 -o out",
     "view": "view log.mcap --save out",
-    "evaluate density": "evaluate density log.mcap",
-    "evaluate cues": "evaluate cues log.mcap",
-    "evaluate tracking": "evaluate tracking log.mcap",
-    "evaluate forecast": "evaluate forecast log.mcap",
+    **{f"evaluate {what}": f"evaluate {what} log.mcap" for what in ("density", "cues", "tracking", "forecast")},
 }
 
 
@@ -33,15 +30,13 @@ def private_json(path):
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_whatever_reads_a_log_has_the_options_of_reading_and_they_reach_the_library(command, here, capsys):
-    assert dirprim(f"{command} --help") == DONE
-    reported = capsys.readouterr().out
-    assert all(f"--{option} " in reported for option in ("topics", "time-source", "start", "end", "strict", "set"))
-    assert "frame, fields, origin, labels, group, format" in " ".join(reported.split())
+def test_whatever_reads_a_log_has_the_options_of_reading_and_they_reach_the_library(command, here, said):
+    shown = said(f"{command} --help").out
+    assert all(f"--{option} " in shown for option in ("topics", "time-source", "start", "end", "strict", "set"))
+    assert "frame, fields, origin, labels, group, format" in " ".join(shown.split())
     private_json(here / "log.mcap")
-    for option in ("--set fields=nonsense", "--set origin=north", "--start soon"):
-        assert dirprim(f"{COMMANDS[command]} {option}") == FAILED
-        assert option.split("=")[-1].split()[-1] in capsys.readouterr().err
+    for option, wrong in (("--set fields=", "nonsense"), ("--set origin=", "north"), ("--start ", "soon")):
+        assert wrong in said(f"{COMMANDS[command]} {option}{wrong}", code=FAILED).err
 
 
 WRONG = [
@@ -64,37 +59,31 @@ WRONG_OF_PARTS = [
         "view log.mcap --save out", "store add fleet log.mcap",
     ],
 )  # fmt: skip
-def test_a_wrong_option_of_reading_is_one_line_wherever_it_is_given(command, here, capsys):
+def test_a_wrong_option_of_reading_is_one_line_wherever_it_is_given(command, here, refused):
     of_parts = [] if command.startswith("store") else WRONG_OF_PARTS
     before = set(here.iterdir())
-    for option, code, said in [*WRONG, *of_parts]:
-        assert dirprim(f"{command} {option}") == code, option
-        assert said in " ".join(capsys.readouterr().err.split()), option
+    for option, code, text in [*WRONG, *of_parts]:
+        refused(f"{command} {option}", text, code=code)
     assert set(here.iterdir()) == before
 
 
 @pytest.mark.parametrize("command", ["learn", "track"])
 @pytest.mark.parametrize("option", ["--set group=99", "--set labels=bus", "--start 9000000000000000ns"])
-def test_asking_for_what_a_log_does_not_hold_is_an_error_and_leaves_no_file(here, capsys, command, option):
-    before = set(here.iterdir())
-    assert dirprim(f"{COMMANDS[command]} {option}") == FAILED
+def test_asking_for_what_a_log_does_not_hold_is_an_error_and_leaves_no_file(here, refused, command, option):
     asked = option.removeprefix("--set ")
-    assert f"log.mcap: expected moving objects {asked}, got none" in capsys.readouterr().err
-    assert set(here.iterdir()) == before
+    refused(f"{COMMANDS[command]} {option}", f"log.mcap: expected moving objects {asked}, got none")
+    assert not Path("out").exists()
 
 
 @pytest.mark.parametrize("command", ["learn", "track", "view"])
-def test_a_damaged_log_ends_in_3_and_in_an_error_where_strict(here, capsys, command):
-    whole = Path("log.mcap").read_bytes()
-    Path("log.mcap").write_bytes(whole[:-30])
-    assert dirprim(COMMANDS[command]) == INPUT_LOST
-    assert capsys.readouterr().err.count("damaged, the rest is read") == 1
+def test_a_damaged_log_ends_in_3_and_in_an_error_where_strict(here, said, refused, command):
+    Path("log.mcap").write_bytes(Path("log.mcap").read_bytes()[:-30])
+    shown = said(COMMANDS[command], code=INPUT_LOST)
+    assert shown.err.count("damaged, the rest is read") == 1
     Path("out").unlink()
-    assert dirprim(f"{COMMANDS[command]} --strict") == FAILED
-    assert "expected an undamaged log" in capsys.readouterr().err
+    refused(f"{COMMANDS[command]} --strict", "expected an undamaged log")
     assert not Path("out").exists()
-    assert dirprim("info log.mcap") == INPUT_LOST
-    assert "damage" in capsys.readouterr().out
+    assert "damage" in said("info log.mcap", code=INPUT_LOST).out
 
 
 @pytest.mark.parametrize(
@@ -115,16 +104,15 @@ def test_whatever_was_lost_of_whichever_input_ends_in_3(here, tracked, command):
     assert dirprim(command) == INPUT_LOST
 
 
-def test_an_unknown_schema_is_named_with_the_way_out(here, capsys):
+def test_an_unknown_schema_is_named_with_the_way_out(here, said, refused):
     private_json(here / "log.mcap")
-    assert dirprim("info log.mcap") == DONE
-    assert "not read: /car: its schema is not known to hold objects; --set fields=..." in capsys.readouterr().out
-    assert dirprim("learn log.mcap -o out") == FAILED
-    reported = capsys.readouterr().err
-    for part in ("expected a topic with moving objects", "the log has /car (acme.Car)", "say by --set fields="):
-        assert part in reported
-    assert "osi3.GroundTruth" not in reported  # nor the forty others that are known: the README lists them
-    assert reported.count("\n") == 1
+    expected = "not read: /car: its schema is not known to hold objects; --set fields=..."
+    assert expected in said("info log.mcap").out
+    error = refused("learn log.mcap -o out", "expected a topic with moving objects")
+    assert error.startswith("error: ")
+    assert "the log has /car (acme.Car)" in error
+    assert "say by --set fields=" in error
+    assert "osi3.GroundTruth" not in error  # nor the forty others that are known: the README lists them
 
 
 @pytest.mark.parametrize(
