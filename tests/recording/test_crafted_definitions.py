@@ -76,7 +76,7 @@ def test_a_broken_idl_definition_is_read_or_refused_in_one_line():
     fields = {"x": Field(path=".at.x"), "y": Field(path=".many[].y"), "name": Field(path=".name", kind="name")}
     CdrPlan("p/M", "ros2idl", IDL, fields)
     reported = []
-    for i in range(50):
+    for i in range(150):
         try:
             CdrPlan("p/M", "ros2idl", broken(IDL, np.random.default_rng(i)), fields)
         except SchemaError as error:

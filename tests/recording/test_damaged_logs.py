@@ -124,6 +124,13 @@ def test_a_whole_log_keeps_its_header_summary_attachments_and_metadata(tmp_path)
     assert [len(found[3]), len(found[4]) > 1] == [2, True]
 
 
+def test_an_attachment_whose_checksum_does_not_hold_is_damage(tmp_path):
+    data = bytearray(LOGS[-1].data)
+    data[data.index(b"notes.txt") + 100] ^= 1
+    got, kinds = read(tmp_path, data)
+    assert (len(got), kinds) == (LOGS[-1].messages.total(), ["attachment"])
+
+
 def test_ids_that_mean_one_thing_here_and_another_there(tmp_path):
     """Two logs in one file: the same ids, other topics."""
     one, two = log_bytes(SENT[:50]), log_bytes([(f"/other{t}", time, data) for t, time, data in SENT[50:90]])
