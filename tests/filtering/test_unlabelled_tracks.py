@@ -75,11 +75,13 @@ def test_unlabelled_tracks_are_the_same_each_time_and_keep_out_of_the_way_of_lab
     assert len(of_one) == 1
 
 
-def test_a_sensor_that_later_calls_a_vehicle_as_we_call_another_has_the_name(ring_map):
-    tracker = made(ring_map, "kalman")
+@pytest.mark.parametrize("filter_of", ["particles", "kalman"])
+def test_a_sensor_that_later_calls_a_vehicle_as_we_call_another_has_the_name(ring_map, filter_of):
+    tracker = made(ring_map, filter_of)
     for i in range(20):
         n = 1 if i < 10 else 2
         found = tracker.step(seen_at(0.1 * i, [(0.8 * i, 0.0), (0.8 * i, 50.0)][:n], ids=["", "track-1"][:n]))
+        assert np.unique(found.track_id).size == len(found)
         if i == 9:
             assert found.track_id.tolist() == ["track-1"]
     north = found.position[:, 1].round(-1)
