@@ -112,6 +112,7 @@ def test_a_folder_that_cannot_be_written_is_reported_by_the_name_that_was_given(
     assert reported == [str(locked / name) for name in ("out.mcap", "out.mcap", "out.rrd", "out.png")]
 
 
+@pytest.mark.usefixtures("here")
 @pytest.mark.parametrize(
     ("command", "output"),
     [
@@ -121,8 +122,9 @@ def test_a_folder_that_cannot_be_written_is_reported_by_the_name_that_was_given(
         ("calibrate log.mcap --truth log.mcap -o new", "new"),
     ],
 )  # fmt: skip
-def test_a_disk_that_is_full_is_reported_by_the_name_of_the_output(here, tracked, said, command, output):
+def test_a_disk_that_is_full_is_reported_by_the_name_of_the_output(tracked, said, monkeypatch, command, output):
     copy(tracked, "run")
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)  # Python itself would keep a compiled module that is cut off
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (100, limits[1]))
     try:
