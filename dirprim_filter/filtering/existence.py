@@ -63,7 +63,7 @@ def probability(existence: FloatArray, outside: FloatArray) -> FloatArray:
 
 
 def later(
-    existence: FloatArray, dt_s: FloatArray, config: TrackingConfig, *, ends: FloatArray | float = 0.0,
+    existence: FloatArray, dt_s: FloatArray, config: TrackingConfig, *, departs: FloatArray | float,
     pace: FloatArray | float = 1.0,
 ) -> FloatArray:  # fmt: skip
     """(n, 3) -> (n, 3) after `dt_s` (n,) seconds without a frame.
@@ -71,12 +71,12 @@ def later(
     Args:
         existence: by state.
         dt_s: seconds.
-        config: rates.
-        ends: 1/s, (n,), rate of departure at the place, beside that of the configuration.
+        config: rates of occlusion and reappearance.
+        departs: 1/s, (n,), rate of departure.
         pace: (n,) by which the rates of the configuration are multiplied.
     """
     out, back = pace * config.occlusion_rate, pace * config.reappearance_rate
-    stays = np.exp(-(pace * config.departure_rate + ends) * dt_s)
+    stays = np.exp(-departs * dt_s)
     mixes = np.exp(-(out + back) * dt_s)
     exists = existence[:, VISIBLE] + existence[:, OCCLUDED]
     balance = exists * back / (out + back)

@@ -206,14 +206,17 @@ class Roster:
         return copy
 
     def age(self, slot: IntArray, held: IntArray, time_ns: int) -> None:
-        """Let existence (v,) come to a time, by where the beliefs in the slots `held` (v,) are then."""
+        """Let existence (v,) come to a time, by where the beliefs in the slots `held` (v,) are then.
+
+        Who has an id departs where trajectories end on a map, nowhere else: it will be known when it is back.
+        """
         dt_s = np.asarray((time_ns - self.existence_ns[slot]) * 1e-9, np.float64)
         pace = 1.0 / np.fmax(self.interval[slot, 0] / SLOW_NS, 1.0)
-        passed = self.ends[slot]
+        departs = np.where(self.is_labelled[slot], 0.0, pace * self._config.departure_rate)
         if self._on_map is not None:
-            self.outside[slot], _, self.ends[slot] = self._on_map.places(held)
-            passed = 0.5 * (passed + self.ends[slot])  # on the way
-        self.existence[slot] = existence.later(self.existence[slot], dt_s, self._config, ends=passed, pace=pace)
+            passed, (self.outside[slot], _, self.ends[slot]) = self.ends[slot], self._on_map.places(held)
+            departs += 0.5 * (passed + self.ends[slot])  # on the way
+        self.existence[slot] = existence.later(self.existence[slot], dt_s, self._config, departs=departs, pace=pace)
         self.existence_ns[slot] = time_ns
 
     def learn(

@@ -105,7 +105,7 @@ def _is_confirmed(time_ns: IntArray, frame_s: float, log_density: float, config:
     for dt_ns in np.abs(np.diff(time_ns)).tolist():
         n_frames = max(round(dt_ns * 1e-9 / frame_s), 1)
         for i in range(n_frames):
-            state = existence.later(state, np.array([frame_s]), config)
+            state = existence.later(state, np.array([frame_s]), config, departs=config.departure_rate)
             state = existence.after_miss(state, config) if i + 1 < n_frames else state
         state = existence.after_hit(state, usual, anywhere, config)
     return bool(existence.probability(state, np.zeros(1))[0] >= config.confirm_above)

@@ -37,7 +37,7 @@ def existence_by_the_filter(steps, config):
     first, tally = np.array([config.birth_density]), existence.Tally()
     state = existence.at_birth(first, config.clutter_density)
     for dt_s, density in steps:
-        before = existence.later(state, np.array([dt_s]), config)
+        before = existence.later(state, np.array([dt_s]), config, departs=config.departure_rate)
         if density is None:
             state = existence.after_miss(before, config)
         else:
@@ -209,3 +209,15 @@ def test_a_vehicle_of_which_is_heard_each_ten_minutes_is_estimated_from_its_seco
         tracker = tracker_of(model, n_particles=300, step_s=30.0)
         frames = [seen_at(600.0 * i, [(3000.0 * i + off_m * (i == 1), 0.0)], ["bus"]) for i in range(8)]
         assert [len(tracker.step(frame)) for frame in frames] == expected
+
+
+@pytest.mark.parametrize(("name", "is_lasting"), [("bus", True), ("?", False)])
+def test_who_has_an_id_is_estimated_as_long_as_its_belief_lasts(name, is_lasting):
+    """Nobody looked in between, so nothing says that it left; of who has no id something else would be tracked next."""
+    tracker = tracker_of(None, density=0.3, max_gap_s=600.0)
+    for i in range(10):
+        tracker.step(seen_at(float(i), [(10.0 * i, 0.0)], [name.strip("?")]))
+    none = seen_at(0.0, np.empty((0, 2)), [])
+    for unseen_s in (100.0, 300.0, 590.0):
+        frame = tracker.track(none, time_ns=round((9.0 + unseen_s) * 1e9), is_scan=False)
+        assert len(frame.estimates) == is_lasting
