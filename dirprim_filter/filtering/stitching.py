@@ -67,7 +67,7 @@ def stitch(
     out_s = np.array([starts[j].time_ns - chains[i].last.time_ns for i, j in pairs]) * 1e-9
     gain = _log_odds(out_s, frame_s, config, starts)
     for k, (i, j) in enumerate(pairs):
-        ends, start = chains[j].gap_after(chains[i], recorder.straight)
+        ends, start = chains[j].gap_after(chains[i], recorder.straight, recorder.bias_m)
         key = int(birth_key(0, f"{chains[i].name}/{chains[j].name}", ends.end_ns))
         gain[k] += bridge.log_density(recorder.filter, recorder.straight, ends, start, key=key)
     one, other = np.array(pairs, np.int64).reshape(-1, 2).T

@@ -12,7 +12,7 @@ from dirprim_filter.replay import replay
 from dirprim_filter.sensor import AxisError, Sensor
 from evaluation.test_calibration import circling
 from sensing import sense
-from situations import beside, estimates_by, seen_at
+from situations import beside, estimates_by, one_cell_map, seen_at
 
 SENSOR = Sensor(
     along=AxisError(spread_m=0.6, bias_m=0.4, correlated_share=0.7, correlation_s=0.5),
@@ -49,6 +49,41 @@ def test_weights_are_by_the_mean_and_covariance_of_the_particles_own_errors(lear
         np.testing.assert_allclose(cloud.weight[0], weight / weight.sum(), rtol=0.04, atol=2e-5)  # outliers: 0.001
         plain = np.exp(-0.5 * ((off.real / spreads[0]) ** 2 + (off.imag / spreads[1]) ** 2))
         assert (np.abs(cloud.weight[0] - plain / plain.sum()).max() < 2e-4) == (spread < 0.1)
+
+
+def through_a_gap(place, way, *, bias_m, seed):
+    """(t, 2) smoothed places in the gap of two to nine seconds, of a vehicle that is measured off along its way."""
+    time_s = 0.1 * np.arange(len(place))
+    seen, is_seen = place + bias_m * way, (time_s < 2.0) | (time_s > 9.0)
+    sensor = Sensor(along=AxisError(spread_m=0.1, bias_m=bias_m), across=AxisError(spread_m=0.1))
+    model = one_cell_map(concentration=0.01, shape=4.0).without_places()
+    config, (later, smoother) = FilterConfig(n_particles=300, max_gap_s=9.0), (EstimateList(), Smoother())
+    smoother.sinks.append(later.write)
+    tracker = smoother.tracker(0, model, sensor=sensor, config=config, rng=np.random.default_rng(seed))
+    with smoother:
+        for t, at, looks in zip(time_s, seen, is_seen, strict=True):
+            frame = seen_at(t, [at] if looks else np.empty((0, 2)), ids=["a"] if looks else [])
+            smoother.write(tracker.track(frame, time_ns=round(1e9 * t), is_scan=bool(looks)))
+    found = later.all()
+    return found.position[(found.time_ns > 2e9) & (found.time_ns < 9e9)]
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.8, np.pi / 2, np.pi])
+def test_in_gaps_a_bias_points_along_the_way_at_both_ends_whatever_turn_the_filter_expected(turn):
+    """Ways are those of a sensor without a bias. Taken away along the course that was expected they are 2 m off."""
+    time_s, ways = 0.1 * np.arange(130), np.array([[1.0, 0.0], [np.cos(turn), np.sin(turn)]])
+    way = ways[(time_s > 5.0).astype(int)]
+    place = 8.0 * (time_s - 5.0)[:, None] * way
+    right = through_a_gap(place, way, bias_m=0.0, seed=0)
+    for seed in range(3):
+        np.testing.assert_allclose(through_a_gap(place, way, bias_m=1.0, seed=seed), right, atol=0.03)
+
+
+def test_in_a_gap_the_bias_of_who_stands_is_along_its_course():
+    """Who braked to a stand at 1.5 s, and stands until the end; without a course nothing of a metre would be taken."""
+    way = np.tile([0.6, 0.8], (130, 1))
+    place = way * -np.square(np.maximum(1.5 - 0.1 * np.arange(130), 0.0))[:, None] * 4.0
+    np.testing.assert_allclose(through_a_gap(place, way, bias_m=1.0, seed=0), 0.0, atol=0.4)
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ Sequential Monte Carlo with Highly Informative Observations, 2015; Whiteley and 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -46,6 +47,15 @@ class Gaussian(NamedTuple):
     mean: FloatArray  # (4,)
     covariance: FloatArray  # (4, 4)
 
+    def unbiased(self, bias_m: FloatArray, course: FloatArray) -> Self:
+        """Less a bias (2,) along and across the way; of who hardly moves that is the course (2,) of the filter."""
+        along = self.mean[2:] / np.sqrt(self.mean[2:] @ self.mean[2:] + np.trace(self.covariance[2:, 2:]))
+        along = along + (1.0 - np.hypot(*along)) * course
+        mean, covariance = self.mean.copy(), self.covariance.copy()
+        mean[:2] -= bias_m[0] * along + bias_m[1] * np.array([-along[1], along[0]])
+        covariance[:2, :2] += 0.5 * (1.0 - along @ along) * (bias_m @ bias_m) * np.eye(2)  # as it may point elsewhere
+        return type(self)(mean, covariance)
+
 
 class Ends(NamedTuple):
     """What straight motion says of both ends of a gap.
@@ -76,6 +86,14 @@ class Ends(NamedTuple):
     def seconds(self) -> float:
         """Between them."""
         return (self.end_ns - self.start_ns) * 1e-9
+
+    def unbiased(self, bias_m: FloatArray, courses: Sequence[FloatArray]) -> Self:
+        """Less a sensor's bias (2,), where the filter's courses at start and end are these (2,): see `Gaussian`."""
+        if not bias_m.any():
+            return self
+        start, later = (of.unbiased(bias_m, at) for of, at in zip((self.start, self.later), courses, strict=True))
+        moved = (before + after - at for before, after, at in zip(self.expected, start, self.start, strict=True))
+        return self._replace(start=start, expected=Gaussian(*moved), later=later)
 
 
 def without(known: Gaussian, before: Gaussian) -> Gaussian:

@@ -147,27 +147,28 @@ class Chain:
         time_ns = np.append(links["time_ns"], self.last.time_ns)
         return Smoothed(time_ns, mean[:, :MOVES], covariance[:, :MOVES, :MOVES], course, measured_ns)
 
-    def gaps(self, model: ConstantVelocityKalman) -> list[tuple[Ends, States | None]]:
+    def gaps(self, model: ConstantVelocityKalman, bias_m: FloatArray) -> list[tuple[Ends, States | None]]:
         """Between measurements that are far apart: what straight motion says of both ends, and samples at the start.
 
-        No samples where it is usual that they are nearly as far apart.
+        No samples where it is usual that they are nearly as far apart. bias_m: (2,) the sensor's, along and across.
         """
         if not any(span.took_ns > GAP_NS for span in self._spans):
             return []
         known, expected = self._swept(model)
         if self.is_replaced:  # what was measured last is of another vehicle
             known[-1] = expected[-1]
-        ends_ns = [*(span.start.time_ns for span in self._spans[1:]), self.last.time_ns]
-        return [
-            (Ends(span.start.time_ns, end_ns, span.straight, before, without(at, before)), span.samples)
-            for span, end_ns, at, before in zip(self._spans, ends_ns, known[1:], expected, strict=True)
-            if span.took_ns > GAP_NS
-        ]  # fmt: skip
+        found, ends = [], [*(span.start for span in self._spans[1:]), self.last]
+        for span, end, at, before in zip(self._spans, ends, known[1:], expected, strict=True):
+            if span.took_ns > GAP_NS:
+                both = Ends(span.start.time_ns, end.time_ns, span.straight, before, without(at, before))
+                found.append((both.unbiased(bias_m, (span.start.course, end.course)), span.samples))
+        return found
 
-    def gap_after(self, former: Chain, model: ConstantVelocityKalman) -> tuple[Ends, States]:
+    def gap_after(self, former: Chain, model: ConstantVelocityKalman, bias_m: FloatArray) -> tuple[Ends, States]:
         """The same of the gap from another chain's last measurement to the first of this one."""
-        start, later = former.last.time_ns, self._swept(model)[0][0]
-        return Ends.of(model, start, former.straight, self.first_ns, later), former.samples
+        first = self._spans[0].start if self._spans else self.last
+        both = Ends.of(model, former.last.time_ns, former.straight, self.first_ns, self._swept(model)[0][0])
+        return both.unbiased(bias_m, (former.last.course, first.course)), former.samples
 
     def _swept(self, model: ConstantVelocityKalman) -> tuple[list[Gaussian], list[Gaussian]]:
         """States of straight motion at all measurements, given all; and at all but the first, given those before."""

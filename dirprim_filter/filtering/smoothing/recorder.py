@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import replace
 
 import numpy as np
 
@@ -30,11 +31,12 @@ class Recorder:
     Args:
         bayes_filter: that holds the beliefs.
         group: of the log.
-        sensor: whose bias straight motion is measured without.
+        sensor: of the detections.
 
     Attributes:
         filter: as given.
-        straight: the straight motion of the same vehicles, in the same slots.
+        straight: the straight motion of the same vehicles, in the same slots, as the sensor sees it: with its bias.
+        bias_m: (2,) that, along and across.
         chains: all that were begun, in their order, whether they ended or not.
         frames_ns: times of the frames that are not smoothed yet, ascending.
 
@@ -51,6 +53,7 @@ class Recorder:
         self.filter: Smoothable = bayes_filter
         self.straight = bayes_filter.straight()
         self._group, self._sensor = group, sensor
+        self.bias_m = np.zeros(2) if sensor is None else np.array([sensor.along.bias_m, sensor.across.bias_m])
         self.chains: list[Chain] = []
         self.frames_ns: list[int] = []
         self._chain: dict[int, Chain] = {}  # of each slot
@@ -66,7 +69,7 @@ class Recorder:
         self.straight.reserve(int(slot.max()) + 1)
         states = self.filter.states(slot)
         moments = moments_of(self.filter, states)
-        measured = self._fair(measured, moments[2], np.full(slot.size, np.inf))
+        measured = self._sensed(measured, moments[2], np.full(slot.size, np.inf))
         labels = qualified_names(measured.track_id, np.full(slot.size, self._group)).tolist()
         for i, (s, *of_one) in enumerate(zip(slot.tolist(), *moments, strict=True)):
             belief, samples, here = Belief(time_ns, *of_one), _row(states, i), slot[i : i + 1]
@@ -111,11 +114,15 @@ class Recorder:
     def _straight_of(self, slot: int) -> Gaussian:
         return Gaussian(self.straight.mean[slot].copy(), self.straight.covariance[slot].copy())
 
-    def _fair(self, measured: Detections, course: FloatArray, since_s: FloatArray) -> Detections:
-        """Measurements of vehicles with these mean courses (v, 2), (v,) seconds after the last, as the sensor's are."""
+    def _sensed(self, measured: Detections, course: FloatArray, since_s: FloatArray) -> Detections:
+        """Measurements of vehicles with the covariance of what is new of their errors, see `of_sensor`.
+
+        Their bias stays: which way it points at the ends of a gap is known better when all that is near them was seen.
+        """
         if self._sensor is None:
             return measured
-        return of_sensor(measured, np.arctan2(course[:, 1], course[:, 0]), since_s, self._sensor)
+        sensed = of_sensor(measured, np.arctan2(course[:, 1], course[:, 0]), since_s, self._sensor)
+        return replace(sensed, position=measured.position)
 
     def moves(self, slot: IntArray, time_ns: IntArray) -> None:
         """Beliefs are about to be predicted from these times (v,); copies of them have no chain, gaps no steps."""
@@ -150,7 +157,7 @@ class Recorder:
         )  # fmt: skip
         fair = ~evidence.is_unexplained | (since_ns > GAP_NS)
         self.straight.predict(slot, since_ns * 1e-9)
-        self.straight.weigh(slot[fair], self._fair(measured, moments[2], since_ns * 1e-9)[fair])
+        self.straight.weigh(slot[fair], self._sensed(measured, moments[2], since_ns * 1e-9)[fair])
         self._intervals.extend(since_ns.tolist())
         for i, (chain, own, *of_one) in enumerate(zip(chains, links, *moments, strict=True)):
             if since_ns[i] > PAUSE_NS:
@@ -161,7 +168,7 @@ class Recorder:
     def smoothed(self, chain: Chain, time_ns: IntArray) -> Smoothed:
         """Beliefs about a chain's vehicle at times (n,) from its first to its last, given all measurements so far."""
         found = chain.smoothed().at(time_ns)
-        for ends, start in chain.gaps(self.straight):
+        for ends, start in chain.gaps(self.straight, self.bias_m):
             rows = np.flatnonzero((time_ns > ends.start_ns) & (time_ns < ends.end_ns))
             if rows.size:
                 key = int(birth_key(0, chain.name, ends.start_ns))
