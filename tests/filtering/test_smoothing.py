@@ -91,8 +91,9 @@ At least 0.3 of 4,000 weigh, and a mean remembers about three frames: its error 
 exceeded at any of the instants once in 10,000 seeds. The rest is for the bins, which spread speeds by 3 %, and for
 vehicles that keep to circles of other radii.
 """
-OFF_IN_GAP = 0.75
-"""The same in a gap, whose end is where straight motion sees it; the filter's means are 2 off there."""
+IN_GAP = 0.75, 1.25
+"""The same in a gap, whose end is where straight motion sees it: speeds there are 1.2 times as spread, by however many
+samples. The filter's means are 2 off."""
 
 
 def to_pace(arc, speed):
@@ -111,7 +112,7 @@ def driven(rng, n_rows=20):
     return RADIUS * np.column_stack([np.cos(angle), np.sin(angle)])
 
 
-def agree(found, exact, rows, off_by=OFF):
+def agree(found, exact, rows, off_by=OFF, wider_by=WIDER):
     """Whether estimates agree with a histogram's at these instants: along the ring and in speed."""
     instant = np.round(found.time_ns * 1e-9 / DT_S).astype(np.int64)
     rows, exact = np.isin(instant, rows), exact[instant]
@@ -121,7 +122,7 @@ def agree(found, exact, rows, off_by=OFF):
     off_arc = RADIUS * np.angle(np.exp(1j * (angle - exact[:, 0]))) / exact[:, 1]
     off = np.column_stack([off_arc, (found.speed - exact[:, 2]) / exact[:, 3]])[rows]
     wider = np.column_stack([arc_std, found.speed_std])[rows] / exact[rows][:, [1, 3]]
-    return bool((np.abs(off) < off_by).all() and (np.abs(np.log(wider)) < np.log(WIDER)).all())
+    return bool((np.abs(off) < off_by).all() and (np.abs(np.log(wider)) < np.log(wider_by)).all())
 
 
 def test_on_a_ring_it_is_forward_backward_over_a_histogram_also_in_a_gap():
@@ -143,10 +144,10 @@ def test_on_a_ring_it_is_forward_backward_over_a_histogram_also_in_a_gap():
         first_speed=stats.gamma(50.0, scale=8.0 / 50.0).pdf, bin_m=BIN_M, speeds=np.arange(3.0, 13.1, 0.3),
     )  # fmt: skip
     assert agree(later, exact, in_sight)
-    assert agree(later, exact, HIDDEN, OFF_IN_GAP)
+    assert agree(later, exact, HIDDEN, *IN_GAP)
     assert agree(found, filtered, in_sight)
     assert agree(found, filtered, HIDDEN)
-    assert not agree(found, exact, HIDDEN, OFF_IN_GAP)
+    assert not agree(found, exact, HIDDEN, *IN_GAP)
 
 
 def test_a_long_lag_is_the_whole_log_a_short_one_is_not_and_none_is_the_filter():

@@ -25,8 +25,10 @@ from dirprim_filter.filtering.kalman import ConstantVelocityKalman
 from dirprim_filter.filtering.protocols import Guided, Smoothable
 from dirprim_filter.filtering.smoothing.links import LEAST_VARIANCE, MOVES, tempered
 
-MORE = 2
-"""Times the filter's samples go across a gap: the end may be where few of them would come."""
+WAYS, ARRIVALS = 8, 2
+"""Times the filter's samples go across a gap, for the ways through it and for the evidence of its end: of those that
+are resampled on the way few beginnings are left. By 2 errors of 60 s of Chicago's buses were 5.4 % larger [2.6, 9.0],
+of 40 s of GeoLife 2.7 % [-.9, 6.3], and regions smaller."""
 GUIDES, GUIDE_S = 20, 0.5
 """Resamplings on the way, at most, and seconds between them at least."""
 WANDER = 4.0
@@ -139,7 +141,7 @@ def across(
     by_straight = straight(model, ends, time_ns)
     if start is None or not isinstance(bayes_filter, Guided) or (share := bayes_filter.own_way_share) == 1.0:
         return by_straight
-    by_map, evidence = guided(bayes_filter, model, ends, start, time_ns, key=key)
+    by_map, evidence = guided(bayes_filter, model, ends, start, time_ns, n=WAYS * start.weight.shape[1], key=key)
     odds = share * math.exp(min(POWER * (log_evidence(ends) - evidence), 500.0))
     return mixed(by_map, by_straight, (1.0 - share) / (1.0 - share + odds))
 
@@ -150,7 +152,8 @@ def log_density(
     """Log density of the state at the end, by both motions in their shares; arguments as of `across`."""
     if not isinstance(bayes_filter, Guided) or (share := bayes_filter.own_way_share) == 1.0:
         return log_evidence(ends)
-    by_map = guided(bayes_filter, model, ends, start, np.empty(0, np.int64), key=key)[1]
+    n, nowhere = ARRIVALS * start.weight.shape[1], np.empty(0, np.int64)
+    by_map = guided(bayes_filter, model, ends, start, nowhere, n=n, key=key)[1]
     with np.errstate(divide="ignore"):
         return float(np.logaddexp(np.log(share) + log_evidence(ends), np.log1p(-share) + by_map))
 
@@ -164,13 +167,14 @@ def mixed(one: Gaussian, other: Gaussian, share: float) -> Gaussian:
 
 
 def guided(
-    bayes_filter: Guided, model: ConstantVelocityKalman, ends: Ends, start: States, time_ns: IntArray, *, key: int
+    bayes_filter: Guided, model: ConstantVelocityKalman, ends: Ends, start: States, time_ns: IntArray, *, n: int,
+    key: int,
 ) -> tuple[Gaussian, float]:  # fmt: skip
-    """The way at times (t,) by the filter's own motion, from samples at the start; and the log evidence of the end."""
+    """The way at times (t,) by the filter's own motion, from n of its samples at the start; and the log evidence."""
     rng, (target, spread) = np.random.default_rng(key), ends.later
     n_guides = min(GUIDES, math.ceil(ends.seconds / GUIDE_S))
     guides = ends.start_ns + np.arange(1, n_guides + 1) * (ends.end_ns - ends.start_ns) // n_guides
-    n, slot = MORE * start.weight.shape[1], np.zeros(1, np.int64)
+    slot = np.zeros(1, np.int64)
     samples = bayes_filter.resumed(key, start.sample[0][:, systematic(start.weight[0], n, rng)])
     asked, ways = set(time_ns.tolist()), list[FloatArray]()
     now_ns, evidence, log_guide, log_weight, before = ends.start_ns, 0.0, np.zeros(n), np.zeros(n), np.zeros(n)
