@@ -23,8 +23,8 @@ FIRST_CAPACITY = 8
 GAP_INTERVALS = 3.0
 """Of the usual intervals between detections of a vehicle so many may pass without one before its belief ends."""
 SLOW_NS, USUAL_GAP_S = 1e9, 5.0
-"""A sensor that looks at a vehicle less often is for vehicles that stay longer: existence changes slower. So do they
-whose beliefs shall last for longer than usual: else few would be reported until then."""
+"""A sensor that looks at a vehicle less often is for vehicles that stay longer: existence changes slower. So do those
+with an id whose beliefs shall last for longer than usual: else few would be reported until then."""
 STEPS = 20
 """Of the motion in a usual interval, as many as its shortest allow, are enough."""
 TENTATIVE = "\0"
@@ -210,7 +210,8 @@ class Roster:
         """Let existence (v,) come to a time, by where the beliefs in the slots `held` (v,) are then."""
         dt_s = np.asarray((time_ns - self.existence_ns[slot]) * 1e-9, np.float64)
         pace = 1.0 / np.fmax(self.interval[slot, 0] / SLOW_NS, 1.0)
-        departs = np.minimum(pace, USUAL_GAP_S * 1e9 / self._max_gap_ns) * self._config.departure_rate
+        slower = np.where(self.is_labelled[slot], USUAL_GAP_S * 1e9 / self._max_gap_ns, 1.0)
+        departs = np.minimum(pace, slower) * self._config.departure_rate
         if self._on_map is not None:
             passed, (self.outside[slot], _, self.ends[slot]) = self.ends[slot], self._on_map.places(held)
             departs = departs + 0.5 * (passed + self.ends[slot])  # on the way
