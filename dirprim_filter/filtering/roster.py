@@ -22,7 +22,7 @@ from dirprim_filter.primitives.cues import Cue
 FIRST_CAPACITY = 8
 GAP_INTERVALS = 3.0
 """Of the usual intervals between detections of a vehicle so many may pass without one before its belief ends."""
-SLOW_NS, USUAL_GAP_S = 1e9, 5.0
+SLOW_NS, USUAL_GAP_S = 1e9, FilterConfig().max_gap_s
 """A sensor that looks at a vehicle less often is for vehicles that stay longer: existence changes slower. So do those
 with an id whose beliefs shall last for longer than usual: else few would be reported until then."""
 STEPS = 20

@@ -214,7 +214,7 @@ def test_a_vehicle_of_which_is_heard_each_ten_minutes_is_estimated_from_its_seco
 
 @pytest.mark.parametrize(("max_gap_s", "unseen_s"), [(5.0, 4.9), (600.0, 100.0), (600.0, 590.0)])
 def test_who_has_an_id_is_estimated_as_long_as_its_belief_is_to_last(max_gap_s, unseen_s):
-    """Nobody looked in between, so nothing says that it left; the control is one without an id."""
+    """No frame was looked at in between, so none says that it left; the control is one without an id."""
     for name in ("bus", ""):
         tracker = tracker_of(None, density=0.3, max_gap_s=max_gap_s)
         for i in range(10):

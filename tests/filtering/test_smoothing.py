@@ -91,9 +91,9 @@ At least 0.3 of 4,000 weigh, and a mean remembers about three frames: its error 
 exceeded at any of the instants once in 10,000 seeds. The rest is for the bins, which spread speeds by 3 %, and for
 vehicles that keep to circles of other radii.
 """
-IN_GAP = 0.75, 1.25
+IN_GAP = 0.75, (WIDER, 1.25)
 """The same in a gap, whose end is where straight motion sees it: speeds there are 1.2 times as spread, by however many
-samples. The filter's means are 2 off."""
+samples, places are not. The filter's means are 2 off."""
 
 
 def to_pace(arc, speed):
