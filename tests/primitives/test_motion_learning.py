@@ -120,8 +120,11 @@ def counted():
     visits = [Visits.of(part, learned.tessellation) for part in (rows, rows[some], rows[~some])]
     labels = label_visits(learned, visits[0], detail=1.0, rng=np.random.default_rng(2))
     is_some = visits[0].vehicle[visits[0].begin] % 3 == 0
-    label = [labels.label, labels.label[is_some], labels.label[~is_some]]
-    sums = [MotionSums.of(v, labels._replace(label=z), learned) for v, z in zip(visits, label, strict=True)]
+    parts = [
+        labels._replace(label=labels.label[own], fold=labels.fold[own])
+        for own in (np.ones(len(visits[0]), np.bool_), is_some, ~is_some)
+    ]
+    sums = [MotionSums.of(v, part, learned) for v, part in zip(visits, parts, strict=True)]
     return learned, visits[0], labels, sums
 
 
@@ -181,6 +184,24 @@ def test_regressions_are_numpys_least_squares_of_the_same_rows():
         also = np.concatenate([root * y[rows], np.zeros(p)])
         np.testing.assert_allclose(leaning[z], np.linalg.lstsq(augmented, also)[0], rtol=1e-9)
         assert not np.allclose(leaning[z], beta, rtol=1e-3)
+
+
+def test_what_is_held_out_is_predicted_by_least_squares_of_the_other_folds_alone():
+    """So a fit that follows its rows gains nothing by it: of noise alone the more coefficients, the larger it is."""
+    rng = np.random.default_rng(4)
+    n, p, k, n_folds = 300, 4, 6, 5
+    x = np.column_stack([np.ones(n), rng.normal(size=(n, p - 1))])
+    y, weight = rng.normal(size=n), rng.gamma(2.0, 1.0, n)
+    label, fold, prior = rng.integers(0, k, n), rng.integers(0, n_folds, n), np.array([0.3, 3.0, 3.0, 0.1])
+    sums = Regression.of(x, y, weight, label * n_folds + fold, k, n_folds)
+    found, square = sums.held_out_mean_square(prior), np.zeros(n)
+    for i in range(n):
+        rows = (label == label[i]) & (fold != fold[i])
+        root = np.sqrt(weight[rows])
+        augmented = np.vstack([root[:, None] * x[rows], np.diag(np.sqrt(prior))])
+        square[i] = (y[i] - x[i] @ np.linalg.lstsq(augmented, np.append(root * y[rows], np.zeros(p)))[0]) ** 2
+    np.testing.assert_allclose(found, [np.average(square[label == z], weights=weight[label == z]) for z in range(k)])
+    assert (found > sums.total().mean_square(sums.total().solved(prior))).all()  # the control
 
 
 def two_cells():
