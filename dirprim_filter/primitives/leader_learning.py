@@ -19,7 +19,7 @@ from dirprim_filter.primitives._leader import FAR_M, SLOW, STARTS_BEHIND_M
 from dirprim_filter.primitives._manoeuvres import STANDING_BELOW
 from dirprim_filter.primitives.leader import N_FEATURES, N_PACES, LeaderResponse
 from dirprim_filter.primitives.motion import PUSHED_SHARE
-from dirprim_filter.primitives.motion_sums import N_FOLDS, Regression
+from dirprim_filter.primitives.motion_sums import Regression
 from dirprim_filter.track_ids import qualified_names
 from dirprim_filter.tracks import Tracks
 
@@ -29,6 +29,8 @@ EVERY_S, RESPONDS_S = 0.5, 1.0
 """How often drivers are looked at, and over how long their acceleration is."""
 MOST_INSTANTS = 5000
 """Of so many every driver has been seen often."""
+N_FOLDS = 5
+"""Folds of the drivers, each predicted from the others."""
 OF_SPEED = (0, 4, 8)
 """The features without the leader: 1, speed and its square."""
 WORTH = 0.05
@@ -87,13 +89,13 @@ class LeaderSums(NamedTuple):
                     with_leader / max(by_speed, 1e-9))  # fmt: skip
         if not with_leader < (1.0 - WORTH) * by_speed:
             return None
-        whole = self.acceleration.total()
-        gain = whole.solved(_ridge(whole))
+        whole = _total(self.acceleration)
+        gain = _solved(whole)
         usual = (self.started.sum() + 0.1) / (self.stood.sum() + 1.0)
         share = (self.started[:N_PACES] + STARTS_SEEN * usual) / (self.stood[:N_PACES] + STARTS_SEEN)
         return LeaderResponse(
-            gain=gain,
-            push=float(np.sqrt(whole.mean_square(gain) / PUSHED_SHARE)),
+            gain=gain[0],
+            push=float(np.sqrt(whole.mean_square(gain)[0] / PUSHED_SHARE)),
             trust=pairs / (pairs + TRUSTED_PAIRS),
             start_rate=-np.log1p(-np.minimum(share, MOST_STARTS)) / RESPONDS_S,
         )
@@ -106,21 +108,30 @@ def _folds(tracks: Tracks) -> IntArray:
     return np.array([crc32(name.encode()) % N_FOLDS for name in names.tolist()], np.int64)
 
 
+def _held_out_error(acceleration: Regression) -> float:
+    """Mean squared error of each fold by what the others say, m^2/s^4."""
+    whole, error = _total(acceleration), 0.0
+    for fold in range(N_FOLDS):
+        own = Regression(*(column[fold : fold + 1] for column in acceleration))
+        error += float((own.mean_square(_solved(whole - own)) * own.weight)[0])
+    return error / max(float(whole.weight[0]), 1e-9)
+
+
+def _total(acceleration: Regression) -> Regression:
+    """The sums of all folds."""
+    return Regression(*(column.sum(axis=0, keepdims=True) for column in acceleration))
+
+
 def _part(acceleration: Regression, features: tuple[int, ...]) -> Regression:
     """The sums of some of the features."""
     some = np.array(features)
-    return acceleration._replace(xx=acceleration.xx[..., some[:, None], some], xy=acceleration.xy[..., some])
+    return acceleration._replace(xx=acceleration.xx[:, some[:, None], some], xy=acceleration.xy[:, some])
 
 
-def _held_out_error(acceleration: Regression) -> float:
-    """Mean squared error of each fold by what the others say, m^2/s^4."""
-    return float(acceleration.held_out_mean_square(_ridge(acceleration.total())))
-
-
-def _ridge(whole: Regression) -> FloatArray:
-    """(p,) of each feature in units of its own mean square, that of the constant next to none."""
-    square = np.diagonal(whole.xx) / max(float(whole.weight), 1e-9)
-    return np.asarray(RIDGE * (square + 1e-9) * np.append(1e-6, np.ones(square.size - 1)))
+def _solved(acceleration: Regression) -> FloatArray:
+    """(1, p) gains; the ridge of each is in units of its own mean square, that of the constant next to none."""
+    square = np.diagonal(acceleration.xx[0]) / max(float(acceleration.weight[0]), 1e-9)
+    return acceleration.solved(RIDGE * (square + 1e-9) * np.append(1e-6, np.ones(square.size - 1)))
 
 
 def _looks(tracks: Tracks) -> tuple[IntArray, IntArray]:

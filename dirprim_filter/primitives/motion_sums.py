@@ -1,12 +1,10 @@
 """What motion is learned from: sums over visits, in which every visit counts once.
 
-Sums of two logs, given the same cells, modes and labels, add to the sums of both. Those of regressions are kept apart
-by folds of the vehicles: how far vehicles stray is known of those that a fit has not seen.
+Sums of two logs, given the same cells, modes and labels, add to the sums of both.
 """
 
 from __future__ import annotations
 
-import math
 from functools import reduce
 from operator import add
 from typing import Any, NamedTuple, Self
@@ -32,24 +30,22 @@ STRETCHED_FROM_M = 0.15
 MOST_STRETCH = 0.5
 AT_ONCE = 200_000
 """Instants that are summed."""
-N_FOLDS = 5
-"""Folds of the vehicles, each predicted from the others."""
 SLOWEST_COURSE = 0.02
 """Weight of the course of a vehicle that stands; of one that drives 1 m/s or more it is 1."""
 
 
 class Regression(NamedTuple):
-    """Sums of linear regressions; where they are of folds, the last axis before the columns' own is that of folds."""
+    """Sums of a linear regression for each manoeuvre."""
 
-    xx: FloatArray  # (..., p, p)
-    xy: FloatArray  # (..., p)
-    yy: FloatArray  # (...)
-    weight: FloatArray  # (...)
+    xx: FloatArray  # (z, p, p)
+    xy: FloatArray  # (z, p)
+    yy: FloatArray  # (z,)
+    weight: FloatArray  # (z,)
 
     @classmethod
-    def of(cls, x: FloatArray, y: FloatArray, weight: FloatArray, label: IntArray, *shape: int) -> Self:
-        """(i, p), (i,), (i,), (i,) labels below the product of a shape; rows without `y` or label count nothing."""
-        known, n = np.isfinite(y) & (label >= 0), math.prod(shape)
+    def of(cls, x: FloatArray, y: FloatArray, weight: FloatArray, label: IntArray, n: int) -> Self:
+        """(i, p), (i,), (i,), (i,) labels; rows whose `y` is NaN, or whose label is negative, count nothing."""
+        known = np.isfinite(y) & (label >= 0)
         x, y, weight, label = x[known], y[known], weight[known], label[known]
         p = x.shape[1]
         xx = np.empty((n, p, p))
@@ -57,46 +53,36 @@ class Regression(NamedTuple):
             for j in range(i, p):
                 xx[:, i, j] = xx[:, j, i] = _totals(label, weight * x[:, i] * x[:, j], n)
         xy = np.stack([_totals(label, weight * x[:, i] * y, n) for i in range(p)], axis=-1)
-        sums = xx, xy, _totals(label, weight * y * y, n), _totals(label, weight, n)
-        return cls(*(column.reshape(*shape, *column.shape[1:]) for column in sums))
+        return cls(xx, xy, _totals(label, weight * y * y, n), _totals(label, weight, n))
 
     def __add__(self, other: Regression) -> Regression:  # type: ignore[override]
         return Regression(*(a + b for a, b in zip(self, other, strict=True)))
 
-    def total(self) -> Regression:
-        """The sums of all folds."""
-        return Regression(*(column.sum(axis=self.weight.ndim - 1) for column in self))
+    def __sub__(self, other: Regression) -> Regression:
+        return Regression(*(a - b for a, b in zip(self, other, strict=True)))
 
     def solved(self, prior: FloatArray) -> FloatArray:
-        """(..., p) coefficients with a ridge of `prior` visits, (p,) or (..., p)."""
+        """(z, p) coefficients with a ridge of `prior` visits, (p,) or (z, p)."""
         ridge = np.broadcast_to(prior, self.xy.shape)
-        leaning = self.xx + ridge[..., None] * np.eye(ridge.shape[-1])
+        leaning = self.xx + ridge[..., None] * np.eye(ridge.shape[1])
         return np.asarray(np.linalg.solve(leaning, self.xy[..., None])[..., 0])
 
     def mean_square(self, beta: FloatArray) -> FloatArray:
-        """(...) of the residuals."""
-        explained = 2.0 * (self.xy * beta).sum(axis=-1) - np.einsum("...i,...ij,...j", beta, self.xx, beta)
+        """(z,) of the residuals."""
+        explained = 2.0 * (self.xy * beta).sum(axis=-1) - np.einsum("zi,zij,zj->z", beta, self.xx, beta)
         return np.asarray(np.maximum(self.yy - explained, 0.0) / np.maximum(self.weight, 1e-9))
-
-    def held_out_mean_square(self, prior: FloatArray) -> FloatArray:
-        """(...) without the axis of folds, of the residuals of each fold by what the others say, see `solved`."""
-        whole = (np.expand_dims(column, self.weight.ndim - 1) for column in self.total())
-        others = Regression(*(of_all - own for of_all, own in zip(whole, self, strict=True)))
-        square = self.mean_square(others.solved(np.expand_dims(prior, -2)))
-        return np.asarray((square * self.weight).sum(axis=-1) / np.maximum(self.weight.sum(axis=-1), 1e-9))
 
 
 class Labels(NamedTuple):
     """Which manoeuvre each visit is of, and of which cell and mode manoeuvres are."""
 
     label: IntArray  # (v,) -1 for none
-    fold: IntArray  # (v,) of its vehicle
     cell: IntArray  # (z,)
     mode: IntArray  # (z,)
 
 
 class MotionSums(NamedTuple):
-    """Of each manoeuvre, and of each transition between two; regressions are (z, `N_FOLDS`)."""
+    """Of each manoeuvre, and of each transition between two."""
 
     visits: FloatArray  # (z,)
     seconds: FloatArray  # (z,)
@@ -153,7 +139,7 @@ def _of_instants(
 ) -> tuple[Any, ...]:  # fmt: skip
     """Sums of the instants `at` (i,) of visits `of`, `MotionSums` from `turn` to `stretch`; see `_changes`."""
     share, z = (visits.weight / (visits.end - visits.begin))[of], labels.label[of]
-    speed, there = visits.speed[at], (labels.cell[z], labels.mode[z])
+    n, speed, there = labels.cell.size, visits.speed[at], (labels.cell[z], labels.mode[z])
     driven = share * np.clip(speed, SLOWEST_COURSE, 1.0)
     mean_direction = primitives.modes.mean_direction[there]
     mean_speed = primitives.speed.mean[there]
@@ -169,13 +155,12 @@ def _of_instants(
     across = cosine * offset[:, 1] - sine * offset[:, 0]
     state = np.column_stack([place, speed - mean_speed])
     turn, acceleration, pushed, stretch = changes
-    part, shape = z * N_FOLDS + labels.fold[of], (labels.cell.size, N_FOLDS)
     return (
-        Regression.of(one[:, None], turn, driven, part, *shape),
-        Regression.of(place, off_course, driven, part, *shape), Regression.of(place, off_pace, share, part, *shape),
-        Regression.of(np.column_stack([one, along, along**2]), across, driven, part, *shape),
-        Regression.of(state, acceleration, share, part, *shape), Regression.of(state, pushed, share, part, *shape),
-        Regression.of(one[:, None], stretch, share, part, *shape),
+        Regression.of(one[:, None], turn, driven, z, n),
+        Regression.of(place, off_course, driven, z, n), Regression.of(place, off_pace, share, z, n),
+        Regression.of(np.column_stack([one, along, along**2]), across, driven, z, n),
+        Regression.of(state, acceleration, share, z, n), Regression.of(state, pushed, share, z, n),
+        Regression.of(one[:, None], stretch, share, z, n),
     )  # fmt: skip
 
 

@@ -155,8 +155,8 @@ def test_the_signal_of_a_table_moves_the_vehicle_to_its_side(junction):
         assert dirprim(command) == DONE
         found = read_estimates("out")
         north[signal] = found.position[(found.track_id == "ahead") & (found.unseen_s > 3.2)][0, 1]
-    assert north["left"] > north["none"] + 0.7
-    assert north["right"] < north["none"] - 0.7
+    assert north["left"] > north["none"] + 0.8
+    assert north["right"] < north["none"] - 0.8
     assert north["none"] == north[""]
 
 
