@@ -61,6 +61,14 @@ class CustomFilter(ParticleFilter):
     def begin(self, slot: IntArray, key: AnyArray, measured: Detections) -> None:
         """Initialise beliefs as on the map, then the own columns."""
         super().begin(slot, key, measured)
+        self._begin_own(slot)
+
+    def steer(self, slot: IntArray, way: FloatArray, took_s: FloatArray) -> None:
+        """As on the map, then the own columns anew."""
+        super().steer(slot, way, took_s)
+        self._begin_own(slot)
+
+    def _begin_own(self, slot: IntArray) -> None:
         if self.transition is not None:
             for _, particles, rng in self._each(slot):
                 self.transition.begin(particles, rng)

@@ -33,6 +33,8 @@ from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.traffic import Traffic
 from dirprim_filter.sensor import Sensor
 
+PACE_CHANGES = 0.5
+"""m/s^2, by how much a velocity differs from the mean of the way before: half of what vehicles accelerate."""
 OWN_WAY_SHARE = 0.5
 """Of vehicles out of sight: the evidence of where they come back says which (`smoothing.bridge`)."""
 QUICK, CELL_SHARE, LONGEST_STEP_S = 0.05, 0.4, 0.5
@@ -82,6 +84,18 @@ class ParticleFilter(ParticleBelief):
         self.cloud.since_s[slot] = np.inf
         per_vehicle = slot, np.asarray(key), self._columns(slot, measured)
         self._split(_measuring.begin, (self._primitives, self._noise, self.cloud), per_vehicle, each_ns=200.0)
+        self._split(_kernels.initialise_motion, (self._table, self.cloud), (slot,), each_ns=100.0)
+
+    def steer(self, slot: IntArray, way: FloatArray, took_s: FloatArray) -> None:
+        """Half of the particles of new beliefs move as their vehicles came, by ways (v, 2) in seconds (v,).
+
+        The map alone would have who drives against all traffic go back, row after row (two-point initiation:
+        Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, 5.5.3).
+        """
+        self.step += 1
+        m = self.moments(slot)
+        deviation = np.sqrt((m[:, 2] + m[:, 4]) / took_s**2 + (PACE_CHANGES * took_s) ** 2)
+        self._split(_measuring.steer, (self.cloud,), (slot, way / took_s[:, None], deviation), each_ns=50.0)
         self._split(_kernels.initialise_motion, (self._table, self.cloud), (slot,), each_ns=100.0)
 
     def straight(self) -> ConstantVelocityKalman:

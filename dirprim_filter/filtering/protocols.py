@@ -103,6 +103,10 @@ class OnMap(Protocol):
         """
         ...
 
+    def steer(self, slot: IntArray, way: FloatArray, took_s: FloatArray) -> None:
+        """Beliefs were initialised of vehicles that came there by ways (v, 2) in so many seconds (v,)."""
+        ...
+
     def weigh_by_cue(self, slot: IntArray, cue: Cue) -> FloatArray:
         """Weigh beliefs by a cue, Eq. 4. (v,) -> (v,) natural log of the cue's density under each, per radian."""
         ...

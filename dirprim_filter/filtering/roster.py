@@ -42,7 +42,7 @@ _EMPTY: dict[str, Any] = {
     "time_ns": np.int64(0), "existence_ns": np.int64(0), "measured_ns": np.int64(0), "counted_ns": np.int64(0),
     "seen_ns": np.int64(0), "name": None, "is_labelled": np.False_, "is_confirmed": np.False_, "existence": np.zeros(3),
     "outside": 0.0, "ends": 0.0, "n_unexplained": np.int64(0), "log_evidence": 0.0, "innovation": np.nan,
-    "expected": np.full(2, np.nan),
+    "expected": np.full(2, np.nan), "place": np.full(2, np.nan),
     "cue": np.full(2, np.nan), "cue_ns": np.int64(0), "gaps": NO_GAPS, "interval": np.full(2, np.nan),
     "size": np.full(3, np.nan), "stride": np.int64(1),
 }  # fmt: skip
@@ -93,6 +93,7 @@ class Roster:
     log_evidence: FloatArray  # (slots,) of its last measurement, 0 of its first
     innovation: FloatArray  # (slots,) of its last measurement, NaN of its first
     expected: FloatArray  # (slots, 2) metres, where that was expected
+    place: FloatArray  # (slots, 2) metres, where it was measured
     cue: FloatArray  # (slots, 2) the last that its vehicle gave, as in `Detections`; NaN for none
     cue_ns: IntArray  # (slots,) the time of the last measurement that gave it
     gaps: FloatArray  # (slots, 9) ns, last times between two frames that had its label; NaN for none

@@ -219,10 +219,15 @@ class Tracker:
             exists = existence.at_birth(expected, false[row])
             slot[row] = self._roster.enter(names.tolist(), time_ns=self._time_ns, exists=exists)
             self._begin(slot[row], detections[row])
+            self._roster.place[slot[row]] = detections.position[row]
 
-    def _begin(self, slot: IntArray, measured: Detections) -> None:
+    def _begin(self, slot: IntArray, measured: Detections, *, since_s: FloatArray | None = None) -> None:
+        """Initialise beliefs; who was measured so long ago has come from there, against all traffic or not."""
         key = [birth_key(self._seed, name, self._time_ns) for name in self._roster.name[slot].tolist()]
         self._filter.begin(slot, np.array(key, dtype=np.uint64), measured)
+        if since_s is not None and self._on_map is not None:
+            came = np.isfinite(since_s) & np.isnan(measured.direction)
+            self._on_map.steer(slot[came], measured.position[came] - self._roster.place[slot[came]], since_s[came])
         if self._recorder is not None:
             self._recorder.begun(slot, measured, self._time_ns)
 
@@ -302,7 +307,8 @@ class Tracker:
             self.recoveries += int(lost.size)
             roster.n_unexplained[lost], roster.cue[lost] = 0, np.nan
             logger.info("at %d ns %d beliefs did not explain what was measured: reinitialised", now_ns, lost.size)
-            self._begin(lost, measured[is_lost])
+            self._begin(lost, measured[is_lost], since_s=np.where(is_back, since_s, np.nan)[is_lost])
+        roster.place[slot] = measured.position
         return lost
 
     def _tracked(self, detections: Detections, home: IntArray, held: IntArray, lost: IntArray) -> TrackedFrame:

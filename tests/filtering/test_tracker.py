@@ -294,3 +294,15 @@ def test_who_creeps_where_all_others_drove_fast_is_found_after_some_detections()
     assert len(found) == 40
     assert off[10:].max() < 0.9
     assert tracker.recoveries < 5
+
+
+@pytest.mark.parametrize("turn", [0.0, 1.0, np.pi])
+def test_who_is_seen_seldom_and_drives_against_all_others_is_followed(turn):
+    """By the map alone each row that it does not explain would have the vehicle go back once more."""
+    east = one_cell_map(concentration=1e3, speed=10.0, shape=25.0)
+    course, rng = np.array([np.cos(turn), np.sin(turn)]), np.random.default_rng(6)
+    frames = [one("a", 3.0 * i, *(27.0 * i * course + rng.normal(0.0, 0.2, 2))) for i in range(8)]
+    found, tracker = track(east, frames, n_particles=500, noise_m=0.2)
+    assert tracker.recoveries <= 2
+    assert (np.cos(found.direction[4:] - turn) > 0.9).all()
+    assert (np.abs(found.speed[4:] - 9.0) < 3.0).all()
