@@ -42,7 +42,7 @@ _EMPTY: dict[str, Any] = {
     "time_ns": np.int64(0), "existence_ns": np.int64(0), "measured_ns": np.int64(0), "counted_ns": np.int64(0),
     "seen_ns": np.int64(0), "name": None, "is_labelled": np.False_, "is_confirmed": np.False_, "existence": np.zeros(3),
     "outside": 0.0, "ends": 0.0, "n_unexplained": np.int64(0), "log_evidence": 0.0, "innovation": np.nan,
-    "expected": np.full(2, np.nan), "place": np.full(2, np.nan),
+    "n_lost": np.int64(0), "expected": np.full(2, np.nan), "place": np.full(2, np.nan),
     "cue": np.full(2, np.nan), "cue_ns": np.int64(0), "gaps": NO_GAPS, "interval": np.full(2, np.nan),
     "size": np.full(3, np.nan), "stride": np.int64(1),
 }  # fmt: skip
@@ -90,6 +90,7 @@ class Roster:
     outside: FloatArray  # (slots,) probability that it is outside of the map's cells
     ends: FloatArray  # (slots,) 1/s, rate at which trajectories end where it was at `existence_ns`
     n_unexplained: IntArray  # (slots,) consecutive measurements that its belief did not explain
+    n_lost: IntArray  # (slots,) how often it was reinitialised since one was explained
     log_evidence: FloatArray  # (slots,) of its last measurement, 0 of its first
     innovation: FloatArray  # (slots,) of its last measurement, NaN of its first
     expected: FloatArray  # (slots, 2) metres, where that was expected

@@ -301,8 +301,22 @@ def test_who_is_seen_seldom_and_drives_against_all_others_is_followed(turn):
     """By the map alone each row that it does not explain would have the vehicle go back once more."""
     east = one_cell_map(concentration=1e3, speed=10.0, shape=25.0)
     course, rng = np.array([np.cos(turn), np.sin(turn)]), np.random.default_rng(6)
-    frames = [one("a", 3.0 * i, *(27.0 * i * course + rng.normal(0.0, 0.2, 2))) for i in range(8)]
+    frames = [one("a", 3.0 * i, *(27.0 * i * course + rng.normal(0.0, 0.2, 2))) for i in range(9)]
     found, tracker = track(east, frames, n_particles=500, noise_m=0.2)
-    assert tracker.recoveries <= 2
-    assert (np.cos(found.direction[4:] - turn) > 0.9).all()
-    assert (np.abs(found.speed[4:] - 9.0) < 3.0).all()
+    assert tracker.recoveries <= 4
+    assert (np.cos(found.direction[5:] - turn) > 0.9).all()
+    assert (np.abs(found.speed[5:] - 9.0) < 3.0).all()
+
+
+@pytest.mark.parametrize("off_m", [60.0, 300.0])
+def test_a_single_wrong_row_turns_nobody_round(off_m):
+    """It makes two that are not explained, there and back; the way between them is nobody's."""
+    east = one_cell_map(concentration=50.0, speed=10.0, shape=9.0)
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        angle = rng.uniform(-np.pi, np.pi)
+        put_off = np.where(np.arange(12)[:, None] == 7, off_m * np.array([np.cos(angle), np.sin(angle)]), 0.0)
+        place = np.column_stack([28.0 * np.arange(12), np.zeros(12)]) + rng.normal(0.0, 0.5, (12, 2)) + put_off
+        found, tracker = track(east, [one("a", 3.0 * i, *at) for i, at in enumerate(place)], noise_m=0.5, seed=seed)
+        assert tracker.recoveries == 2
+        assert (np.cos(found.direction[9:]) > 0.9).all()
