@@ -108,18 +108,6 @@ def begin(
 
 
 @compiled
-def steer(cloud: Cloud, vehicle: IntArray, velocity: FloatArray, deviation: FloatArray) -> None:
-    """Give every second particle of each vehicle a velocity (V, 2) with a deviation (V,) of each component."""
-    for i in range(vehicle.size):
-        v, spread = vehicle[i], deviation[i]
-        direction, speed, state = cloud.direction[v], cloud.speed[v], cloud.state[v]
-        for p in range(0, speed.size, 2):
-            x = velocity[i, 0] + spread * random.draw_normal(state)
-            y = velocity[i, 1] + spread * random.draw_normal(state)
-            direction[p], speed[p] = math.atan2(y, x), math.sqrt(x * x + y * y)
-
-
-@compiled
 def weigh(noise: Noise, cloud: Cloud, vehicle: IntArray, measured: FloatArray, evidence: FloatArray) -> None:
     """Weigh each vehicle's particles by its measurement, and normalise.
 

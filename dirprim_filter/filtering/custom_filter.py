@@ -63,9 +63,9 @@ class CustomFilter(ParticleFilter):
         super().begin(slot, key, measured)
         self._begin_own(slot)
 
-    def steer(self, slot: IntArray, way: FloatArray, took_s: FloatArray) -> None:
+    def steer(self, slot: IntArray, key: AnyArray, way: FloatArray, took_s: FloatArray) -> None:
         """As on the map, then the own columns anew."""
-        super().steer(slot, way, took_s)
+        super().steer(slot, key, way, took_s)
         self._begin_own(slot)
 
     def _begin_own(self, slot: IntArray) -> None:

@@ -86,16 +86,19 @@ class ParticleFilter(ParticleBelief):
         self._split(_measuring.begin, (self._primitives, self._noise, self.cloud), per_vehicle, each_ns=200.0)
         self._split(_kernels.initialise_motion, (self._table, self.cloud), (slot,), each_ns=100.0)
 
-    def steer(self, slot: IntArray, way: FloatArray, took_s: FloatArray) -> None:
-        """Half of the particles of new beliefs move as their vehicles came, by ways (v, 2) in seconds (v,).
+    def steer(self, slot: IntArray, key: AnyArray, way: FloatArray, took_s: FloatArray) -> None:
+        """Have half of the particles of new beliefs move as their vehicles came, by ways (v, 2) in seconds (v,).
 
-        The map alone would have who drives against all traffic go back, row after row (two-point initiation:
-        Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, 5.5.3).
+        By the map alone who drives against all traffic would be sent back, row after row. Two-point initiation:
+        Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, 5.5.3.
         """
         self.step += 1
-        m = self.moments(slot)
-        deviation = np.sqrt((m[:, 2] + m[:, 4]) / took_s**2 + (PACE_CHANGES * took_s) ** 2)
-        self._split(_measuring.steer, (self.cloud,), (slot, way / took_s[:, None], deviation), each_ns=50.0)
+        m, half = self.moments(slot), self.cloud.speed[0, ::2].size
+        spread = np.sqrt((m[:, 2] + m[:, 4]) / took_s**2 + (PACE_CHANGES * took_s) ** 2)
+        for i, (s, seed) in enumerate(zip(slot.tolist(), key.tolist(), strict=True)):
+            drawn = way[i] / took_s[i] + spread[i] * np.random.default_rng(seed).standard_normal((half, 2))
+            self.cloud.direction[s, ::2] = np.arctan2(drawn[:, 1], drawn[:, 0])
+            self.cloud.speed[s, ::2] = np.hypot(*drawn.T)
         self._split(_kernels.initialise_motion, (self._table, self.cloud), (slot,), each_ns=100.0)
 
     def straight(self) -> ConstantVelocityKalman:

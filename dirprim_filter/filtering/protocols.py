@@ -103,8 +103,8 @@ class OnMap(Protocol):
         """
         ...
 
-    def steer(self, slot: IntArray, way: FloatArray, took_s: FloatArray) -> None:
-        """Beliefs were initialised of vehicles that came there by ways (v, 2) in so many seconds (v,)."""
+    def steer(self, slot: IntArray, key: AnyArray, way: FloatArray, took_s: FloatArray) -> None:
+        """After `begin`, with its keys, of vehicles that came there by ways (v, 2) metres in seconds (v,)."""
         ...
 
     def weigh_by_cue(self, slot: IntArray, cue: Cue) -> FloatArray:

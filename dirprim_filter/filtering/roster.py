@@ -25,6 +25,9 @@ GAP_INTERVALS = 3.0
 SLOW_NS, USUAL_GAP_S = 1e9, FilterConfig().max_gap_s
 """A sensor that looks at a vehicle less often is for vehicles that stay longer: existence changes slower. So do those
 with an id whose beliefs shall last for longer than usual: else few would be reported until then."""
+AGAIN = 3
+"""How often in a row a vehicle is lost until its way says more than the map: one wrong measurement loses it there and
+back."""
 STEPS = 20
 """Of the motion in a usual interval, as many as its shortest allow, are enough."""
 TENTATIVE = "\0"
@@ -247,6 +250,7 @@ class Roster:
         is_missed = is_scan & (self.measured_ns < time_ns) & (time_ns - self.counted_ns >= due_ns)
         is_missed[hit] = ~is_explained
         seen, missed = hit[is_explained], self.slots[is_missed[self.slots]]
+        self.n_lost[seen] = 0
         counted, is_hit = np.append(seen, missed), np.arange(seen.size + missed.size) < seen.size
         before = self.existence[counted]
         self.existence[seen] = existence.after_hit(
@@ -259,6 +263,12 @@ class Roster:
         for one in slot[sure[slot] & ~self.is_confirmed[slot]].tolist():
             self._number(one)
         self.is_confirmed |= sure
+
+    def lose(self, slot: IntArray) -> BoolArray:
+        """Beliefs (v,) are to be reinitialised: whether by now their vehicles' ways say more than the map."""
+        self.n_unexplained[slot], self.cue[slot] = 0, np.nan
+        self.n_lost[slot] += 1
+        return np.asarray(self.n_lost[slot] >= AGAIN)
 
     def _end(self, now_ns: int) -> BoolArray:
         """End tracks not measured for too long, and those that hardly exist. (slots,) which."""

@@ -28,9 +28,6 @@ from dirprim_filter.sensor import Sensor
 
 logger = logging.getLogger(__name__)
 
-AGAIN = 3
-"""Rows, one after the other, that reinitialise who is seen seldom, until its way says more than the map: a single wrong
-one does so there and back."""
 AWAY_S = 1.0
 """Where a belief does not reach a labelled vehicle that is back after longer than this, the belief is wrong: after
 seconds unseen that is likelier than that the first measurement is an outlier."""
@@ -147,6 +144,7 @@ class Tracker:
             self._roster.size[slot[has_size]] = seen.size[has_size]
         home, held = self._beliefs(slot[is_labelled])
         lost = self._weigh(self._weighed, seen[row], by_chance[row], is_scan=is_scan)
+        self._roster.place[slot] = seen.position
         has_name = self._roster.is_labelled[slot] | self._roster.is_confirmed[slot]
         assigned = np.where(has_name, self._roster.name[slot], NO_ID).astype(np.str_)
         return replace(self._tracked(detections, home, held, lost), assigned=assigned)
@@ -222,15 +220,16 @@ class Tracker:
             exists = existence.at_birth(expected, false[row])
             slot[row] = self._roster.enter(names.tolist(), time_ns=self._time_ns, exists=exists)
             self._begin(slot[row], detections[row])
-            self._roster.place[slot[row]] = detections.position[row]
 
     def _begin(self, slot: IntArray, measured: Detections, since_s: FloatArray | None = None) -> None:
-        """Initialise beliefs; who was measured so long ago (v,) has come from there, but for 0."""
-        key = [birth_key(self._seed, name, self._time_ns) for name in self._roster.name[slot].tolist()]
-        self._filter.begin(slot, np.array(key, dtype=np.uint64), measured)
+        """Initialise beliefs; who was measured so long ago (v,), but for 0, has come from there."""
+        names = self._roster.name[slot].tolist()
+        key = np.array([birth_key(self._seed, name, self._time_ns) for name in names], dtype=np.uint64)
+        self._filter.begin(slot, key, measured)
         if since_s is not None and self._on_map is not None:
-            came = (since_s > 0.0) & np.isnan(measured.direction)
-            self._on_map.steer(slot[came], measured.position[came] - self._roster.place[slot[came]], since_s[came])
+            came = (since_s > 0.0) & np.isnan(measured.direction) & np.isnan(measured.speed)
+            way = measured.position - self._roster.place[slot]
+            self._on_map.steer(slot[came], key[came], way[came], since_s[came])
         if self._recorder is not None:
             self._recorder.begun(slot, measured, self._time_ns)
 
@@ -303,18 +302,13 @@ class Tracker:
         roster.log_evidence[slot] = np.where(is_weightless, 0.0, evidence.log_density)
         is_explained = ~evidence.is_unexplained
         roster.n_unexplained[slot] = np.where(is_explained, 0, roster.n_unexplained[slot] + 1)
-        roster.n_lost[slot[is_explained]] = 0
         roster.learn(slot, evidence.log_density, is_explained, by_chance, now_ns, is_scan=is_scan)
         is_lost = is_weightless | (roster.n_unexplained[slot] >= np.where(is_back, 1, self.tracking.lost_after))
         lost = slot[is_lost]
         if lost.size:
             self.recoveries += int(lost.size)
-            roster.n_unexplained[lost], roster.cue[lost] = 0, np.nan
-            roster.n_lost[lost] += 1
             logger.info("at %d ns %d beliefs did not explain what was measured: reinitialised", now_ns, lost.size)
-            comes = is_back & (roster.n_lost[slot] >= AGAIN)
-            self._begin(lost, measured[is_lost], np.where(comes, since_s, 0.0)[is_lost])
-        roster.place[slot] = measured.position
+            self._begin(lost, measured[is_lost], np.where(roster.lose(lost) & is_back[is_lost], since_s[is_lost], 0.0))
         return lost
 
     def _tracked(self, detections: Detections, home: IntArray, held: IntArray, lost: IntArray) -> TrackedFrame:

@@ -309,8 +309,8 @@ def test_who_is_seen_seldom_and_drives_against_all_others_is_followed(turn):
 
 
 @pytest.mark.parametrize("off_m", [60.0, 300.0])
-def test_a_single_wrong_row_turns_nobody_round(off_m):
-    """It makes two that are not explained, there and back; the way between them is nobody's."""
+def test_a_single_wrong_row_turns_no_vehicle_round(off_m):
+    """It makes two that are not explained, there and back; no vehicle drove the way between them."""
     east = one_cell_map(concentration=50.0, speed=10.0, shape=9.0)
     for seed in range(6):
         rng = np.random.default_rng(seed)
