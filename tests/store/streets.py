@@ -10,7 +10,7 @@ from dirprim_filter.store.config import StoreConfig
 from dirprim_filter.store.rows import StoredRows
 from dirprim_filter.store.store import Store
 
-GRID = {"tessellation": "grid", "cell_size": 32.0}
+GRID = {"tessellation": "grid", "cell_size": 64.0}
 """Fast to learn."""
 
 

@@ -60,11 +60,11 @@ def test_shares_are_kept_by_weights_and_not_by_numbers():
 def test_a_street_with_50_vehicles_beside_one_with_4000_keeps_its_density_within_its_standard_error(tmp_path):
     busy, quiet = street(1, n_vehicles=4000, length=60.0), street(2, n_vehicles=50, north=500.0, length=60.0)
     store = rows_stored(tmp_path / "store", busy=busy, quiet=quiet, later=street(3, day=40))
-    before = learn_from_store(store, **GRID).primitive_map
+    before = learn_from_store(store, **GRID | {"cell_size": 32.0}).primitive_map
     (month,) = keep(store, n_vehicles=100)
     assert (month.month, month.n_before) == ("1970-01", 4050)
     assert month.n_after < 800
-    after = learn_from_store(store, **GRID).primitive_map
+    after = learn_from_store(store, **GRID | {"cell_size": 32.0}).primitive_map
     rows = {entry.log: whole(store, entry) for entry in store.contents().entries.values()}
     assert counted(rows["quiet"]) == (50.0, 50)
     for name, seen, errors in (

@@ -73,7 +73,7 @@ def test_a_client_a_worker_and_a_scheduler_that_are_killed_change_no_byte(cluste
     assert "3 of 3 blocks learned anew" not in capsys.readouterr().out
     assert run(["learn", alone.path, "-o", str(tmp_path / "alone.mcap"), *options[:-2]]) == 0
     assert (tmp_path / "map.mcap").read_bytes() == (tmp_path / "alone.mcap").read_bytes()
-    learn_from_store(store, workers=several, done=lambda *_: worker.kill(), **GRID)
+    learn_from_store(store, workers=several, done=lambda *_: worker.kill(), **GRID | {"cell_size": 32.0})
     with pytest.raises(RecordingError, match="the scheduler was lost; what is done counts; run again"):
         learn_from_store(store, workers=several, done=lambda *_: scheduler.kill(), **GRID | {"cell_size": 40.0})
     for cell_size, n_known in ((32.0, {3}), (40.0, {1, 2})):
