@@ -14,7 +14,7 @@ from dirprim_filter.recording.reader import stream_detections
 from situations import ring_traffic
 
 ROOT = Path(__file__).parents[1]
-SECONDS = {"learn": 40.0, "track": 15.0}
+SECONDS = {"learn": 20.0, "track": 8.0}
 """Of the recordings that are learned from and tracked, so much is enough to follow what is written of them."""
 
 

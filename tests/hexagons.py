@@ -21,7 +21,9 @@ class Hexagons:
         self.n_cells = len(self.axial)
         self.area = np.full(self.n_cells, ROW * width**2)
         self.centers = self.origin + width * (self.axial @ np.array([[1.0, 0.0], [0.5, ROW]]))
-        self._number = {tuple(hexagon): cell for cell, hexagon in enumerate(self.axial.tolist())}
+        key = _keys(self.axial)
+        self._cell = np.append(np.argsort(key), OUTSIDE)
+        self._key = np.append(key[self._cell[:-1]], np.iinfo(np.int64).max)
 
     @classmethod
     def covering(cls, position, *, width):
@@ -36,13 +38,18 @@ class Hexagons:
         position = np.asarray(position, dtype=np.float64)
         if not np.isfinite(position).all():
             raise ValueError("position: expected finite numbers")
-        hexagons, of = np.unique(_axial(position.reshape(-1, 2), self.origin, self.width), axis=0, return_inverse=True)
-        cells = np.array([self._number.get(tuple(hexagon), OUTSIDE) for hexagon in hexagons.tolist()], dtype=np.int64)
-        return cells[of].reshape(position.shape[:-1])
+        key = _keys(_axial(position.reshape(-1, 2), self.origin, self.width))
+        at = np.searchsorted(self._key, key)
+        return np.where(self._key[at] == key, self._cell[at], OUTSIDE).reshape(position.shape[:-1])
 
     def polygons(self):
         turn = np.pi / 6 + np.pi / 3 * np.arange(6)
         return list(self.centers[:, None] + self.width / np.sqrt(3) * np.column_stack([np.cos(turn), np.sin(turn)]))
+
+
+def _keys(axial):
+    """(n,) another number for each hexagon (n, 2) that is not beyond what counts."""
+    return axial @ np.array([1 << 31, 1])
 
 
 def _axial(position, origin, width):

@@ -138,7 +138,7 @@ def drives(folder: Path) -> None:
     rng = np.random.default_rng(0)
     for number in range(4):
         name, labels, detections, poses = f"{number:04d}", [], [], []
-        for frame in range(25):
+        for frame in range(15):
             poses.append(f"1 0 0 0 0 1 0 0 0 0 1 {frame:.1f}")
             for car, x in enumerate((-4.0, 0.0, 4.0)):
                 z = 12.0 + 6.0 * car + 0.3 * frame * (car - 1)

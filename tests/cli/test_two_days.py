@@ -25,7 +25,7 @@ def made(tmp_path_factory):
             for k in range(45):
                 along = np.array([-120 + 5.0 * k, 0.0])[:: 1 if (i + first) % 2 else -1]
                 north, east = along + rng.normal(0, 0.2, 2)
-                rows.append((20 * i + 0.5 * k, i, 48.1 + north / 111200, 11.5 + east / 74400))
+                rows.append((4 * i + 0.5 * k, i, 48.1 + north / 111200, 11.5 + east / 74400))
         lines = [f"{t},v{i},{latitude:.8f},{longitude:.8f}" for t, i, latitude, longitude in sorted(rows)]
         (folder / name).write_text("\n".join(["time_s,track_id,latitude_deg,longitude_deg", *lines]))
     lines = ["time_s,track_id,x_m,y_m", *(f"{k},v,{5 * k},0" for k in range(9))]

@@ -170,13 +170,13 @@ def of_gps(name: str, asked: Asked) -> list[Findings]:
     )  # fmt: skip
     tables, configs, choices = [], (config, config), ()
     if with_map:
-        training = windows_of(train, 5 * usual_s, most=6 if asked.is_smoke else FITTED_WINDOWS, seed=1)
+        training = windows_of(train, 5 * usual_s, most=3 if asked.is_smoke else FITTED_WINDOWS, seed=1)
         configs, choices = noises_fitted(training, with_map.without_places(), _lasting(config, 5 * usual_s))
     by_map = {WITH: with_map, WITHOUT: with_map.without_places() if with_map else None}
     gaps_s = {*(times * usual_s for times in INTERVALS[: 1 if asked.is_smoke else None]), *source.gaps_s}
     for gap_s in sorted(gaps_s):
-        windows = windows_of(test, gap_s, most=6 if asked.is_smoke else MOST_WINDOWS)
-        training = windows_of(train, gap_s, most=6 if asked.is_smoke else TRAINING_WINDOWS, seed=1)
+        windows = windows_of(test, gap_s, most=3 if asked.is_smoke else MOST_WINDOWS)
+        training = windows_of(train, gap_s, most=3 if asked.is_smoke else TRAINING_WINDOWS, seed=1)
         if not windows or not training:
             logging.getLogger(__name__).warning("%s: no trip with a gap of %g s between other rows", name, gap_s)
             continue
