@@ -10,8 +10,8 @@ from dirprim_filter import save_map, write_tracks
 
 @pytest.fixture(scope="session")
 def few(ring):
-    """Six vehicles on a ring, for ten seconds."""
-    return ring[ring.track_id < 6]
+    """Six vehicles on a ring, for five seconds."""
+    return ring[(ring.track_id < 6) & (ring.time_ns < 5_000_000_000)]
 
 
 @pytest.fixture(scope="session")

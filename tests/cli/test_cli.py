@@ -84,7 +84,7 @@ def test_info_names_the_topics_that_carry_tracks(here, few, said):
     assert topics["/objects"].keys() > {"name", "schema", "encoding", "messages", "tracks", "detections"}
     assert topics["/objects"]["tracks"] == few.n_tracks
     assert (reported["start_ns"], reported["end_ns"], reported["damage"]) == (few.time_ns.min(), few.time_ns.max(), [])
-    assert (reported["is_checked"], reported["messages"], reported["faults"]) == (True, 100, [])
+    assert (reported["is_checked"], reported["messages"], reported["faults"]) == (True, 50, [])
     assert set(reported) >= {"labels", "groups", "metadata"}
 
 

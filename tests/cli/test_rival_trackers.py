@@ -32,7 +32,7 @@ ON = "{detections} {estimates}"
 def folder(ring, tmp_path, monkeypatch):
     """A log, a tracker that says what it sees, and a folder for temporary files."""
     monkeypatch.chdir(tmp_path)
-    write_tracks(ring[ring.track_id < 8], "few.mcap")
+    write_tracks(ring[(ring.track_id < 8) & (ring.time_ns < 5e9)], "few.mcap")
     Path("echo.py").write_text(ECHO)
     Path("temporary").mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "temporary"))

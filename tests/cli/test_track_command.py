@@ -51,7 +51,7 @@ OF_OWN_TRACKS = "8 m2/s3, fitted to tracks of the log's first minutes, without i
 @pytest.mark.parametrize(
     ("options", "noise"),
     [
-        ("--no-ids --end 5", OF_OWN_TRACKS), ("--motion constant-velocity --no-ids --end 5", OF_OWN_TRACKS),
+        ("--no-ids --end 2.5", OF_OWN_TRACKS), ("--motion constant-velocity --no-ids --end 2.5", OF_OWN_TRACKS),
         ("--set acceleration_density=0.3", "0.3 m2/s3, as stated"),
         ("--map map.mcap --motion constant-velocity --set acceleration_density=2", "2 m2/s3, as stated"),
     ],
@@ -122,8 +122,8 @@ def test_a_table_of_tracks_is_refined_and_scored_before_and_after(here, said):
     before, after = map(float, next(row for row in shown.splitlines() if "RMSE, m" in row).split()[2:])
     assert after < before
     assert len(read_estimates("out.mcap")) == len(rows)
-    assert dirprim("smooth theirs.csv --map map.mcap -o rated.mcap --particles 200 --rate 50") == DONE
-    assert len(read_estimates("rated.mcap")) > 4 * len(rows)
+    assert dirprim("smooth theirs.csv --map map.mcap -o rated.mcap --particles 200 --rate 30") == DONE
+    assert len(read_estimates("rated.mcap")) > 2 * len(rows)
 
 
 SEEN_S, UNTIL_S = 2.2, 5.6
@@ -198,8 +198,8 @@ def test_a_log_mostly_outside_of_the_map_is_asked_about(here, few, capsys, shift
 
 
 def test_a_log_most_of_whose_rows_have_no_estimate_is_input_lost(here, said):
-    shown = said(f"track log.mcap {TRACK} --no-ids --end 5 --set clutter_density=10", code=INPUT_LOST)
-    assert "100.0% of 300 rows without an estimate" in shown.out
+    shown = said(f"track log.mcap {TRACK} --no-ids --end 2.5 --set clutter_density=10", code=INPUT_LOST)
+    assert "100.0% of 150 rows without an estimate" in shown.out
     assert "most rows have no estimate: is the noise larger" in shown.err
 
 

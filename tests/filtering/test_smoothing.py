@@ -151,11 +151,12 @@ def test_on_a_ring_it_is_forward_backward_over_a_histogram_also_in_a_gap():
 
 
 def test_a_long_lag_is_the_whole_log_a_short_one_is_not_and_none_is_the_filter():
-    seen = measured(ring_traffic(np.random.default_rng(2), n_vehicles=2, n_rows=110))
-    found, whole = smoothed(seen)
+    seen = measured(ring_traffic(np.random.default_rng(2), n_vehicles=1, n_rows=100))
+    few = seen[seen.time_ns < 3e9]
+    _, whole = smoothed(seen)
     same(smoothed(seen, lag_s=8.0)[1], whole)
-    assert np.abs(smoothed(seen, lag_s=0.3)[1].position - whole.position).max() > 0.05
-    same_as_the_filter(found, smoothed(seen, lag_s=0.0)[1])
+    assert np.abs(smoothed(few, lag_s=0.3)[1].position - whole[whole.time_ns < 3e9].position).max() > 0.05
+    same_as_the_filter(*smoothed(few, lag_s=0.0))
 
 
 def test_in_a_gap_longer_than_the_lag_it_knows_since_when_a_vehicle_is_unseen():

@@ -79,16 +79,17 @@ def test_ships_of_a_strait_are_learned():
     _, once = np.unique(np.column_stack([vehicle, time_ns]), axis=0, return_index=True)
     tracks = measured(ids, vehicle[once], time_ns[once], position[once])
     assert len(tracks) > 0.9 * once.size  # but for those at anchor, who report every three minutes
-    learned = learn_primitives(tracks, tessellation="voronoi", n_cells=100, rng=np.random.default_rng(0))
+    tracks = tracks[tracks.vehicle % 2 == 0]
+    learned = learn_primitives(tracks, tessellation="voronoi", n_cells=60, rng=np.random.default_rng(0))
     moving = tracks[tracks.speed > 1.0]
     assert mean_density(learned, moving) > mean_density(learned.without_places(), moving) + 1.0
 
 
 @pytest.mark.parametrize("jitter_m", [0.0, 1e-6, 1e-2, 10.0])
 def test_what_parked_vehicles_cost_does_not_depend_on_how_far_they_jitter(jitter_m):
-    rng, n = np.random.default_rng(0), 100
+    rng, n = np.random.default_rng(0), 50
     homes = rng.uniform(-50, 50, (20, 1, 2)) + jitter_m * rng.normal(size=(20, n, 2))
-    way = np.stack([np.arange(n) - 50.0, np.zeros(n)], axis=1) + rng.uniform(-3, 3, (20, 1, 2)) * [0, 1]
+    way = np.stack([2.0 * np.arange(n) - 50.0, np.zeros(n)], axis=1) + rng.uniform(-3, 3, (20, 1, 2)) * [0, 1]
     position, vehicle = np.concatenate([homes, way]).reshape(-1, 2), np.repeat(np.arange(40), n)
     tracks = measured(np.arange(40), vehicle, np.tile(np.arange(n) * 100_000_000, 40), position)
     learned = learn_primitives(tracks, rng=np.random.default_rng(0))
