@@ -86,7 +86,7 @@ def test_slow_rows_are_filled_in_within_centimetres_of_the_bend():
 @pytest.mark.parametrize("package", PACKAGES[:2], ids=lambda package: package.__name__)
 def test_every_tracker_follows_vehicles_that_are_always_seen(package):
     pytest.importorskip(package.__name__.replace("_", ""), reason="the extra `peers` is not installed")
-    fold = fold_of(circling(rate_hz=10.0, seconds=10.0))
+    fold = fold_of(circling(rate_hz=10.0, seconds=5.0))
     starts: dict[str, dict[str, float]] = {}
     for name, peer in package(fold).items():
         starts[name] = starts.get(peer.after, {}) | {of.name: of.start for of in peer.axes}

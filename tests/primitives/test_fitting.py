@@ -45,7 +45,7 @@ def objective(modes, rows, bounds):
     def usual(shape):
         return shape * np.log(shape) - gammaln(shape) - shape * (1 + bounds.speed_spread)
 
-    prior = bounds.prior_strength * (-(np.log(i0e(k)) + k) + usual(a) - usual(np.geomspace(1, 1e4, 200_001)).max())
+    prior = bounds.prior_strength * (-(np.log(i0e(k)) + k) + usual(a) - usual(np.geomspace(1, 1e4, 20_001)).max())
     for scale, slopes in ((bounds.bend_scale, modes.bend), (bounds.gain_scale, modes.gain)):
         prior = prior - (slopes[used] ** 2).sum(axis=1) / (2 * scale**2)
     return likelihood + prior.sum()

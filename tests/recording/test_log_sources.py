@@ -121,8 +121,8 @@ def test_chunks_that_overlap_are_merged_in_memory_and_on_disk(log_file, monkeypa
 @pytest.mark.skipif(not FORGET.exists(), reason="only Linux says how much memory was the most")
 def test_memory_stays_bounded_when_everything_overlaps(log_file):
     """100 MB of contents, every chunk over the whole time: the process grows by less than 70 MB."""
-    payload, grown = bytes(20_000), []
-    for n in (100, 5000):  # the first takes what any log takes
+    payload, grown = bytes(100_000), []
+    for n in (20, 1000):  # the first takes what any log takes
         path = log_file(log_bytes([("/a", 1000 * (i % 250), payload) for i in range(n)]))
         grown.append(with_growth(lambda path=path: deque(scan(path), maxlen=0))[1])
     assert grown[1] < 70 << 20
@@ -220,7 +220,7 @@ def written_live(tmp_path, ring):
     """A pipe, and a log that is written to it frame by frame, no more than three ahead of those that came."""
     if not hasattr(os, "mkfifo"):
         pytest.skip("there are no named pipes here")
-    write_tracks(ring[ring.track_id < 4], tmp_path / "ring.mcap")
+    write_tracks(ring[(ring.track_id < 4) & (ring.time_ns < 4e9)], tmp_path / "ring.mcap")
     os.mkfifo(tmp_path / "pipe")
     ahead, late = threading.Semaphore(3), []
 
