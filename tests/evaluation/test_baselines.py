@@ -156,7 +156,7 @@ def test_slow_rows_count_for_nothing(ring):
 def test_on_a_ring_all_that_knows_the_place_beats_what_does_not_and_no_rival_lies_on_a_bound(monkeypatch):
     monkeypatch.setattr(gaussian_process, "MAX_ROWS", 150)
     rng = np.random.default_rng(4)
-    ring = ring_traffic(rng, n_vehicles=40, radius=10.0, speed=4.0)
+    ring = ring_traffic(rng, n_vehicles=40, radius=6.0, speed=3.0)
     course = wrap(ring.direction + 0.05 * rng.standard_normal(len(ring)))  # of exact ones no noise is too small
     methods = [method for method in all_methods(max_speed=20.0) if method.name != "primitive, curved"]
     found = evaluate_density(replace(ring, direction=course), n_folds=2, interval_s=1.2, methods=methods, rng=rng)
