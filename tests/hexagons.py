@@ -8,6 +8,8 @@ ROW = np.sqrt(3.0) / 2.0
 """From one row of hexagons to the next, in widths."""
 FARTHEST = 1e9
 """Widths; what lies beyond counts as being there."""
+KEY = np.array([1 << 31, 1])
+"""By which each hexagon has a number of its own."""
 
 
 class Hexagons:
@@ -21,9 +23,7 @@ class Hexagons:
         self.n_cells = len(self.axial)
         self.area = np.full(self.n_cells, ROW * width**2)
         self.centers = self.origin + width * (self.axial @ np.array([[1.0, 0.0], [0.5, ROW]]))
-        key = _keys(self.axial)
-        self._cell = np.append(np.argsort(key), OUTSIDE)
-        self._key = np.append(key[self._cell[:-1]], np.iinfo(np.int64).max)
+        self._key, self._order = (key := self.axial @ KEY), np.argsort(key)
 
     @classmethod
     def covering(cls, position, *, width):
@@ -38,18 +38,13 @@ class Hexagons:
         position = np.asarray(position, dtype=np.float64)
         if not np.isfinite(position).all():
             raise ValueError("position: expected finite numbers")
-        key = _keys(_axial(position.reshape(-1, 2), self.origin, self.width))
-        at = np.searchsorted(self._key, key)
-        return np.where(self._key[at] == key, self._cell[at], OUTSIDE).reshape(position.shape[:-1])
+        key = _axial(position.reshape(-1, 2), self.origin, self.width) @ KEY
+        cell = self._order[np.searchsorted(self._key, key, sorter=self._order).clip(max=self.n_cells - 1)]
+        return np.where(self._key[cell] == key, cell, OUTSIDE).reshape(position.shape[:-1])
 
     def polygons(self):
         turn = np.pi / 6 + np.pi / 3 * np.arange(6)
         return list(self.centers[:, None] + self.width / np.sqrt(3) * np.column_stack([np.cos(turn), np.sin(turn)]))
-
-
-def _keys(axial):
-    """(n,) another number for each hexagon (n, 2) that is not beyond what counts."""
-    return axial @ np.array([1 << 31, 1])
 
 
 def _axial(position, origin, width):

@@ -11,13 +11,6 @@ from pathlib import Path
 import pytest
 
 
-def statements(block):
-    """All that are in one, at whatever depth: imports are such."""
-    for name in ("body", "orelse", "finalbody", "handlers"):
-        for each in getattr(block, name, ()):
-            yield from (each, *statements(each))
-
-
 def test_what_packages_import_is_installed_with_them():
     root = Path(__file__).parents[1]
     project = tomllib.loads((root / "pyproject.toml").read_text())["project"]
@@ -26,7 +19,7 @@ def test_what_packages_import_is_installed_with_them():
     declared = {re.split(r"[<>=\[]", each)[0].replace("_", "-").lower() for each in users}
     imported = set()
     for package in ("dirprim_filter", "tessellation"):
-        for node in (n for path in (root / package).rglob("*.py") for n in statements(ast.parse(path.read_text()))):
+        for node in (node for path in (root / package).rglob("*.py") for node in ast.walk(ast.parse(path.read_text()))):
             if isinstance(node, ast.Import):
                 imported |= {each.name.split(".")[0] for each in node.names}
             elif isinstance(node, ast.ImportFrom) and node.module and not node.level:

@@ -75,9 +75,8 @@ def test_a_table_goes_where_a_log_does(here, said):
     Path("truth.csv").write_text("\n".join(["time_s,track_id,x_m,y_m", *(f"{t},a,{x},{y}" for t, x, y in rows)]))
     assert dirprim("convert seen.csv -o seen.mcap") == DONE
     for source in ("csv", "mcap"):
-        assert (
-            dirprim(f"track seen.{source} --map map.mcap --no-ids --noise 0.5 --particles 50 -o {source}.out") == DONE
-        )
+        options = f"--map map.mcap --no-ids --noise 0.5 --particles 50 -o {source}.out"
+        assert dirprim(f"track seen.{source} {options}") == DONE
     assert read_estimates("csv.out") == read_estimates("mcap.out")
     assert json.loads(said("score csv.out --truth truth.csv --json").out)["scores"][0]["report"]["rmse"] < 1.0
 

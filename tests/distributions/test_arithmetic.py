@@ -72,9 +72,8 @@ def test_only_contiguous_columns_are_taken():
 def test_no_kernel_lets_the_compiler_round_as_it_likes():
     """By `fastmath` results depend on what is inlined, hence on whether a run compiles or loads its kernels."""
     found = []
-    paths = [path for package in ("dirprim_filter", "tessellation") for path in ROOT.glob(f"{package}/**/*.py")]
-    for path, text in ((path, path.read_text()) for path in paths):
-        for node in ast.walk(ast.parse(text)) if "fastmath" in text else ():
+    for path in [*ROOT.glob("dirprim_filter/**/*.py"), *ROOT.glob("tessellation/**/*.py")]:
+        for node in ast.walk(ast.parse(path.read_text())) if "fastmath" in path.read_text() else ():
             options = zip(node.keys, node.values, strict=True) if isinstance(node, ast.Dict) else ()
             given = [value for key, value in options if isinstance(key, ast.Constant) and key.value == "fastmath"]
             given += [node.value] if isinstance(node, ast.keyword) and node.arg == "fastmath" else []

@@ -19,8 +19,6 @@ from situations import ring_traffic, rows_of, tracks_of
 
 CIRCLE = np.linspace(-np.pi, np.pi, 2001)[:-1]
 STEP = CIRCLE[1] - CIRCLE[0]
-
-
 PLACE = np.full(2, 5.0)
 
 

@@ -152,8 +152,7 @@ def test_on_a_ring_it_is_forward_backward_over_a_histogram_also_in_a_gap():
 
 def test_a_long_lag_is_the_whole_log_a_short_one_is_not_and_none_is_the_filter():
     seen = measured(ring_traffic(np.random.default_rng(2), n_vehicles=1, n_rows=100))
-    few = seen[seen.time_ns < 3e9]
-    _, whole = smoothed(seen)
+    few, whole = seen[seen.time_ns < 3e9], smoothed(seen)[1]
     same(smoothed(seen, lag_s=8.0)[1], whole)
     assert np.abs(smoothed(few, lag_s=0.3)[1].position - whole[whole.time_ns < 3e9].position).max() > 0.05
     same_as_the_filter(*smoothed(few, lag_s=0.0))

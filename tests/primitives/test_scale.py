@@ -79,7 +79,6 @@ def test_ships_of_a_strait_are_learned():
     _, once = np.unique(np.column_stack([vehicle, time_ns]), axis=0, return_index=True)
     tracks = measured(ids, vehicle[once], time_ns[once], position[once])
     assert len(tracks) > 0.9 * once.size  # but for those at anchor, who report every three minutes
-    tracks = tracks[tracks.vehicle % 2 == 0]
     learned = learn_primitives(tracks, tessellation="voronoi", n_cells=60, rng=np.random.default_rng(0))
     moving = tracks[tracks.speed > 1.0]
     assert mean_density(learned, moving) > mean_density(learned.without_places(), moving) + 1.0

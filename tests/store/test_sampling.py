@@ -67,10 +67,7 @@ def test_a_street_with_50_vehicles_beside_one_with_4000_keeps_its_density_within
     after = learn_from_store(store, **GRID | {"cell_size": 32.0}).primitive_map
     rows = {entry.log: whole(store, entry) for entry in store.contents().entries.values()}
     assert counted(rows["quiet"]) == (50.0, 50)
-    for name, seen, errors in (
-        ("quiet", quiet, 1.0),
-        ("busy", busy, ERRORS),
-    ):  # of the one all is left, and that weighs 1
+    for name, seen, errors in (("quiet", quiet, 1.0), ("busy", busy, ERRORS)):  # of the one all is left, it weighs 1
         density = [m.log_density(seen.position, seen.direction, seen.speed) for m in (before, after)]
         of_vehicle = np.bincount(seen.vehicle, density[0]) / np.bincount(seen.vehicle)
         error = of_vehicle.std() / np.sqrt(counted(rows[name])[1])
