@@ -21,7 +21,7 @@ from dirprim_filter.primitives.leader import LeaderResponse
 CREEP = 0.3
 """m/s, added to speeds before their logarithm is taken, so that slow vehicles are similar."""
 COURSE_RATE = 2.0
-"""1/s: rate at which a vehicle's deviation from the course of its manoeuvre decays."""
+"""1/s: rate at which deviations from courses decay where no log says it."""
 PUSH_RATE = 0.5
 """1/s: rate at which a vehicle's own acceleration decays."""
 JUMP_S = 1.0
@@ -72,6 +72,7 @@ class Motion:
         following: (t,) the manoeuvre that followed: in the next cell, or of background ones `JUMP_S` later.
         count: (t,) how often.
         background_visits: pseudo-count of the background's manoeuvres against those of a cell.
+        course_rate: 1/s, rate at which a vehicle's deviation from the course of its manoeuvre decays.
         leader: the response to leaders; None where it was not learned, or improves no prediction.
 
     Raises:
@@ -102,6 +103,7 @@ class Motion:
     following: IntArray
     count: FloatArray
     background_visits: float = 1.0
+    course_rate: float = COURSE_RATE
     leader: LeaderResponse | None = None
 
     def __post_init__(self) -> None:
@@ -124,8 +126,9 @@ class Motion:
         for name in AMOUNTS:
             if (getattr(self, name) < 0).any():
                 raise ValueError(f"{name}: expected no negative numbers, got {getattr(self, name).min()}")
-        if not (np.isfinite(self.background_visits) and self.background_visits > 0):
-            raise ValueError(f"background_visits: expected a positive number, got {self.background_visits}")
+        for name in ("background_visits", "course_rate"):
+            if not 0.0 < getattr(self, name) < np.inf:
+                raise ValueError(f"{name}: expected a positive number, got {getattr(self, name)}")
 
     def __len__(self) -> int:
         return self.cell.size

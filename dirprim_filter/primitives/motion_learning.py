@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -11,8 +12,8 @@ from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.primitives import _clustering
 from dirprim_filter.primitives._map_kernels import ModeTable
 from dirprim_filter.primitives.background import MOST_ROWS, Background
-from dirprim_filter.primitives.motion import CREEP, PUSHED_SHARE, Motion, joined
-from dirprim_filter.primitives.motion_sums import Labels, MotionSums, pace_field
+from dirprim_filter.primitives.motion import COURSE_RATE, CREEP, PUSHED_SHARE, Motion, joined
+from dirprim_filter.primitives.motion_sums import SLOWEST_COURSE, Labels, MotionSums, deviation, pace_field
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.rows import TrackRows
 from dirprim_filter.primitives.visits import Visits
@@ -49,6 +50,13 @@ SPREAD = 1.8
 forecasts holds 84 to 90 % by 1.4, 87 to 91 % by 1.7 and 88 to 92 % by 2, but for few vehicles and noisy starts; the
 energy score differs by 1 %. Chosen for each log it would be too small: its cells have seen who is held out."""
 
+COURSE_LAG_S, FARTHEST = 0.5, 0.5
+"""Seconds, or a row's interval where that is longer, over which deviations from courses are compared, and radians
+from which on one is another mode's."""
+COURSE_RATES = 0.5, 8.0
+"""1/s, the least and the most that their decay can be."""
+FEWEST_DEVIATIONS = 30
+
 
 def learn_motion(
     primitives: PrimitiveMap, rows: TrackRows, background: Background, *, rng: np.random.Generator
@@ -66,7 +74,8 @@ def learn_motion(
         return primitives.motion
     labels = label_visits(primitives, visits, rng=rng)
     sums = MotionSums.of(visits, labels, primitives)
-    return motion_of(sums, labels, primitives, background)
+    motion = motion_of(sums, labels, primitives, background)
+    return replace(motion, course_rate=course_rate(visits, labels, primitives))
 
 
 def label_visits(
@@ -90,6 +99,24 @@ def label_visits(
         of_group += [int(key[order[a]])] * used.size
     cell, mode_of = np.divmod(np.array(of_group, dtype=np.int64), n_modes)
     return Labels(label, cell, mode_of)
+
+
+def course_rate(visits: Visits, labels: Labels, primitives: PrimitiveMap) -> float:
+    """1/s, at which deviations from courses decay: by how alike they are a while later.
+
+    From the courses of modes: those of manoeuvres were fitted to who deviates, and new vehicles do so for longer.
+    """
+    at, off, lag_s = visits.inside, np.full(visits.speed.size, np.nan), max(COURSE_LAG_S, visits.scale.interval_s)
+    z = labels.label[visits.of_instant[at]]
+    off[at] = deviation(visits, primitives, at=at, there=(labels.cell[z], labels.mode[z]))
+    later, off[np.abs(off) > FARTHEST] = visits.later(lag_s), np.nan
+    both = np.flatnonzero((later >= 0) & np.isfinite(off) & np.isfinite(off[later]))
+    if both.size < FEWEST_DEVIATIONS:
+        return COURSE_RATE
+    weight = visits.weight[visits.of_instant[both]] * np.clip(visits.speed[both], SLOWEST_COURSE, 1.0)
+    now, then = off[both], off[later[both]]
+    alike = (weight * now) @ then / max(np.sqrt(((weight * now) @ now) * ((weight * then) @ then)), 1e-300)
+    return float(np.clip(-np.log(max(alike, 1e-9)) / visits.lag_s(lag_s), *COURSE_RATES))
 
 
 def modes_of(primitives: PrimitiveMap, visits: Visits) -> IntArray:

@@ -145,9 +145,7 @@ def _of_instants(
     mean_speed = primitives.speed.mean[there]
     offset = visits.position[at] - primitives.centers[there[0]]
     one = np.ones(z.size)
-    place = np.column_stack([one, offset])
-    of_mode = np.column_stack([mean_direction, primitives.modes.bend[there]])
-    off_course = difference(visits.course[at], (place * of_mode).sum(axis=1))
+    place, off_course = np.column_stack([one, offset]), deviation(visits, primitives, at=at, there=there)
     gained = np.column_stack([np.log(mean_speed + CREEP), pace_field(primitives, *there)])
     off_pace = np.log(speed + CREEP) - (place * gained).sum(axis=1)
     cosine, sine = np.cos(mean_direction), np.sin(mean_direction)
@@ -162,6 +160,14 @@ def _of_instants(
         Regression.of(state, acceleration, share, z, n), Regression.of(state, pushed, share, z, n),
         Regression.of(one[:, None], stretch, share, z, n),
     )  # fmt: skip
+
+
+def deviation(
+    visits: Visits, primitives: PrimitiveMap, *, at: IntArray, there: tuple[IntArray, IntArray]
+) -> FloatArray:  # fmt: skip
+    """(i,) radians by which the course at instants `at` is off that of the cells and modes `there`."""
+    bent = primitives.modes.bend[there] * (visits.position[at] - primitives.centers[there[0]])
+    return difference(visits.course[at], primitives.modes.mean_direction[there] + bent.sum(axis=1))
 
 
 def _totals(label: IntArray, column: FloatArray, n: int) -> FloatArray:

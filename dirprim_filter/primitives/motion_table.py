@@ -17,7 +17,7 @@ from dirprim_filter.primitives._manoeuvres import (
     Candidates,
     MotionTable,
 )
-from dirprim_filter.primitives.motion import COURSE_RATE, CREEP, JUMP_S, LAGS, PUSH_RATE, Motion
+from dirprim_filter.primitives.motion import CREEP, JUMP_S, LAGS, PUSH_RATE, Motion
 
 if TYPE_CHECKING:
     from dirprim_filter.primitives.cues import Cue
@@ -64,7 +64,7 @@ def motion_table(primitives: PrimitiveMap, *, step_s: float = 0.1, own_way_rate:
         count=read_only(motion.count),
         free=np.vstack([free, np.zeros((1, 3))]),
         most=int(np.diff(may.begin).max(initial=0)),
-        course_rate=COURSE_RATE,
+        course_rate=motion.course_rate,
         background_visits=motion.background_visits,
         own_way_rate=own_way_rate,
         step_s=step_s,

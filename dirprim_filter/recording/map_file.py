@@ -26,7 +26,7 @@ from dirprim_filter.columns import GLOBE
 from dirprim_filter.origin import Origin
 from dirprim_filter.primitives._modes import Modes
 from dirprim_filter.primitives.leader import LeaderResponse
-from dirprim_filter.primitives.motion import FLOATS, Motion
+from dirprim_filter.primitives.motion import COURSE_RATE, FLOATS, Motion
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording import topic_names
 from dirprim_filter.recording.container.log import Scan
@@ -140,7 +140,7 @@ MOST_MODES = 4096
 ROW = Modes._fields
 """Columns of the modes of each cell."""
 LEADER = ("gain", "push", "trust", "start_rate")
-SCALARS = {"version": int, "n_background_modes": int, "kind": str, "background_visits": float}
+SCALARS = {"version": int, "n_background_modes": int, "kind": str, "background_visits": float, "course_rate": float}
 SQUARES = {"origin_x": float, "origin_y": float, "cell_size": float, "n_x": int, "n_y": int}
 """Scalars of grids and of Voronoi cells."""
 OTHERS = "cells."
@@ -164,7 +164,7 @@ def encoded(primitive_map: PrimitiveMap) -> bytes:
     leaders = [motion.leader] if motion.leader else []
     scalars = {
         "version": VERSION, "n_background_modes": primitive_map.n_background_modes, "kind": kind, **scalars,
-        "background_visits": float(motion.background_visits),
+        "background_visits": float(motion.background_visits), "course_rate": float(motion.course_rate),
     }  # fmt: skip
     scalars |= primitive_map.origin._asdict() if primitive_map.origin else {}
     return encode(scalars, {
@@ -207,6 +207,7 @@ def map_of(data: bytes, tessellation: Callable[..., Tessellation] | None = None)
         ValueError: bytes that are no such message, another version of it, or numbers that make no map.
     """
     scalars, tables = decode(data)
+    scalars.setdefault("course_rate", COURSE_RATE)  # all had this one before it was learned
     _check(scalars, tables)
     rows = tables["row"]
     modes = rows["weight"].shape
@@ -219,7 +220,7 @@ def map_of(data: bytes, tessellation: Callable[..., Tessellation] | None = None)
         ),
         n_rows=rows["n_rows"],
         n_background_modes=scalars["n_background_modes"],
-        motion=_motion(scalars["background_visits"], tables),
+        motion=_motion(scalars, tables),
         origin=Origin.of([scalars[name] for name in GLOBE if name in scalars] or None),
     )
 
@@ -265,7 +266,7 @@ def _tessellation(
         raise ValueError(f"kind: {kind} cannot be made of {', '.join(parameters)}: {error}") from error
 
 
-def _motion(background_visits: float, tables: dict[str, Columns]) -> Motion:
+def _motion(scalars: dict[str, Any], tables: dict[str, Columns]) -> Motion:
     columns, after = dict(tables["manoeuvre"]), tables["transition"]
     n = columns.pop("n_following")
     if ((n < 0) | (n > after["count"].size)).any() or n.sum() != after["count"].size:
@@ -274,7 +275,11 @@ def _motion(background_visits: float, tables: dict[str, Columns]) -> Motion:
     if len(leaders["trust"]):
         push, trust = float(leaders["push"][0]), float(leaders["trust"][0])
         leader = LeaderResponse(gain=leaders["gain"][0], push=push, trust=trust, start_rate=leaders["start_rate"][0])
-    made: dict[str, Any] = {**columns, **after, "background_visits": background_visits}
+    made: dict[str, Any] = {
+        **columns,
+        **after,
+        **{name: scalars[name] for name in ("background_visits", "course_rate")},
+    }
     return Motion(**made, first=np.append(0, np.cumsum(n)), leader=leader)
 
 

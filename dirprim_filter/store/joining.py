@@ -116,7 +116,7 @@ def _motion(
     return Motion(
         **joint, first=total.indptr.astype(np.int64), following=total.indices.astype(np.int64),
         count=total.data.astype(np.float64), background_visits=free.background_visits,
-        leader=free.leader,
+        course_rate=free.course_rate, leader=free.leader,
     )  # fmt: skip
 
 

@@ -62,7 +62,7 @@ def some_motion(n_cells, n_modes, rng):
         cell=np.append(cell, [-1] * 3), mode=rng.integers(n_modes, size=n), first=first,
         **{name: rng.gamma(2.0, size=(n, wide[name]) if name in wide else n) for name in FLOATS},
         following=rng.integers(max(cell.size, 1), size=first[-1]), count=rng.gamma(2.0, size=first[-1]),
-        background_visits=rng.gamma(2.0),
+        background_visits=rng.gamma(2.0), course_rate=rng.gamma(2.0),
         leader=LEADER if n_cells else None,
     )  # fmt: skip
 
@@ -131,6 +131,12 @@ def test_a_map_is_read_as_it_was_written_before_it_was_in_protobuf(tmp_path):
     assert encoded(load_map(write(tmp_path / "map.mcap", [sent], schema=before, wrapped=bytes))) == sent
 
 
+def test_a_map_of_before_the_rate_of_courses_was_learned_has_that_of_all_of_then(tmp_path):
+    scalars, tables = opened(encoded(some_map(FEW)))
+    del scalars["course_rate"]
+    assert load_map(write(tmp_path / "map.mcap", [encode(scalars, tables)])).motion.course_rate == 2.0
+
+
 def test_what_is_no_map_is_reported(tmp_path):
     path, data = tmp_path / "log.mcap", encoded(some_map(FEW))
     for messages, given, why in (
@@ -177,6 +183,7 @@ HARMS = [
     (number("origin_x", -1e300), "origin: expected places within"),
     (number("n_background_modes", 9), "n_background_modes: expected 0 to 3"),
     (number("background_visits", np.nan), "background_visits: expected a positive"),
+    (number("course_rate", 0.0), "course_rate: expected a positive"),
     (lambda _, tables: tables.pop("row"), "row.weight: expected float64, got none"),
     (lambda _, tables: tables["manoeuvre"].pop("push"), "manoeuvre.push: expected float64, got none"),
     (column("square", "number", lambda of: of.astype(np.float64)), "square.number: expected int64"),
