@@ -75,6 +75,11 @@ def without_draws(bayes: Any) -> None:
     bayes._noise = bayes._noise._replace(few=0.0)
 
 
+def at_two_a_second(bayes: Any) -> None:
+    """Deviations from courses decay as fast on every map."""
+    bayes._table = bayes._table._replace(course_rate=2.0)
+
+
 UNNAMED = ("dense intersection", "dense highway", "autoferry")
 LEARNED = ("roundabout", "intersection", "Lankershim")
 MECHANISMS: dict[str, Mechanism] = {
@@ -83,6 +88,7 @@ MECHANISMS: dict[str, Mechanism] = {
     "vehicles go their own way": Mechanism(filter={"own_way_rate": 0.0}),
     "measurement outliers": Mechanism(filter={"outlier_probability": 0.0}),
     "beliefs reinitialised when lost": Mechanism(tracking={"lost_after": PATIENT}),
+    "rate of courses (2/s instead)": Mechanism(strip=at_two_a_second),
     "occlusion": Mechanism(scenes=UNNAMED, tracking={"occlusion_rate": 0.0}),
     "births by the map": Mechanism(scenes=UNNAMED, strip=without_births),
     "ends by the map": Mechanism(scenes=UNNAMED, strip=without_ends),
