@@ -56,6 +56,7 @@ from which on one is another mode's."""
 COURSE_RATES = 0.5, 8.0
 """1/s, the least and the most that their decay can be."""
 FEWEST_DEVIATIONS = 30
+"""Instants compared, below which no rate is learned."""
 
 
 def learn_motion(
@@ -106,8 +107,9 @@ def course_rate(visits: Visits, labels: Labels, primitives: PrimitiveMap) -> flo
 
     From the courses of modes: those of manoeuvres were fitted to who deviates, and new vehicles do so for longer.
     """
-    at, off, lag_s = visits.inside, np.full(visits.speed.size, np.nan), max(COURSE_LAG_S, visits.scale.interval_s)
-    z = labels.label[visits.of_instant[at]]
+    moving = (visits.cell >= 0) & ~visits.stands
+    at, off = np.flatnonzero(moving[visits.of_instant]), np.full(visits.speed.size, np.nan)
+    z, lag_s = labels.label[visits.of_instant[at]], max(COURSE_LAG_S, visits.scale.interval_s)
     off[at] = deviation(visits, primitives, at=at, there=(labels.cell[z], labels.mode[z]))
     later, off[np.abs(off) > FARTHEST] = visits.later(lag_s), np.nan
     both = np.flatnonzero((later >= 0) & np.isfinite(off) & np.isfinite(off[later]))
