@@ -51,8 +51,7 @@ forecasts holds 84 to 90 % by 1.4, 87 to 91 % by 1.7 and 88 to 92 % by 2, but fo
 energy score differs by 1 %. Chosen for each log it would be too small: its cells have seen who is held out."""
 
 COURSE_LAG_S, FARTHEST = 0.5, 0.5
-"""Seconds, or a row's interval where that is longer, over which deviations from courses are compared, and radians
-from which on one is another mode's."""
+"""Seconds over which deviations from courses are compared, and radians from which on one is another mode's."""
 COURSE_RATES = 0.5, 8.0
 """1/s, the least and the most that their decay can be."""
 FEWEST_DEVIATIONS = 30
@@ -105,20 +104,21 @@ def label_visits(
 def course_rate(visits: Visits, labels: Labels, primitives: PrimitiveMap) -> float:
     """1/s, at which deviations from courses decay: by how alike they are a while later.
 
-    From the courses of modes: those of manoeuvres were fitted to who deviates, and new vehicles do so for longer.
+    From the courses of modes: those of manoeuvres were fitted to who deviates, and new vehicles do so for longer. Rows
+    that come seldom do not show it: between them ways are straight.
     """
     moving = (visits.cell >= 0) & ~visits.stands
     at, off = np.flatnonzero(moving[visits.of_instant]), np.full(visits.speed.size, np.nan)
-    z, lag_s = labels.label[visits.of_instant[at]], max(COURSE_LAG_S, visits.scale.interval_s)
+    z = labels.label[visits.of_instant[at]]
     off[at] = deviation(visits, primitives, at=at, there=(labels.cell[z], labels.mode[z]))
-    later, off[np.abs(off) > FARTHEST] = visits.later(lag_s), np.nan
+    later, off[np.abs(off) > FARTHEST] = visits.later(COURSE_LAG_S), np.nan
     both = np.flatnonzero((later >= 0) & np.isfinite(off) & np.isfinite(off[later]))
-    if both.size < FEWEST_DEVIATIONS:
+    if both.size < FEWEST_DEVIATIONS or visits.scale.interval_s > COURSE_LAG_S:
         return COURSE_RATE
     weight = visits.weight[visits.of_instant[both]] * np.clip(visits.speed[both], SLOWEST_COURSE, 1.0)
     now, then = off[both], off[later[both]]
     alike = (weight * now) @ then / max(np.sqrt(((weight * now) @ now) * ((weight * then) @ then)), 1e-300)
-    return float(np.clip(-np.log(max(alike, 1e-9)) / visits.lag_s(lag_s), *COURSE_RATES))
+    return float(np.clip(-np.log(max(alike, 1e-9)) / visits.lag_s(COURSE_LAG_S), *COURSE_RATES))
 
 
 def modes_of(primitives: PrimitiveMap, visits: Visits) -> IntArray:

@@ -9,7 +9,7 @@ from dirprim_filter import learn_primitives
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.primitives.background import learn_background
-from dirprim_filter.primitives.motion import FLOATS, Motion
+from dirprim_filter.primitives.motion import COURSE_RATE, FLOATS, Motion
 from dirprim_filter.primitives.motion_learning import label_visits, learn_motion
 from dirprim_filter.primitives.motion_sums import MotionSums, Regression
 from dirprim_filter.primitives.rows import TrackRows
@@ -113,6 +113,12 @@ def test_how_fast_deviations_decay_is_learned(rate):
         for seed in range(4)
     ]  # fmt: skip
     assert np.mean(found) == pytest.approx(min(rate, 7.5), rel=0.2)
+
+
+def test_rows_that_come_seldom_do_not_say_how_fast_deviations_decay():
+    traffic = straying(np.random.default_rng(0), rate=5.0)
+    seldom = traffic[traffic.time_ns % 1_000_000_000 == 0]
+    assert learn_primitives(seldom, tessellation="grid", rng=np.random.default_rng(0)).motion.course_rate == COURSE_RATE
 
 
 def braking_traffic(rng, *, n_vehicles, length_m=60.0, end=6.0):
