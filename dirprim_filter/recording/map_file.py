@@ -275,11 +275,8 @@ def _motion(scalars: dict[str, Any], tables: dict[str, Columns]) -> Motion:
     if len(leaders["trust"]):
         push, trust = float(leaders["push"][0]), float(leaders["trust"][0])
         leader = LeaderResponse(gain=leaders["gain"][0], push=push, trust=trust, start_rate=leaders["start_rate"][0])
-    made: dict[str, Any] = {
-        **columns,
-        **after,
-        **{name: scalars[name] for name in ("background_visits", "course_rate")},
-    }
+    rates = {name: scalars[name] for name in ("background_visits", "course_rate")}
+    made: dict[str, Any] = {**columns, **after, **rates}
     return Motion(**made, first=np.append(0, np.cumsum(n)), leader=leader)
 
 
