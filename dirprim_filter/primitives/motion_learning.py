@@ -52,8 +52,8 @@ energy score differs by 1 %. Chosen for each log it would be too small: its cell
 
 COURSE_LAG_S, FARTHEST = 0.5, 0.5
 """Seconds over which deviations from courses are compared, and radians from which on one is another mode's."""
-COURSE_RATES = 0.5, 8.0
-"""1/s, the least and the most that their decay can be."""
+COURSE_RATES = COURSE_RATE, 8.0
+"""1/s, the least and the most that their decay can be: at lower rates beliefs turn too slowly with who turns round."""
 FEWEST_DEVIATIONS = 30
 """Instants compared, below which no rate is learned."""
 

@@ -102,9 +102,10 @@ def straying(rng, *, rate, n_vehicles=40, n_rows=100, spread=0.05):
     return tracks_of(np.concatenate([place, stands]), direction=np.concatenate([course, parked]), speed=speed)
 
 
-@pytest.mark.parametrize("rate", [0.8, 2.0, 5.0, np.inf])
+@pytest.mark.parametrize("rate", [0.8, 3.0, 5.0, np.inf])
 def test_how_fast_deviations_decay_is_learned(rate):
-    """Of twelve seeds .8 to 1.13 times it, in the mean 6 % less; white deviations, the negative control, 7 to 8."""
+    """Of twelve seeds .8 to 1.13 times it, in the mean 6 % less, and none below the usual rate; white deviations, the
+    negative control, 7 to 8."""
     found = [
         learn_primitives(
             straying(np.random.default_rng(seed), rate=rate), tessellation="grid", cell_size=20.0,
@@ -112,7 +113,7 @@ def test_how_fast_deviations_decay_is_learned(rate):
         ).motion.course_rate
         for seed in range(4)
     ]  # fmt: skip
-    assert np.mean(found) == pytest.approx(min(rate, 7.5), rel=0.2)
+    assert np.mean(found) == pytest.approx(np.clip(rate, COURSE_RATE, 7.5), rel=0.2)
 
 
 def test_rows_that_come_seldom_do_not_say_how_fast_deviations_decay():
