@@ -64,13 +64,8 @@ def track_color(track_id: AnyArray | Sequence[str]) -> ByteArray:
     The palette's place comes from a checksum of the id's text: Python's own hash differs from run to run.
     """
     names, number = numbered(np.asarray(track_id))
-    place = np.array([_palette_place(name) for name in names], dtype=np.int64)
+    place = np.array([zlib.crc32(name.encode()) % len(OKABE_ITO) for name in names], dtype=np.int64)
     return _rgba(OKABE_ITO[place[number]])
-
-
-@lru_cache(maxsize=65536)
-def _palette_place(name: str) -> int:
-    return zlib.crc32(name.encode()) % len(OKABE_ITO)
 
 
 def fan_opacity(n: int) -> float:

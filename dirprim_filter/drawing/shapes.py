@@ -184,15 +184,12 @@ def _rose_reach(modes: _Modes) -> FloatArray:
     drawn = (n_rows > 0) & (area > 0)
     if not drawn.any():
         return np.zeros(len(area))
-    usual_rows, usual_area = (_median(of[drawn], n_rows[drawn]) for of in (n_rows, area))
+    usual_rows, usual_area = (
+        np.quantile(of[drawn], 0.5, weights=n_rows[drawn], method="inverted_cdf") for of in (n_rows, area)
+    )
     traffic = np.clip(n_rows / usual_rows, *TRAFFIC)
     usual = min(0.5 * REACH * usual_area**0.5, 0.18 * float(area.sum()) ** 0.5)  # not to hide a map of few cells
     return np.asarray(usual * (area / usual_area * traffic) ** 0.25)
-
-
-def _median(values: FloatArray | IntArray, weight: IntArray) -> float:
-    order = np.argsort(values)
-    return float(values[order[np.searchsorted(np.cumsum(weight[order]), 0.5 * weight.sum())]])
 
 
 def fastest_speed(petals: Petals) -> float:
@@ -226,9 +223,8 @@ def cell_outlines(tessellation: Tessellation) -> list[FloatArray]:
 def extent(points: FloatArray) -> FloatArray:
     """The box around points with 6 % of margin, at least 20 m wide: its SW and NE corner. (n, 2) -> (2, 2)."""
     low, high = (points.min(axis=0), points.max(axis=0)) if len(points) else (np.zeros(2), np.zeros(2))
-    half = 0.5 * (high - low) + 0.06 * (high - low).max()
+    half = np.maximum(0.5 * (high - low) + 0.06 * (high - low).max(), 10.0)
     center = 0.5 * (low + high)
-    half = np.maximum(half, 10.0)
     return np.stack([center - half, center + half])
 
 

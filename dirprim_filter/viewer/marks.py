@@ -144,9 +144,9 @@ def smoothed(estimates: Estimates, trails: AnyArray) -> Iterator[Part]:
     yield _covariance(estimates, shade)
 
 
-def detections(position: FloatArray) -> Part:
-    """Dots."""
-    return Part(rr.Points3D, {"positions": _raised(position, HEIGHT["detections"])})
+def detections(position: FloatArray, counts: IntArray | Sequence[int]) -> rr.ComponentColumnList:
+    """Dots, so many at each of some instants."""
+    return rr.Points3D.columns(positions=_raised(position, HEIGHT["detections"])).partition(counts)
 
 
 def detection_style(number: int) -> rr.AsComponents:

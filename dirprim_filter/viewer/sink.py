@@ -77,7 +77,13 @@ class RerunSink:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        self.close(whole=kind is None or issubclass(kind, KeyboardInterrupt))
+        """Send what is left and close; a file gets its name if it is whole, else keeps its temporary one."""
+        is_whole = False
+        try:
+            self.flush()
+            is_whole = kind is None or issubclass(kind, KeyboardInterrupt)
+        finally:
+            self.stream.close(whole=is_whole)
 
     def flush(self) -> None:
         """Send what is left."""
@@ -90,15 +96,6 @@ class RerunSink:
         if self.stream.frames_ns:
             self._send_waiting(self.stream.frames_ns[-1], is_last=True)
         self.stream.flush()
-
-    def close(self, *, whole: bool = True) -> None:
-        """Send what is left and close; a file gets its name if it is whole, else keeps its temporary one."""
-        is_sent = False
-        try:
-            self.flush()
-            is_sent = True
-        finally:
-            self.stream.close(whole=whole and is_sent)
 
     def log_map(self, primitives: PrimitiveMap) -> None:
         """The cells, their roses coloured by mean speed, and the legend; the view is fitted to them."""
@@ -125,9 +122,8 @@ class RerunSink:
         self._sensors.append(path)
 
         def draw(rows: Detections, instant: IntArray, times_ns: list[int]) -> None:
-            counts = np.bincount(instant, minlength=len(times_ns))
-            columns = marks.detections(rows.position).columns(np.arange(len(rows)), counts)
-            self.stream.send_columns(path, times_ns, columns)
+            dots = marks.detections(rows.position, np.bincount(instant, minlength=len(times_ns)))
+            self.stream.send_columns(path, times_ns, dots)
 
         self._wait(detections, draw)
 
@@ -216,9 +212,7 @@ class RerunSink:
         self._send([marks.assigned(frames), marks.particles(clouds)], times)
         if not self._sensors:
             seen = [frame.detections.position for frame in frames]
-            counts = np.array([len(part) for part in seen])
-            dots = marks.detections(np.concatenate(seen))
-            self._send([("/detections", dots.columns(np.arange(counts.sum()), counts))], times)
+            self._send([("/detections", marks.detections(np.concatenate(seen), [*map(len, seen)]))], times)
         self._send_plots(frames, self._matcher.match(frames) if self._matcher else None, times)
 
     def _send_plots(self, frames: list[TrackedFrame], matched: list[Matched] | None, times: list[int]) -> None:
