@@ -1,14 +1,13 @@
 """`dirprim demo`: the whole way, from logs to a picture, on the recordings that ship with the project.
 
-A second process compiles kernels, in an installation's first run, tracks by the rivals, and draws, while this one
-learns and tracks with the map. In the blind scene nothing is detected in a ring about the junction, and detections have
+A second process compiles kernels, in an installation's first run, and tracks by the rivals, while this one learns,
+tracks with the map, and draws. In the blind scene nothing is detected in a ring about the junction, and detections have
 no ids.
 """
 
 from __future__ import annotations
 
 import signal
-import sys
 from contextlib import redirect_stdout
 from dataclasses import replace
 from io import StringIO
@@ -26,7 +25,7 @@ from dirprim_filter.cli.options import Force, Seed
 from dirprim_filter.cli.plot import plot
 from dirprim_filter.cli.reading import Reading
 from dirprim_filter.cli.tables import FIGURES
-from dirprim_filter.cli.texts import Shown, columns, number, say
+from dirprim_filter.cli.texts import columns, number, say
 from dirprim_filter.cli.track import track as track_log
 from dirprim_filter.partial_file import PartialFile
 
@@ -124,8 +123,8 @@ def demo(
         code = track_log(**by_map, output=estimates, save=shown, forecast=5.0, settings={"truth": str(tracking)})
         if code not in (exit_codes.DONE, exit_codes.INPUT_LOST):
             raise typer.Exit(code)
-        drawn = second.apply_async(_draw, (map_file, picture, estimates))
-        for task in (*rivals, drawn):
+        plot(map_file=map_file, output=picture, estimates=estimates, force=True, reading=Reading())
+        for task in rivals:
             task.get(LONGEST_S)
         figures = ("hota idf1 mota switches seen_rmse" if is_blind else "rmse direction_rmse speed_rmse nees").split()
         table = [("tracking", *(FIGURES[figure] for figure in figures))]
@@ -139,12 +138,6 @@ def demo(
         f"      {estimates} opens in Foxglove, with the layout in docs/guides;",
         "      `dirprim info LOG` summarises a log of yours",
     )  # fmt: skip
-
-
-def _draw(map_file: Path, picture: Path, estimates: Path) -> None:
-    """In the second process; who reads what it says may leave."""
-    with redirect_stdout(Shown(sys.stdout)):
-        plot(map_file=map_file, output=picture, estimates=estimates, force=True, reading=Reading())
 
 
 def _track(way: dict[str, Any]) -> None:
