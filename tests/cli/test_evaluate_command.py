@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from cli.commands import DONE, Terminal, dirprim
+from cli.commands import Terminal
 from dirprim_filter import write_tracks
 from dirprim_filter.cli.tables import forecast_text
 from dirprim_filter.evaluation import cues, density, forecasting, tracking
@@ -63,12 +63,15 @@ SETTINGS = {
 }
 
 
-def both(command, capsys):
+@pytest.fixture
+def table_of(said):
+    """What machines are shown."""
+    return lambda command: json.loads(said(f"evaluate {command} --json").out)
+
+
+def both(command, said):
     """What people are shown, words set apart by one blank, and what machines are; which says what it follows from."""
-    assert dirprim(f"evaluate {command}") == DONE
-    text = capsys.readouterr().out
-    assert dirprim(f"evaluate {command} --json") == DONE
-    table = json.loads(capsys.readouterr().out)
+    text, table = said(f"evaluate {command}").out, json.loads(said(f"evaluate {command} --json").out)
     assert (table["format"], table["format_version"]) == (f"dirprim evaluate {command.split()[0]}", 2)
     digest = hashlib.sha256(Path("few.mcap").read_bytes()).hexdigest()
     assert table["inputs"] == [{"name": "few.mcap", "sha256": digest}]
@@ -82,8 +85,8 @@ def shown(interval):
 
 
 @pytest.mark.slow
-def test_density_is_the_same_for_people_and_machines(log, capsys):
-    lines, table = both(DENSITY, capsys)
+def test_density_is_the_same_for_people_and_machines(log, said):
+    lines, table = both(DENSITY, said)
     assert lines[0].startswith("80 rows held out of 80, 8 vehicles, by vehicle, 2 folds")
     for row in table["methods"]:
         score = row["direction"]
@@ -97,8 +100,8 @@ def test_density_is_the_same_for_people_and_machines(log, capsys):
     assert lines[-1] == table["conclusion"]
 
 
-def test_cues_is_the_same_for_people_and_machines(log, capsys):
-    lines, reported = both(CUES, capsys)
+def test_cues_is_the_same_for_people_and_machines(log, said):
+    lines, reported = both(CUES, said)
     table = reported["table"]
     assert lines[0] == f"{table['n_steps']} steps from cell to cell, 8 vehicles, held out by vehicle, 2 folds"
     for name in ("cell_before", "own_course"):
@@ -108,30 +111,28 @@ def test_cues_is_the_same_for_people_and_machines(log, capsys):
 
 
 @pytest.mark.slow
-def test_tracking_is_the_same_for_people_and_machines_and_can_be_had_again(log, capsys):
-    lines, table = both(TRACKING, capsys)
+def test_tracking_is_the_same_for_people_and_machines_and_can_be_had_again(log, said, table_of):
+    lines, table = both(TRACKING, said)
     assert "10% missed, 0.5 false per frame, no ids; map learned from others, held out by vehicle" in lines[0]
     for figure, head in {"gospa": "GOSPA per vehicle, m", "hota": "HOTA", "seen_rmse": "RMSE in sight, m"}.items():
         line = next(line for line in lines if line.startswith(f"{head} "))
         means = [sum(report[figure] for report in row["reports"]) / 2 for row in table["methods"]]
         assert [cell for cell in line.removeprefix(head).split() if "+-" not in cell] == [f"{m:.3f}" for m in means]
     Path("run.json").write_text(json.dumps(table))
-    assert dirprim("evaluate tracking few.mcap --config run.json --json") == DONE
-    assert json.loads(capsys.readouterr().out) == table
+    assert table_of("tracking few.mcap --config run.json") == table
 
 
-def test_an_experiment_file_is_followed(log, capsys):
+def test_an_experiment_file_is_followed(log, table_of):
     own = Path("own.toml")
     own.write_text('n_seeds = 1\ngap_s = 0.0\nmethods = ["constant velocity"]\n[filter]\nmax_gap_s = 2.0\n')
-    assert dirprim("evaluate tracking few.mcap --config own.toml --set noise_m=0.3 --json") == DONE
-    made = json.loads(capsys.readouterr().out)["experiment"]
+    made = table_of("tracking few.mcap --config own.toml --set noise_m=0.3")["experiment"]
     assert (made["n_seeds"], made["noise_m"], made["filter"]["max_gap_s"]) == (1, 0.3, 2.0)
 
 
 @pytest.mark.slow
-def test_forecast_is_the_same_for_people_and_machines_and_can_be_had_again(log, capsys):
+def test_forecast_is_the_same_for_people_and_machines_and_can_be_had_again(log, said, table_of):
     with redirect_stderr(Terminal()) as progress:
-        lines, table = both(FORECAST, capsys)
+        lines, table = both(FORECAST, said)
     assert "8 of 8 fits" in progress.getvalue()
     assert lines[0] == "8 vehicles held out by vehicle, 2 folds; 20 rollouts each"
     names = ["prior", "place-free", "prior, leaders", "one cell", "trajectory memory", "constant velocity"]
@@ -145,10 +146,8 @@ def test_forecast_is_the_same_for_people_and_machines_and_can_be_had_again(log, 
     memory = next(row for row in table["methods"] if row["name"] == "trajectory memory")
     assert all(found["low"] < found["chosen"] < found["high"] for fold in memory["settings"] for found in fold)
     Path("run.json").write_text(json.dumps(table))
-    assert dirprim("evaluate forecast few.mcap --config run.json --json") == DONE
-    assert json.loads(capsys.readouterr().out) == table
-    assert dirprim("evaluate forecast few.mcap --config run.json --seed 0 --json") == DONE
-    again = json.loads(capsys.readouterr().out)
+    assert table_of("forecast few.mcap --config run.json") == table
+    again = table_of("forecast few.mcap --config run.json --seed 0")
     assert again["experiment"] == table["experiment"] | {"seed": 0}
     assert [row["name"] for row in again["methods"]] == names
 

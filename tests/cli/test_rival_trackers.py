@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cli.commands import DONE, FAILED, USAGE, dirprim
+from cli.commands import USAGE
 from dirprim_filter import Tracks, write_tracks
 
 ECHO = """
@@ -43,13 +43,14 @@ def by_script(name, *arguments, of="theirs"):
     return ["--method", f"{of}={shlex.join([sys.executable, name])} {' '.join(arguments) or ON}"]
 
 
-def methods(capsys):
-    return {row["name"]: row["reports"] for row in json.loads(capsys.readouterr().out)["methods"]}
+@pytest.fixture
+def methods(said):
+    """The reports of an experiment by the names of its methods."""
+    return lambda *command: {row["name"]: row["reports"] for row in json.loads(said(*command).out)["methods"]}
 
 
-def test_a_command_is_a_row_beside_ours_and_its_tables_give_the_same_figures(folder, capsys):
-    assert dirprim(f"{QUICK} --json", *by_script("echo.py", ON, "{seed}")) == DONE
-    first = methods(capsys)
+def test_a_command_is_a_row_beside_ours_and_its_tables_give_the_same_figures(folder, methods):
+    first = methods(f"{QUICK} --json", *by_script("echo.py", ON, "{seed}"))
     assert list(first) == ["constant velocity", "theirs"]
     for report in first["theirs"]:
         assert report["seen_rmse"] == pytest.approx(0.5 * 2**0.5, rel=0.3)  # of what is seen, and nothing in gaps
@@ -57,17 +58,15 @@ def test_a_command_is_a_row_beside_ours_and_its_tables_give_the_same_figures(fol
         assert report["hidden_rmse"] is None
         assert 0.5 < report["reported"] < 1.0
     assert not list(Path("temporary").iterdir())
-    assert dirprim(f"{QUICK} --json --estimates theirs_seed{{seed}}.csv") == DONE
-    assert methods(capsys) == {
+    assert methods(f"{QUICK} --json --estimates theirs_seed{{seed}}.csv") == {
         "constant velocity": first["constant velocity"],
         "theirs_seed{seed}.csv": first["theirs"],
     }
 
 
-def test_tables_for_papers_and_a_picture_have_all_methods(folder, capsys):
-    command = f"{QUICK} --seeds 1 --no-ids"
-    assert dirprim(f"{command} --markdown --plot out.pdf", *by_script("echo.py", of="100%_theirs|x")) == DONE
-    head, ruler, *rows = capsys.readouterr().out.splitlines()
+def test_tables_for_papers_and_a_picture_have_all_methods(folder, said, refused):
+    command, theirs = f"{QUICK} --seeds 1 --no-ids", by_script("echo.py", of="100%_theirs|x")
+    head, ruler, *rows = said(f"{command} --markdown --plot out.pdf", *theirs).out.splitlines()
     assert head.startswith("| method | HOTA | AssA | IDF1 |")
     assert [line.replace("\\|", "").count("|") for line in (ruler, *rows)] == [head.count("|")] * 3
     assert rows[1].startswith("| 100%_theirs\\|x | 0.")
@@ -77,21 +76,18 @@ def test_tables_for_papers_and_a_picture_have_all_methods(folder, capsys):
     assert {row["method"] for row in drawn if row["panel"] != "map"} == {"constant velocity", "100%_theirs|x"}
     printed = [float(row.replace("\\|", "").split("|")[2]) for row in rows]
     assert [float(row["value"]) for row in drawn if row["panel"] == "method"] == pytest.approx(printed, abs=5e-4)
-    assert dirprim(f"{command} --latex", *by_script("echo.py", of="100%_theirs|x")) == DONE
-    begin, *lines, end = capsys.readouterr().out.splitlines()
+    begin, *lines, end = said(f"{command} --latex", *theirs).out.splitlines()
     assert (begin, end) == ("\\begin{tabular}{lrrrrrr}", "\\end{tabular}")
     assert lines[-2].startswith("100\\%\\_theirs|x & 0.")
     assert [line.count(" & ") for line in lines if line.endswith(" \\\\")] == [6, 6, 6]
-    assert dirprim(f"{command} --latex --json") == USAGE
+    refused(f"{command} --latex --json", "expected one of --json, --markdown and --latex", code=USAGE)
     for name in ("out.pdf", "out.png"):  # it is there, or its data are
-        assert dirprim(f"{command} --plot {name}") == FAILED
-        assert "--force" in capsys.readouterr().err
+        refused(f"{command} --plot {name}", "--force")
     Path("few.csv").write_text("time_s,track_id,x_m,y_m\n0,a,0,0\n1,a,1,0\n")
-    assert dirprim("evaluate tracking few.csv --plot few.pdf --force") == FAILED
-    assert "few.csv: is an input of this command" in capsys.readouterr().err
+    refused("evaluate tracking few.csv --plot few.pdf --force", "few.csv: is an input of this command")
 
 
-def test_a_group_is_a_recording_of_its_own(ring, folder, capsys):
+def test_a_group_is_a_recording_of_its_own(ring, folder, methods):
     few = ring[ring.track_id < 4]
     groups = [replace(few, group=np.full(len(few), group)) for group in range(4)]
     write_tracks(Tracks.concatenate(groups), "groups.mcap")
@@ -106,12 +102,12 @@ table.writerow(["time_s", "group", "track_id", "x_m", "y_m"])
 table.writerows([time_s, group, "one", 0, 0] for group, time_s in known)
 """)
     command = "evaluate tracking groups.mcap --no-ids --seeds 1 --set learn=0.5 --method 'constant velocity' --json"
-    assert dirprim(command, *by_script("at_all.py", "{detections} {instants} {estimates}")) == DONE
-    assert methods(capsys)["theirs"][0]["switches"] == 0
+    found = methods(command, *by_script("at_all.py", "{detections} {instants} {estimates}"))
+    assert found["theirs"][0]["switches"] == 0
 
 
 @pytest.mark.parametrize(
-    ("script", "said"),
+    ("script", "why"),
     [
         ("import sys; print('why', file=sys.stderr); print('the last line', file=sys.stderr); sys.exit(7)",
          "ended with 7: the last line"),
@@ -125,30 +121,26 @@ table.writerows([time_s, group, "one", 0, 0] for group, time_s in known)
         ("import sys; open(sys.argv[2], 'wb').write(b'\\x89MCAP0\\r\\n' + bytes(9))", "{estimates}"),
     ],
 )  # fmt: skip
-def test_what_fails_is_one_line_and_leaves_nothing(folder, capsys, script, said):
+def test_what_fails_is_one_line_and_leaves_nothing(folder, refused, script, why):
     Path("broken.py").write_text(script)
     before = sorted(folder.iterdir())
-    assert dirprim(QUICK, *by_script("broken.py")) == FAILED
-    lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("error: ")]
-    assert len(lines) == 1
-    assert lines[0].startswith(f"error: theirs, seed 0: {said}")
-    assert str(folder) not in lines[0]
+    assert str(folder) not in refused(QUICK, f"error: theirs, seed 0: {why}", *by_script("broken.py"))
     assert sorted(folder.iterdir()) == before
     assert not list(Path("temporary").iterdir())
 
 
-def test_a_command_that_takes_too_long_is_stopped_with_all_that_it_started(folder, capsys):
+def test_a_command_that_takes_too_long_is_stopped_with_all_that_it_started(folder, refused):
     Path("slow.sh").write_text("sleep 60 & echo $! > started; wait")
-    assert dirprim(f"{QUICK} --set time_limit_s=1", "--method", f"theirs=sh slow.sh {ON}") == FAILED
-    assert "theirs, seed 0: stopped after 1 s" in capsys.readouterr().err
+    command = f"{QUICK} --set time_limit_s=1"
+    refused(command, "theirs, seed 0: stopped after 1 s", "--method", f"theirs=sh slow.sh {ON}")
     process, until = Path("/proc", Path("started").read_text().strip(), "stat"), time.monotonic() + 20.0
     while process.exists() and process.read_text().rpartition(")")[2].split()[0] != "Z":
         assert time.monotonic() < until
         time.sleep(0.02)
 
 
-def test_what_cannot_work_is_refused_before_the_work(folder, capsys):
-    for more, said in (
+def test_what_cannot_work_is_refused_before_the_work(folder, refused):
+    for more, why in (
         (["--method", "theirs=true {estimates}"], "theirs: expected a command with {detections} and {estimates}"),
         (["--method", f"theirs=no_such_program {ON}"], "no_such_program: there is no such program"),
         (["--method", f"theirs=python 'open {ON}"], "No closing quotation"),
@@ -159,5 +151,4 @@ def test_what_cannot_work_is_refused_before_the_work(folder, capsys):
         (["--estimates", "few_{seed}.csv"], "few_0.csv: there is no such file"),
         (["--set", "time_limit_s=0", "--method", f"a=true {ON}"], "time_limit_s"),
     ):
-        assert dirprim(QUICK, *more) == USAGE, more
-        assert said in " ".join(capsys.readouterr().err.split()), more
+        refused(QUICK, why, *more, code=USAGE)
