@@ -7,10 +7,12 @@ from dirprim_filter.viewer.sink import RerunSink
 from dirprim_filter.viewer.stream import TIMELINE
 
 
-def write_run(path, frames, primitives=None, **options):
+def write_run(path, frames, primitives=None, truth=None, **options):
     with RerunSink(save=path, **options) as sink:
         if primitives is not None:
             sink.log_map(primitives)
+        if truth is not None:
+            sink.log_truth(truth)
         sink.log_run({})
         for frame in frames:
             sink.write(frame)

@@ -7,7 +7,7 @@ import pytest
 from rrd_files import rows_of, values_of, write_run
 
 from dirprim_filter.drawing import colors, shapes
-from dirprim_filter.estimates import EstimateList
+from dirprim_filter.estimates import Estimates
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
 from dirprim_filter.evaluation.tracking_report import report_of
 from dirprim_filter.forecasting import Forecasts
@@ -98,16 +98,12 @@ def test_vehicles_after_the_first_share_an_entity_and_no_row_is_lost(monkeypatch
 
 
 def test_nees_and_error_are_the_scores_and_innovations_the_trackers(tmp_path, tracked, scene_tracks):
-    kept = EstimateList()
-    with RerunSink(save=tmp_path / "run.rrd") as shown:
-        shown.log_truth(scene_tracks)
-        for frame in tracked[:-1]:
-            shown.write(frame)
-            kept.write(frame)
-    report = report_of(TrackedRows.of(kept.all()), scene_tracks, with_ids=True).report
+    path = write_run(tmp_path / "run.rrd", tracked[:-1], truth=scene_tracks)
+    kept = Estimates.concatenate([frame.estimates for frame in tracked[:-1]])
+    report = report_of(TrackedRows.of(kept), scene_tracks, with_ids=True).report
 
     def values(entity):
-        return [scalars.tolist() for scalars in values_of(tmp_path / "run.rrd", entity, "Scalars:scalars")]
+        return [scalars.tolist() for scalars in values_of(path, entity, "Scalars:scalars")]
 
     assert np.mean([*values("/nees/7"), *values("/nees/8")]) == pytest.approx(report.nees)
     assert np.mean([row[0] for row in values("/nees/all")]) == pytest.approx(report.nees)
@@ -126,12 +122,11 @@ def test_the_map_is_static_and_its_petals_are_those_of_the_shapes(tmp_path, scen
 
 
 def test_truth_ends_with_the_last_row(tmp_path, scene_tracks):
-    rng = np.random.default_rng(0)
-    with RerunSink(save=tmp_path / "truth.rrd") as shown:
-        shown.log_truth(scene_tracks[rng.permutation(len(scene_tracks))])
+    shuffled = scene_tracks[np.random.default_rng(0).permutation(len(scene_tracks))]
+    path = write_run(tmp_path / "truth.rrd", [], truth=shuffled)
     times = np.unique(scene_tracks.time_ns).tolist()
     for name in "78":
-        rows = [row for row in rows_of(tmp_path / "truth.rrd", f"/truth/{name}", "LineStrips3D:strips") if row[0]]
+        rows = [row for row in rows_of(path, f"/truth/{name}", "LineStrips3D:strips") if row[0]]
         assert [time_ns for time_ns, _ in rows] == [*times, times[-1] + 1]
         assert [len(shown) for _, shown in rows] == [2] * 5 + [0]  # an outline and a trail
 

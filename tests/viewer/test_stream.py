@@ -4,10 +4,8 @@ A viewer that is started listens to this machine alone; where there is no screen
 """
 
 import signal
-import socket
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +14,7 @@ import rerun as rr
 from rerun.chunk import RrdReader
 from rrd_files import rows_of, write_run
 
+from cli.commands import python
 from dirprim_filter.viewer import process as viewer_room
 from dirprim_filter.viewer import stream
 from dirprim_filter.viewer.sink import RerunSink
@@ -92,12 +91,7 @@ def running_viewer():
         [viewer_room.viewer_program() or "rerun", "--serve-grpc", "--bind", "127.0.0.1", "--port", str(port)],
         stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
     )  # fmt: skip
-    until = time.monotonic() + 30
-    while time.monotonic() < until:
-        with socket.socket() as probe:
-            if probe.connect_ex(("127.0.0.1", port)) == 0:
-                break
-        time.sleep(0.05)
+    assert viewer_room._answers(viewer, port)
     yield viewer, f"rerun+http://127.0.0.1:{port}/proxy"
     viewer.kill()
     viewer.wait()
@@ -140,9 +134,6 @@ print(len(shown.stream.failures))
 
 @pytest.mark.slow
 def test_a_disk_that_is_full_is_a_failure_and_a_part_never_takes_the_name(tmp_path):
-    ended = subprocess.run(
-        [sys.executable, "-c", FULL_DISK, tmp_path / "run.rrd"], capture_output=True, text=True, check=True
-    )
-    assert ended.stdout == "1\n"
+    assert python(FULL_DISK, tmp_path / "run.rrd").stdout == "1\n"
     (left,) = tmp_path.iterdir()
     assert left.name.endswith(".partial")
