@@ -1,14 +1,13 @@
 """Whatever reads a log has the options of reading, and they reach the library; a log is read once."""
 
-import json
 from pathlib import Path
 
 import pytest
-from mcap.writer import Writer
 
 from cli.commands import FAILED, GRID, INPUT_LOST, USAGE, dirprim
 from dirprim_filter.cli.options import time_ns
 from dirprim_filter.recording.objects.options import FromStart
+from recording.mcap_files import json_log
 
 COMMANDS = {
     "info": "info log.mcap",
@@ -17,16 +16,8 @@ COMMANDS = {
     "view": "view log.mcap --save out",
     **{f"evaluate {what}": f"evaluate {what} log.mcap" for what in ("density", "cues", "tracking", "forecast")},
 }
-
-
-def private_json(path):
-    with path.open("wb") as file:
-        writer = Writer(file)
-        writer.start()
-        channel = writer.register_channel("/car", "json", writer.register_schema("acme.Car", "jsonschema", b"{}"))
-        for k in range(80):
-            writer.add_message(channel, k, json.dumps({"car": {"e": k, "n": 0}}).encode(), k)
-        writer.finish()
+PRIVATE = "acme.Car", [(k, {"car": {"e": k, "n": 0}}) for k in range(80)]
+"""Messages of a schema that nobody knows."""
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -34,7 +25,7 @@ def test_whatever_reads_a_log_has_the_options_of_reading_and_they_reach_the_libr
     shown = said(f"{command} --help").out
     assert all(f"--{option} " in shown for option in ("topics", "time-source", "start", "end", "strict", "set"))
     assert "frame, fields, origin, labels, group, format" in " ".join(shown.split())
-    private_json(here / "log.mcap")
+    json_log(here / "log.mcap", *PRIVATE)
     for option, wrong in (("--set fields=", "nonsense"), ("--set origin=", "north"), ("--start ", "soon")):
         assert wrong in said(f"{COMMANDS[command]} {option}{wrong}", code=FAILED).err
 
@@ -105,12 +96,12 @@ def test_whatever_was_lost_of_whichever_input_ends_in_3(here, tracked, command):
 
 
 def test_an_unknown_schema_is_named_with_the_way_out(here, said, refused):
-    private_json(here / "log.mcap")
-    expected = "not read: /car: its schema is not known to hold objects; --set fields=..."
+    json_log(here / "log.mcap", *PRIVATE)
+    expected = "not read: /objects: its schema is not known to hold objects; --set fields=..."
     assert expected in said("info log.mcap").out
     error = refused("learn log.mcap -o out", "expected a topic with moving objects")
     assert error.startswith("error: ")
-    assert "the log has /car (acme.Car)" in error
+    assert "the log has /objects (acme.Car)" in error
     assert "say by --set fields=" in error
     assert "osi3.GroundTruth" not in error  # nor the forty others that are known: the README lists them
 

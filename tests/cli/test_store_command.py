@@ -58,7 +58,6 @@ def test_a_store_is_made_told_learned_from_and_forgotten_from(logs, said):
 )  # fmt: skip
 def test_what_cannot_be_done_is_said_in_one_line(logs, refused, command, text):
     assert dirprim("store add fleet 0.mcap") == DONE
-    Path("none.mcap").write_text("no log")
     assert refused(command, text).startswith("error: ")
 
 

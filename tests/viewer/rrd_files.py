@@ -1,10 +1,15 @@
 """A run that is streamed to an .rrd file, and what stands in such a file, as arrays."""
 
+from pathlib import Path
+
 import numpy as np
 from rerun.chunk import RrdReader
 
 from dirprim_filter.viewer.sink import RerunSink
 from dirprim_filter.viewer.stream import TIMELINE
+
+DRIVERS = [*Path("/usr/share/vulkan/icd.d").glob("*.json"), *Path("/etc/vulkan/icd.d").glob("*.json")]
+"""Of Vulkan, without one of which the viewer draws nothing."""
 
 
 def write_run(path, frames, primitives=None, truth=None, **options):

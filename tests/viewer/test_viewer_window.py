@@ -3,12 +3,12 @@
 import io
 import time
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from matplotlib.image import imread
 from rerun.experimental import ViewerClient
+from rrd_files import DRIVERS
 
 from dirprim_filter.detections import Detections
 from dirprim_filter.drawing.colors import track_color
@@ -18,7 +18,6 @@ from dirprim_filter.viewer.process import free_port, viewer_program
 from dirprim_filter.viewer.sink import RerunSink
 from dirprim_filter.viewer.stream import TIMELINE
 
-DRIVERS = [icd for folder in ("/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d") for icd in Path(folder).glob("*.json")]
 pytestmark = pytest.mark.skipif(not DRIVERS, reason="no Vulkan driver: apt-get install mesa-vulkan-drivers")
 
 
@@ -29,9 +28,8 @@ def viewer():
     client.quit()
 
 
-def settled_picture(client, *, at_least_s=0.0):
+def settled_picture(client):
     """The window once two pictures in a row agree: data arrive lazily."""
-    time.sleep(at_least_s)
     before = None
     for _ in range(40):
         picture = imread(io.BytesIO(client.take_screenshot()))
@@ -42,9 +40,9 @@ def settled_picture(client, *, at_least_s=0.0):
     pytest.fail("the viewer's picture never came to rest")
 
 
-def place_of(picture, rgb, *, tolerance=12):
+def place_of(picture, rgb):
     """(right, up) mean place in pixels of what has the colour."""
-    row, column = np.nonzero(np.abs(255.0 * picture[..., :3] - rgb).max(axis=-1) < tolerance)
+    row, column = np.nonzero(np.abs(255.0 * picture[..., :3] - rgb).max(axis=-1) < 12)
     assert row.size > 20, "nothing of this colour is to be seen"
     return np.array([column.mean(), -row.mean()])
 
