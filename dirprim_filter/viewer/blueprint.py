@@ -1,4 +1,4 @@
-"""How the viewer opens: the map from above with north up, curves of the filter's health, what to read first.
+"""How the viewer opens: the map from above with north up, curves of the filter's health, and what to read first.
 
 Two-dimensional views of rerun count y downwards, which would mirror the map; so this is a three-dimensional
 view whose eye looks straight down.
@@ -22,6 +22,30 @@ LAYERS = (
     "/events/marks",
 )  # fmt: skip
 """Entities of the map view: each can be switched off by its path."""
+
+ROSES = """\
+**Roses**: how vehicles move in a cell. A petal points and bends in their direction; its area is their share of those
+that move; its colour is their mean speed, from violet (0 m/s) by green ({half:g} m/s) to yellow ({fastest:g} m/s and
+more). A violet disc: the share of those that stand.
+
+"""
+LEGEND = """\
+**White outlines**: true vehicles, where known. **Small dots**: detections, a colour for each sensor; arrows lead
+there from where the track that they were assigned to was expected: innovations.
+
+**Large dots, arrows, ellipses, trails**: estimates, where they will be in one second, the region that holds the
+vehicle with 90 % probability, the last five seconds. Dark: coasting. With `--smooth`, bold: the smoothed estimates.
+
+**Fans, thin lines**: forecast regions of 90 and 50 % probability, and some rollouts.
+
+**Red**: an exchange of ids, a vehicle that is lost, a ghost; the tab *Events* says when.
+
+**Particles**: some of each vehicle, with `--set particles_out=N`. By direction: amber east, green north, blue west,
+magenta south.
+
+A click selects a vehicle; the panel on the left hides it, or whole layers. The first {most} vehicles have an entity
+and curves each, those after share one.
+"""
 
 
 def blueprint(box: FloatArray, *, live: bool, tracked: bool, with_truth: bool, on_earth: bool) -> rrb.Blueprint:
@@ -73,3 +97,9 @@ def _plots(*paths: str, with_truth: bool) -> rrb.View | rrb.Container:
         if with_truth or not PLOTS[path].of_truth
     ]
     return views[0] if len(views) == 1 else rrb.Tabs(*views)
+
+
+def legend(fastest: float | None, *, most: int) -> str:
+    """Markdown; `fastest`: speed of a map's last colour, m/s; `most`: how many vehicles have an entity each."""
+    roses = "" if fastest is None else ROSES.format(half=0.6 * fastest, fastest=fastest)
+    return roses + LEGEND.format(most=most)

@@ -26,11 +26,10 @@ from dirprim_filter.origin import Origin, drawable
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
 from dirprim_filter.viewer import curves, marks
-from dirprim_filter.viewer.blueprint import blueprint
+from dirprim_filter.viewer.blueprint import blueprint, legend
 from dirprim_filter.viewer.lanes import MOST_OWN, OTHER_PATH, Lanes
-from dirprim_filter.viewer.matching import Matched, Matcher
+from dirprim_filter.viewer.matching import Event, Events, Matched, Matcher
 from dirprim_filter.viewer.stream import Stream
-from dirprim_filter.viewer.texts import Event, Events, legend
 
 
 @dataclass(slots=True)

@@ -7,8 +7,7 @@ import pytest
 
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Particles, TrackedFrame
-from dirprim_filter.viewer.matching import Matcher
-from dirprim_filter.viewer.texts import Events
+from dirprim_filter.viewer.matching import Events, Matcher
 from situations import estimates_of, tracks_of
 
 
