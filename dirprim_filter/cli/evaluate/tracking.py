@@ -12,8 +12,7 @@ import typer
 
 from dirprim_filter.cli.commands import check_outputs
 from dirprim_filter.cli.options import FILE, PICTURES, WRITTEN, Config, Force, Json, Logs
-from dirprim_filter.cli.reading import Reading
-from dirprim_filter.cli.settings import Settings, taken
+from dirprim_filter.cli.reading import Reading, Settings, taken
 from dirprim_filter.cli.tables import latex, main_rows, markdown, tracking_text
 from dirprim_filter.partial_file import PartialFile
 
