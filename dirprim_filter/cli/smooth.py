@@ -66,10 +66,7 @@ def smooth(
         motion=motion, acceleration_density=moves.acceleration or None,
         tracking=json.dumps(asdict(tracking), sort_keys=True), **reading.said(),
     )  # fmt: skip
-    with (
-        working(f"smoothing {estimates.name}"),
-        EstimateWriter(output, metadata=said, force=force, particle_stride=None) as writer,
-    ):
+    with working(f"smoothing {estimates.name}"), EstimateWriter(output, metadata=said, force=force) as writer:
         writer.write_map_scene(primitive_map)
         frames = refine(
             rows, lambda: moves.model(config), config=config, tracking=tracking, rate_hz=rate,

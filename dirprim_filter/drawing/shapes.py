@@ -259,9 +259,9 @@ def covariance_axes(covariance: FloatArray, *, probability: float) -> tuple[Floa
     return half_axes, np.arctan2(axis[..., 1, 0], axis[..., 0, 0])
 
 
-def motion_arrow(direction: FloatArray, speed: FloatArray, *, duration_s: float = 1.0) -> FloatArray:
-    """How far a vehicle gets in `duration_s`. (...), (...) -> (..., 2) metres."""
-    arrow: FloatArray = (duration_s * np.asarray(speed))[..., None] * _heading(direction)
+def motion_arrow(direction: FloatArray, speed: FloatArray) -> FloatArray:
+    """How far a vehicle gets in a second. (...), (...) -> (..., 2) metres."""
+    arrow: FloatArray = np.asarray(speed)[..., None] * _heading(direction)
     return arrow
 
 

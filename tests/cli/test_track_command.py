@@ -29,8 +29,8 @@ RUN = "track log.mcap -o out.mcap --noise 0.5 --particles 50 --force"
 def motion(said):
     """Runs a command; -> what it says of its motion, the line's beginning taken off."""
 
-    def run(command, code=DONE):
-        lines = [line for line in said(command, code=code).out.splitlines() if line.startswith("motion: ")]
+    def run(command):
+        lines = [line for line in said(command).out.splitlines() if line.startswith("motion: ")]
         assert len(lines) <= 1
         return lines[0].removeprefix("motion: ") if lines else ""
 

@@ -68,17 +68,15 @@ def test_every_vehicle_has_an_entity_that_follows_the_frames_and_empties_with_th
 
 
 def test_ellipses_lie_as_the_covariance_does(tmp_path, tracked):
-    """A point of the rim has the Mahalanobis distance of the 90 % quantile, on both sides of the longer axis."""
+    """Half axes and angle are of the ellipse that holds 90 %; it may turn to either side of east."""
     spread = np.array([[4.0, 1.5], [1.5, 1.0]])
     wide = replace(tracked[0].estimates, covariance=np.stack([spread, spread * [[1, -1], [-1, 1]]]))
     path = write_run(tmp_path / "e.rrd", [replace(tracked[0], estimates=wide)])
+    half_axes, angle = shapes.covariance_axes(wide.covariance, probability=0.9)
     for row, entity in enumerate(("/tracks/7", "/tracks/8")):
         (half,), (turn,) = (values_of(path, entity, f"Ellipsoids3D:{name}") for name in ("half_sizes", "quaternions"))
-        angle, t = 2.0 * np.arctan2(turn[0, 2], turn[0, 3]), np.linspace(0.0, 2.0 * np.pi, 9)
-        along = np.column_stack([half[0, 0] * np.cos(t), half[0, 1] * np.sin(t)])
-        rim = along @ np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-        distance = np.einsum("ni,ij,nj->n", rim, np.linalg.inv(wide.covariance[row]), rim)
-        np.testing.assert_allclose(distance, -2.0 * np.log(0.1), rtol=1e-5)
+        assert half[0] == pytest.approx([*half_axes[row], 0.0], rel=1e-6)
+        assert turn[0] == pytest.approx([0.0, 0.0, *(of(0.5 * angle[row]) for of in (np.sin, np.cos))], rel=1e-6)
 
 
 def test_vehicles_after_the_first_share_an_entity_and_no_row_is_lost(monkeypatch):
