@@ -7,7 +7,7 @@ import json
 import math
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, is_dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -32,12 +32,13 @@ CONFIG_KEY = "experiment"
 """Of the metadata record and the JSON object that hold an experiment."""
 
 
-def provenance(command: str, *, inputs: Sequence[Path], config: Any = None, **options: object) -> dict[str, str]:
-    """The command, its options, its configuration, the version and the inputs' checksums, as text."""
+def provenance(command: str, *, inputs: Sequence[Path], **options: Any) -> dict[str, str]:
+    """The command, its options, configurations among them, the version and the inputs' checksums, as text."""
     said = {"command": command, "version": version("dirprim-filter")}
-    said |= {name: without_secrets(str(value)) for name, value in options.items() if value is not None}
-    if config is not None:
-        said["config"] = json.dumps(asdict(config), sort_keys=True)
+    for name, value in options.items():
+        if value is not None:
+            text = json.dumps(asdict(value), sort_keys=True) if is_dataclass(value) else str(value)
+            said[name] = without_secrets(text)
     names = [without_secrets(str(path)).rpartition("/")[2] for path in inputs]
     for path, name in zip(inputs, names, strict=True):
         said[f"sha256 {name if names.count(name) == 1 else without_secrets(str(path))}"] = checksum(path)

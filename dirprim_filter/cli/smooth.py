@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict
 from typing import Annotated
 
 import typer
@@ -63,8 +61,7 @@ def smooth(
     moves, _ = motion_of(motion, primitive_map, rows[is_measured(rows)].frames(), config=config, seed=seed)
     said = provenance(
         "smooth", inputs=[path for path in (estimates, map_file) if path], config=config, seed=seed, rate_hz=rate,
-        motion=motion, acceleration_density=moves.acceleration or None,
-        tracking=json.dumps(asdict(tracking), sort_keys=True), **reading.said(),
+        motion=motion, acceleration_density=moves.acceleration or None, tracking=tracking, **reading.said(),
     )  # fmt: skip
     with working(f"smoothing {estimates.name}"), EstimateWriter(output, metadata=said, force=force) as writer:
         writer.write_map_scene(primitive_map)

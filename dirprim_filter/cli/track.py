@@ -143,9 +143,8 @@ def track(
     said = provenance(
         "track", inputs=[path for path in (None if is_live else log, map_file) if path], config=filtering, seed=seed,
         without_map=own.without_map, no_ids=no_ids, measured_motion=own.measured_motion, motion=motion, smooth=smooth,
-        acceleration_density=moves.acceleration or None, lag_s=lag, rate_hz=rate,
-        tracking=json.dumps(asdict(association), sort_keys=True),
-        sensor=None if sensing is None else json.dumps(asdict(sensing)), **reading.said(),
+        acceleration_density=moves.acceleration or None, lag_s=lag, rate_hz=rate, tracking=association, sensor=sensing,
+        **reading.said(),
         **{CONFIG_KEY: json.dumps({"filter": asdict(filtering), "tracking": asdict(association)})},
     )  # fmt: skip
 
