@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -180,12 +179,13 @@ def learn(
     output: options.Output,
     tessellation: options.Tessellation = "joint",
     cell_size: options.CellSize = None,
-    cells: options.CellCount = None,
+    n_cells: options.CellCount = None,
     modes: options.HowModes = "bic",
     primitive: options.HowShaped = "curved",
     min_vehicles: Annotated[int, typer.Option(min=1, help="Leave out where fewer vehicles passed the same way.")] = 1,
-    half_life: Annotated[
-        float | None, typer.Option(help="After which a vehicle counts half, such as 30d.", parser=options.seconds)
+    half_life_s: Annotated[
+        float | None,
+        typer.Option("--half-life", help="After which a vehicle counts half, such as 30d.", parser=options.seconds),
     ] = None,
     now: Annotated[
         str | None, typer.Option(help="With --half-life: from when age is counted. Default: the last log's end.")
@@ -205,7 +205,7 @@ def learn(
 
     Example: dirprim store learn fleet -o map.mcap --half-life 30d
     """
-    if now is not None and half_life is None:
+    if now is not None and half_life_s is None:
         raise ValueError("--now: expected --half-life with it")
     if zone != UTC and hours is None:
         raise ValueError("--zone: expected --hours with it")
@@ -221,18 +221,19 @@ def learn(
 
     PartialFile(output, force=force)  # of `update` it is not the user's to name, and not checked yet
     how: dict[str, Any] = {
-        "tessellation": tessellation, "cell_size": cell_size, "n_cells": cells, "modes": modes, "primitive": primitive,
+        "tessellation": tessellation, "cell_size": cell_size, "n_cells": n_cells, "modes": modes,
+        "primitive": primitive,
     }  # fmt: skip
     with learning_progress() as bars:
         found = learn_from_store(
             Store.open(folder), workers=Workers.of(0, workers, scheduler), done=bars.tiles, progress=bars.progress,
             stage=bars.stage, seed=int(np.random.default_rng(seed).integers(2**63)), config=LearningConfig(),
-            min_vehicles=min_vehicles, half_life_s=half_life, now_ns=options.time_ns(now, "--now"),
+            min_vehicles=min_vehicles, half_life_s=half_life_s, now_ns=options.time_ns(now, "--now"),
             hours=None if hours is None else Hours.parse(hours, zone), **how,
         )  # fmt: skip
     say(*(f"error: {line}" for line in found.damaged), err=True)
     said = {
-        "seed": seed, **how, "min_vehicles": min_vehicles, "half_life_s": half_life, "now": now, "hours": hours,
+        "seed": seed, **how, "min_vehicles": min_vehicles, "half_life_s": half_life_s, "now": now, "hours": hours,
         "zone": None if hours is None else zone, "sha256 store": found.digest,
     }  # fmt: skip
     counts = (
@@ -266,16 +267,11 @@ def update(
     said = metadata_of(map_file)
     if "sha256 store" not in said:
         raise ValueError(f"{map_file}: expected a map of a store; learn it with `dirprim learn STORE`")
-
-    def stated(kind: Callable[[str], Any], name: str) -> Any:
-        return kind(said[name]) if name in said else None
-
-    return learn(
-        folder, output or map_file, stated(str, "tessellation"), stated(float, "cell_size"), stated(int, "n_cells"),
-        stated(str, "modes"), stated(str, "primitive"), stated(int, "min_vehicles"), stated(float, "half_life_s"),
-        now=stated(str, "now"), hours=stated(str, "hours"), zone=said.get("zone", UTC), workers=workers,
-        scheduler=scheduler, seed=int(said["seed"]), force=force or output is None,
-    )  # fmt: skip
+    numbers = {"cell_size": float, "n_cells": int, "min_vehicles": int, "half_life_s": float, "seed": int}
+    names = (*numbers, "tessellation", "modes", "primitive", "now", "hours", "zone")
+    how: dict[str, Any] = {name: numbers.get(name, str)(said[name]) for name in names if name in said}
+    how |= {"workers": workers, "scheduler": scheduler}
+    return learn(folder, output or map_file, **how, force=force or output is None)
 
 
 for command in (add, learn, update, info, forget, merge, keep):

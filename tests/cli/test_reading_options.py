@@ -47,7 +47,7 @@ WRONG_OF_PARTS = [
     [
         *COMMANDS.values(), "plot map.mcap -o out.png --log log.mcap", "score map.mcap --truth log.mcap",
         "calibrate log.mcap --truth log.mcap -o out", "smooth log.mcap --map map.mcap -o out",
-        "view log.mcap --save out", "store add fleet log.mcap",
+        "store add fleet log.mcap",
     ],
 )  # fmt: skip
 def test_a_wrong_option_of_reading_is_one_line_wherever_it_is_given(command, here, refused):
