@@ -7,7 +7,7 @@ import json
 import math
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, is_dataclass
+from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -37,7 +37,7 @@ def provenance(command: str, *, inputs: Sequence[Path], **options: Any) -> dict[
     said = {"command": command, "version": version("dirprim-filter")}
     for name, value in options.items():
         if value is not None:
-            text = json.dumps(asdict(value), sort_keys=True) if is_dataclass(value) else str(value)
+            text = json.dumps(asdict(value), sort_keys=True) if hasattr(value, "__dataclass_fields__") else str(value)
             said[name] = without_secrets(text)
     names = [without_secrets(str(path)).rpartition("/")[2] for path in inputs]
     for path, name in zip(inputs, names, strict=True):
