@@ -11,14 +11,7 @@ from scipy.spatial import Delaunay, QhullError
 
 from tessellation._arrays import BoolArray, FloatArray, IntArray
 from tessellation._scoring import N_RIVALS, scoring_step
-from tessellation.gates import (
-    halve,
-    leave_out,
-    members_of,
-    nearest_generators,
-    part_of_members,
-    unite,
-)
+from tessellation.gates import halve, leave_out, members_of, nearest_generators, part_of_members, unite
 from tessellation.protocols import CellModel, Cells, Data_contra, Members
 
 LEAST_ROWS = 4
@@ -90,13 +83,16 @@ class Search(Generic[Data_contra, Cells]):
             before: cells that one of these states has with the same members are taken from it.
         """
         members, cell = members_of(self.position[self.row], generators, softness=self.softness)
-        signature = sums(members.weight * self.salt[self.row[members.row]], members.start)
+        of_member = np.repeat(np.arange(len(generators)), np.diff(members.start))
+        salt = members.weight * self.salt[self.row[members.row]]
+        signature = np.asarray(np.bincount(of_member, salt, len(generators)), np.float64)
         source, number = known(generators, signature, before)
         new = np.flatnonzero(source < 0)
         fitted = self._fit(part_of_members(members, new))
         source[new], number[new] = len(before), np.arange(new.size)
         first = np.cumsum([0, *(len(state.generators) for state in before)])
-        fits = self._of_folds(joined([*(state.fits for state in before), fitted]), first[source] + number)
+        without = self.n_folds * (first[source] + number)[:, None] + np.arange(self.n_folds)
+        fits = gathered([*(state.fits for state in before), fitted], without.ravel())
         score = np.empty(self.row.size)
         again = np.ones(self.row.size, np.bool_)
         finished = np.zeros(len(generators), np.bool_)
@@ -117,10 +113,6 @@ class Search(Generic[Data_contra, Cells]):
         kept = leave_out(members, self.fold, self.n_folds)  # numbered among the data that are used
         return self.model.fit(self.position, self.data, kept._replace(row=self.row[kept.row]))
 
-    def _of_folds(self, fits: Cells, cell: IntArray) -> Cells:
-        """The fits of some cells, without each of the folds."""
-        return taken(fits, (cell[:, None] * self.n_folds + np.arange(self.n_folds)).ravel())
-
     def _log_density(self, fits: Cells, row: IntArray, cell: IntArray) -> FloatArray:
         """Of rows, numbered among those used, in cells as fitted without the row's fold."""
         held_out = cell * self.n_folds + self.fold[row]
@@ -138,15 +130,24 @@ class Search(Generic[Data_contra, Cells]):
         order = np.argsort(-best, kind="stable")
         state.finished[:] |= ~(best > needed)
         order = order[(best > needed)[order] & (best[order] > 0)]
+        return self._replaced(state, order[:, None], children[axis[order], order])
+
+    def _replaced(self, state: State[Cells], gone: IntArray, made: FloatArray) -> State[Cells]:
+        """All of these replacements, or the first half of them, or a quarter, as soon as the objective falls.
+
+        Args:
+            state: the cells.
+            gone: (p, q) cells, of which none is twice.
+            made: (p, r, 2) the generators in their places.
+        """
         for _ in range(TRIES):
-            if order.size == 0:
-                return state
-            kept = np.delete(state.generators, order, axis=0)
-            generators = np.vstack([kept, children[axis[order], order].reshape(-1, 2)])
-            found = self.evaluate(generators, state)
+            if len(gone) == 0:
+                break
+            kept = np.delete(state.generators, gone.ravel(), axis=0)
+            found = self.evaluate(np.vstack([kept, made.reshape(-1, 2)]), state)
             if found.objective < state.objective:
                 return found
-            order = order[: order.size // 2]
+            gone, made = gone[: len(gone) // 2], made[: len(gone) // 2]
         return state
 
     def _halves(self, state: State[Cells]) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -240,15 +241,7 @@ class Search(Generic[Data_contra, Cells]):
         gain -= MARGIN * error
         state.refused = np.union1d(state.refused, state.signature[pair[gain <= 0]].sum(axis=1))
         chosen = _disjoint(pair, gain)
-        for _ in range(TRIES):
-            if chosen.size == 0:
-                break
-            kept = np.delete(state.generators, pair[chosen].ravel(), axis=0)
-            found = self.evaluate(np.vstack([kept, united[chosen]]), state)
-            if found.objective < state.objective:
-                return found
-            chosen = chosen[: chosen.size // 2]
-        return state
+        return self._replaced(state, pair[chosen], united[chosen])
 
 
 def _neighbors(generators: FloatArray) -> IntArray:
@@ -274,12 +267,6 @@ def _disjoint(pair: IntArray, gain: FloatArray) -> IntArray:
     return np.array(chosen, dtype=np.int64)
 
 
-def sums(value: FloatArray, start: IntArray) -> FloatArray:
-    """The sum of each cell's values."""
-    total = np.concatenate([value, [0.0]])
-    return np.where(np.diff(start) > 0, np.add.reduceat(total, start[:-1]), 0.0)
-
-
 def known(generators: FloatArray, signature: FloatArray, before: tuple[State[Cells], ...]) -> tuple[IntArray, IntArray]:
     """Which of the states before has each cell with the same members, and its number there; -1 where none has."""
     numbers = {
@@ -288,15 +275,10 @@ def known(generators: FloatArray, signature: FloatArray, before: tuple[State[Cel
         for c, key in enumerate(zip(*state.generators.T.tolist(), state.signature.tolist(), strict=True))
     }
     keys = zip(*generators.T.tolist(), signature.tolist(), strict=True)
-    found = np.array([numbers.get(key, (-1, -1)) for key in keys], dtype=np.int64).reshape(-1, 2)
-    return found[:, 0].copy(), found[:, 1].copy()
+    source, number = np.array([numbers.get(key, (-1, -1)) for key in keys], dtype=np.int64).reshape(-1, 2).T.copy()
+    return source, number
 
 
-def taken(cells: Cells, index: IntArray) -> Cells:
-    """The parameters of some cells."""
-    return type(cells)(*(column[index] for column in cells))
-
-
-def joined(parts: list[Cells]) -> Cells:
-    """The parameters of the first cells, then of the next."""
-    return type(parts[0])(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+def gathered(parts: list[Cells], index: IntArray) -> Cells:
+    """The parameters of some cells, numbered through all the parts."""
+    return type(parts[0])(*(np.concatenate(columns)[index] for columns in zip(*parts, strict=True)))
