@@ -1,4 +1,4 @@
-"""All cells fitted at once, on as many cores as there are.
+"""What happens in a cell, and all cells fitted at once, on as many cores as there are; their parents likewise.
 
 The paper's recipe counts modes on directions alone, and fits speeds when directions are fitted: Senanayake et al. 2020,
 section III; Anderson and Ray, Improved maximum likelihood estimators for the gamma distribution, 1975.
@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import os
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from dirprim_filter.distributions._estimates import shape_from
 from dirprim_filter.distributions.modes import dbscan
 from dirprim_filter.primitives import _kernels
 from dirprim_filter.primitives._em import maximisation
+from dirprim_filter.primitives._map_kernels import ModeTable
 from dirprim_filter.primitives._modes import (
     COSINE,
     LOG_CONCENTRATION,
@@ -31,15 +32,26 @@ from dirprim_filter.primitives._modes import (
     SPEED,
     WEIGHT,
     Bounds,
+    Modes,
     empty_table,
 )
-from dirprim_filter.primitives.rows import CellRows
+from dirprim_filter.primitives.rows import CellRows, TrackRows
+from tessellation import Tessellation
+from tessellation.gates import members_of, nearest_generators, residents, unite
+from tessellation.protocols import Members
+from tessellation.voronoi import lloyd_generators
 
 MIN_STANDING_MEAN = 0.05
 """m/s; standing vehicles of a simulator have speed 0, which would make the density at 0 unbounded."""
 MIN_SPREAD = 1e-3
 """Of log speeds, log(mean) - mean(log): a log of one speed does not say that all others are as like."""
 
+LEAST_SPEED = 1e-3
+"""m/s; slower rows are taken for so fast, for at 0 a gamma's density is 0 or without bound."""
+N_PARENTS, CHILDREN = 2, 4
+"""Of each cell, and of each parent; with one more held-out densities are no higher."""
+PLACED_ROWS = 20_000
+"""By about so many parents are laid out, and evenly."""
 MOST_ROWS = 16_384
 """Of a cell: of more every second, third, ... is fitted, for rows of a vehicle stand together and repeat each other."""
 ROUGH: dict[str, Any] = {"thorough": False, "tolerance": 1e-3, "parameter_cost": 1.0}
@@ -54,6 +66,108 @@ def bounds_of(config: LearningConfig, **others: Any) -> Bounds:
     """The priors and bounds of a fit: those that the configuration has too, and others, see `Bounds`."""
     shared = (name for name in Bounds._fields if name not in Bounds._field_defaults)
     return Bounds(**{name: getattr(config, name) for name in shared} | others)
+
+
+class PrimitiveCells(NamedTuple):
+    """What the fit found in each cell, before parents and the background model enter."""
+
+    table: FloatArray  # (n_cells, K, N_CURVED) of modes in motion, see `_modes`
+    standing: FloatArray  # (n_cells,) share of the rows that stand
+    n_vehicles: FloatArray  # (n_cells,) that move; at least one where there are rows
+    n_rows: FloatArray  # (n_cells,) by weight
+    center: FloatArray  # (n_cells, 2) metres
+
+    @property
+    def modes(self) -> Modes:
+        """Those in motion."""
+        return Modes.of(self.table)
+
+    def heaviest_at(self, place: FloatArray, of: IntArray) -> Modes:
+        """(n, K) modes of the cells `of` (n,), heaviest first, as they are at places (n, 2); as many as any has."""
+        modes = self.modes
+        used = max(int((modes.weight > 0).sum(axis=1).max(initial=0)), 1)
+        order = np.argsort(-modes.weight, axis=1, kind="stable")[:, :used]
+        return modes.take((of[:, None], order[of])).at(place - self.center[of])
+
+    def log_density(
+        self, cell: IntArray, position: FloatArray, direction: FloatArray, speed: FloatArray, standing_rate: float
+    ) -> FloatArray:
+        """Of direction and speed of rows in cells, (n,) each, by the cells' own modes and that of standing."""
+        standing = self.standing[:, None]
+        none = 0.0 * standing
+        still = Modes.flat(standing, none, none, none + 1.0, none + standing_rate)
+        modes = Modes.beside([self.modes.times(1.0 - standing), still])
+        return ModeTable.of(modes, self.center).log_density(cell, position, direction, speed)
+
+
+class PrimitiveModel(NamedTuple):
+    """Directional primitives of cells, leaning on those of parents."""
+
+    bounds: Bounds
+    standing_rate: float
+    strength: float  # pseudo-vehicles of what they lean on
+    backing: FloatArray  # (n,) log density of each row by parents that other vehicles drove
+
+    def fit(self, position: FloatArray, data: TrackRows, members: Members) -> PrimitiveCells:
+        """Every cell's modes; see `tessellation.CellModel`. `position` may be from another origin than the rows'."""
+        return fitted(data, members, position, self.bounds)
+
+    def log_density(
+        self, cells: PrimitiveCells, position: FloatArray, data: TrackRows, row: IntArray, cell: IntArray
+    ) -> FloatArray:
+        """Of direction and speed of each row in a cell, with the parents' part."""
+        speed = np.maximum(data.speed[row], LEAST_SPEED)
+        own = cells.log_density(cell, position[row], data.direction[row], speed, self.standing_rate)
+        share = self.strength / (cells.n_vehicles + self.strength)
+        with np.errstate(divide="ignore"):
+            return np.logaddexp(np.log1p(-share)[cell] + own, np.log(share)[cell] + self.backing[row])
+
+
+def fitted(rows: TrackRows, members: Members, position: FloatArray, bounds: Bounds) -> PrimitiveCells:
+    """Every cell's modes; see `CellRows.of`."""
+    cells = CellRows.of(rows, members, position, standing_speed=bounds.standing_speed)
+    n_rows = cells.n_moving + cells.n_standing
+    return PrimitiveCells(
+        table=fit_all(cells, bounds),
+        standing=cells.n_standing / np.maximum(n_rows, 1e-9),
+        n_vehicles=np.where(n_rows > 0, np.maximum(cells.n_vehicles, np.minimum(n_rows, 1.0)), 0.0),
+        n_rows=n_rows,
+        center=members.center,
+    )
+
+
+class Layout(NamedTuple):
+    """Cells, and how much of what is beside them they learn from; see `tessellation.gates`."""
+
+    cells: Tessellation
+    softness: float
+
+    def members(self, position: FloatArray) -> Members:
+        """Each cell's, of rows at positions (n, 2)."""
+        if self.softness > 0:
+            return members_of(position, self.cells.centers, softness=self.softness)[0]
+        return residents(self.cells.cell_of(position), self.cells.centers)
+
+
+class Level(NamedTuple):
+    """Cells that those of a map are in: the cells themselves, their parents, or the parents of these."""
+
+    fits: PrimitiveCells
+    of: IntArray  # (n_cells,) which of them each cell of the map is in
+
+
+def fit_levels(rows: TrackRows, layout: Layout, bounds: Bounds) -> list[Level]:
+    """The cells, then their parents, which are of some `CHILDREN` cells near each other and their rows, then theirs."""
+    place = rows.position[:: 1 + len(rows) // PLACED_ROWS]
+    members, of = layout.members(rows.position), np.arange(layout.cells.n_cells)
+    levels = [Level(fitted(rows, members, rows.position, bounds), of)]
+    while len(levels) <= N_PARENTS and len(members.center) >= 2 * CHILDREN:
+        uniform = np.random.default_rng(0).random(len(members.center) // CHILDREN)
+        center = lloyd_generators(place, uniform)
+        parent = nearest_generators(members.center, center, k=1)[1][:, 0]
+        members, of = unite(members, parent, center), parent[of]
+        levels.append(Level(fitted(rows, members, rows.position, bounds), of))
+    return levels
 
 
 def fit_all(rows: CellRows, bounds: Bounds) -> FloatArray:

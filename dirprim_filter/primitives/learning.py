@@ -18,10 +18,18 @@ import numpy as np
 from dirprim_filter.arrays import FloatArray, as_floats, require
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.distributions import von_mises
-from dirprim_filter.primitives._modes import Bounds
+from dirprim_filter.primitives._modes import Bounds, Modes
 from dirprim_filter.primitives.background import Background, learn_background
-from dirprim_filter.primitives.cell_model import LEAST_SPEED, Layout, PrimitiveModel, assemble, fit_cells, fit_levels
-from dirprim_filter.primitives.fitting import ROUGH, bounds_of
+from dirprim_filter.primitives.fitting import (
+    LEAST_SPEED,
+    ROUGH,
+    Layout,
+    Level,
+    PrimitiveModel,
+    bounds_of,
+    fit_levels,
+    fitted,
+)
 from dirprim_filter.primitives.leader_learning import LeaderSums
 from dirprim_filter.primitives.motion_learning import learn_motion
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
@@ -52,6 +60,8 @@ MIN_MODE_VEHICLES = 3.0
 """A mode that fewer drive says nothing of what is usual."""
 WEAK = 0.002
 """Pseudo-vehicles that lean on nothing, while it is found out what is usual."""
+BROADER = 16.0
+"""Tails have so many times a mode's variance of direction and of log speed; 8 and 32 give the same to .005 nat."""
 
 
 def learn_primitives(
@@ -199,7 +209,7 @@ def leaning(rows: TrackRows, layout: Layout, bounds: Bounds, background: Backgro
     left, nothing is usual but the background model's spread of speeds.
     """
     alone = bounds._replace(prior_strength=WEAK, usual_resultant=0.0, speed_spread=background.speed_spread)
-    cells = fit_cells(rows, layout, alone._replace(**ROUGH))
+    cells = fitted(rows, layout.members(rows.position), rows.position, alone._replace(**ROUGH))
     modes = cells.modes
     vehicles = cells.n_vehicles[:, None] * modes.weight
     is_inner = (
@@ -251,6 +261,48 @@ def _likeliest(
             best, i = means.max(), int(means.argmax())
             found = layout, config.strengths[i], log_p[1, i]
     return found
+
+
+def assemble(
+    cells: Tessellation, levels: list[Level], background: Background, config: LearningConfig, strength: float
+) -> PrimitiveMap:
+    """A map before its motion is learned: each cell's modes, heaviest first, one for standing, and what it leans on.
+
+    That are tails of the modes, the modes of its parents with theirs, and the background ones.
+
+    Args:
+        cells: (n,) of the map.
+        levels: what they hold, and what their parents do.
+        background: the background model.
+        config: how much tails weigh.
+        strength: pseudo-vehicles with which its parent enters each cell, and the background model the last of them.
+    """
+    n_rows = np.round(levels[0].fits.n_rows[levels[0].of]).astype(np.int64)
+    left, standing, cores, tails = np.ones((cells.n_cells, 1)), list[FloatArray](), list[Modes](), list[Modes]()
+    for fits, of in levels:
+        known = np.where(n_rows > 0, (fits.n_vehicles / (fits.n_vehicles + strength))[of], 0.0)[:, None]
+        standing.append(left * known * fits.standing[of][:, None])
+        core = fits.heaviest_at(cells.centers, of).times(left * known - standing[-1])
+        shape = np.maximum(core.shape / BROADER, 1.0)
+        tails.append(core.times(config.broad_share)._replace(
+            concentration=core.concentration / BROADER, shape=shape, rate=core.rate * shape / core.shape
+        ))  # fmt: skip
+        cores.append(core.times(1.0 - config.broad_share))
+        left = left * (1.0 - known)
+    behind = background.modes.take(np.zeros(cells.n_cells, np.int64)).times(left)
+    still = behind.take((slice(None), slice(-1, None)))._replace(weight=standing[0])
+    behind.weight[:, -1:] += sum(standing[1:])
+    modes = Modes.beside([cores[0], still, *tails, *cores[1:], behind])
+    width = modes.weight.shape[1]
+    nothing = (1, width - background.modes.weight.size)  # the background row has no other modes
+    nowhere = Modes.beside([Modes.flat(*np.zeros((3, *nothing)), *np.ones((2, *nothing))), background.modes])
+    modes = Modes(*map(np.concatenate, zip(modes, nowhere, strict=True)))
+    return PrimitiveMap(
+        tessellation=cells,
+        modes=modes._replace(weight=modes.weight / modes.weight.sum(axis=1, keepdims=True)),
+        n_rows=np.append(n_rows, n_rows.sum()),
+        n_background_modes=width - cores[0].weight.shape[1] - 1,
+    )
 
 
 def _grid_of_about(position: FloatArray, n_cells: int) -> GridTessellation:

@@ -6,8 +6,8 @@ import pytest
 from dirprim_filter import learn_primitives, save_map
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.primitives.background import learn_background
-from dirprim_filter.primitives.cell_model import Layout, assemble, fit_levels
-from dirprim_filter.primitives.fitting import bounds_of
+from dirprim_filter.primitives.fitting import Layout, bounds_of, fit_levels
+from dirprim_filter.primitives.learning import assemble
 from dirprim_filter.primitives.rows import TrackRows
 from hexagons import Hexagons
 from situations import ring_traffic, tracks_of
