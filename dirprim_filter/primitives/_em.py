@@ -93,9 +93,7 @@ def expectation(
             rows, start = columns, first
             if curved:
                 rows, start = room[REST + k + m * N_OF_ROW : REST + k + (m + 1) * N_OF_ROW], 0
-            _sum(p[m], rows, start, size, sums[m])
-            if curved:
-                _sum_slopes(p[m], rows, columns, first, size, factor[m], rest, sums[m])
+            _sum(p[m], rows, start, columns, first, size, factor[m], rest, sums[m])
     return log_likelihood
 
 
@@ -158,25 +156,21 @@ def _normalise(p: FloatArray, w: FloatArray, n: int, rest: FloatArray) -> float:
 
 
 @uncounted
-def _sum(r: FloatArray, rows: FloatArray, first: int, n: int, sums: FloatArray) -> None:
-    r, end = r[:n], first + n
-    total, cosine, sine, speed, log_speed = weighted_sums(
-        r, (rows[COSINE][first:end], rows[SINE][first:end], rows[SPEED][first:end], rows[LOG_SPEED][first:end])
-    )
-    sums[0] += total
-    sums[1] += cosine
-    sums[2] += sine
-    sums[3] += speed
-    sums[4] += log_speed
-
-
-@uncounted
-def _sum_slopes(
-    r: FloatArray, rows: FloatArray, columns: FloatArray, first: int, n: int, factor: FloatArray, rest: FloatArray,
-    sums: FloatArray,
+def _sum(
+    r: FloatArray, rows: FloatArray, start: int, columns: FloatArray, first: int, n: int, factor: FloatArray,
+    rest: FloatArray, sums: FloatArray,
 ) -> None:  # fmt: skip
-    """The normal equations of bend and gain: moments of the place, and their products with the two scores."""
-    c, s, v, r = rows[COSINE], rows[SINE], rows[SPEED], r[:n]
+    """Add what the maximisation needs of some rows, and of curved modes the normal equations of bend and gain.
+
+    These are moments of the place, and their products with the two scores.
+    """
+    r, end = r[:n], start + n
+    c, s, v, log_v = rows[COSINE][start:end], rows[SINE][start:end], rows[SPEED][start:end], rows[LOG_SPEED][start:end]
+    of_row = weighted_sums(r, (c, s, v, log_v))
+    for k in range(SUMS):
+        sums[k] += of_row[k]
+    if sums.size == SUMS:
+        return
     east, north = columns[EAST][first : first + n], columns[NORTH][first : first + n]
     cos_mean, sin_mean, per_mean_speed = factor[5], factor[6], factor[7]
     x, y, turn, gain = rest[0, :n], rest[1, :n], rest[2, :n], rest[3, :n]
@@ -187,17 +181,9 @@ def _sum_slopes(
     total_x, xx, xy, turned_x, gained_x = weighted_sums(x, (east, north, turn, gain))
     total_y, yy, turned_y, gained_y = weighted_sums(y, (north, turn, gain))
     _, turned, gained = weighted_sums(r, (turn, gain))
-    sums[5] += total_x
-    sums[6] += total_y
-    sums[7] += xx
-    sums[8] += xy
-    sums[9] += yy
-    sums[10] += turned
-    sums[11] += turned_x
-    sums[12] += turned_y
-    sums[13] += gained
-    sums[14] += gained_x
-    sums[15] += gained_y
+    of_place = total_x, total_y, xx, xy, yy, turned, turned_x, turned_y, gained, gained_x, gained_y
+    for k in range(CURVED_SUMS - SUMS):
+        sums[SUMS + k] += of_place[k]
 
 
 @compiled
@@ -236,15 +222,8 @@ def maximisation(sums: FloatArray, n_vehicles: float, bounds: Bounds, table: Flo
 
 
 @compiled
-def usual_log_density(bounds: Bounds) -> float:
-    """The greatest that `_in_usual` is, for the usual spreads of direction and of speed."""
-    shape, concentration = shape_from(bounds.speed_spread, bounds.max_shape), concentration_from(bounds.usual_resultant)
-    return _in_usual(math.log1p(concentration), math.log(shape), bounds)
-
-
-@compiled
-def _in_usual(log_concentration: float, log_shape: float, bounds: Bounds) -> float:
-    """Log density in a mode of one usual vehicle, up to a constant: a log a - log Gamma(a) = a - remainder."""
+def usual_log_density(log_concentration: float, log_shape: float, bounds: Bounds) -> float:
+    """In a mode, of one usual vehicle, up to a constant: a log a - log Gamma(a) = a - remainder."""
     k, a = math.expm1(log_concentration), math.exp(log_shape)
     of_direction = k * (bounds.usual_resultant - 1.0) - log_normaliser(log_concentration)
     return of_direction - gamma_remainder(log_shape) - a * bounds.speed_spread
@@ -254,12 +233,12 @@ def _in_usual(log_concentration: float, log_shape: float, bounds: Bounds) -> flo
 def log_prior(bounds: Bounds, usual: float, table: FloatArray) -> float:
     """Log prior of the modes that are driven, in vehicles; 0 for the usual spreads of direction and of speed.
 
-    usual: `usual_log_density`.
+    usual: the greatest `usual_log_density`.
     """
     total = 0.0
     for m in range(table.shape[0]):
         if table[m, LOG_WEIGHT] > NO_MODE / 2:
-            less = _in_usual(table[m, LOG_CONCENTRATION], table[m, LOG_SHAPE], bounds) - usual
+            less = usual_log_density(table[m, LOG_CONCENTRATION], table[m, LOG_SHAPE], bounds) - usual
             bends = (table[m, BEND_EAST] ** 2 + table[m, BEND_NORTH] ** 2) / bounds.bend_scale**2
             gains = (table[m, GAIN_EAST] ** 2 + table[m, GAIN_NORTH] ** 2) / bounds.gain_scale**2
             total += bounds.prior_strength * less - 0.5 * (bends + gains)

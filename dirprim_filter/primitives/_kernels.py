@@ -10,7 +10,7 @@ import numpy as np
 
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions._elementary import TWO_PI, wrap
-from dirprim_filter.distributions._estimates import shape_from
+from dirprim_filter.distributions._estimates import concentration_from, shape_from
 from dirprim_filter.primitives._em import (
     BLOCK,
     CURVED_SUMS,
@@ -175,7 +175,9 @@ def ascend(
     total = 0.0
     for i in range(at, at + n):
         total += columns[WEIGHT, i]
-    sums, usual = np.empty((k, CURVED_SUMS if curved else SUMS)), usual_log_density(bounds)
+    sums = np.empty((k, CURVED_SUMS if curved else SUMS))
+    shape, concentration = shape_from(bounds.speed_spread, bounds.max_shape), concentration_from(bounds.usual_resultant)
+    usual = usual_log_density(math.log1p(concentration), math.log(shape), bounds)
     room = np.empty((REST + k * (1 + N_OF_ROW), BLOCK))  # of `expectation`, kept from one iteration to the next
     history = np.empty((2 * DEPTH + 4, k, width))  # how places changed, how steps did, then what they were last
     history[:] = 0.0
