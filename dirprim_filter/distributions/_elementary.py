@@ -32,7 +32,6 @@ _EXPONENT_ONLY, _EXPONENT_OF_ONE = np.uint64(0x4330000000000000), 2.0**52 + 1023
 # In single precision twice as many are done at a time.
 single: Any = np.float32
 """A number in single precision, which Python's types do not distinguish from others."""
-_ROUND_S = single(1.5 * 2.0**23)
 
 
 @compiled
@@ -87,12 +86,6 @@ def log(x: float) -> float:
     t = s * s
     rest = fma(s * t, polynomial(t, _OF_LOG), n * _LN2_LOW)
     return fma(n, _LN2_HIGH, fma(2.0, s, rest))
-
-
-@compiled
-def nearest_integer_single(x: float) -> float:
-    """The integer nearest to x in single precision, for |x| up to a million."""
-    return (x + _ROUND_S) - _ROUND_S
 
 
 @pasted

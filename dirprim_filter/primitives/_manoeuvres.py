@@ -13,7 +13,7 @@ import numpy.typing as npt
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions import _random as random
 from dirprim_filter.distributions._arithmetic import fma
-from dirprim_filter.distributions._elementary import exp, log, nearest_integer_single, single
+from dirprim_filter.distributions._elementary import exp, log, single
 from dirprim_filter.distributions._random import UIntArray
 from dirprim_filter.primitives.motion import CREEP
 from tessellation._compiling import inlined
@@ -36,6 +36,7 @@ DISCOUNT = 0.2
 """Subtracted from each count of transitions (Ney, Essen and Kneser 1994), for those that were not seen."""
 _TWO_PI, _PER_TWO_PI, _PER_DEGREES = single(2.0 * np.pi), single(0.5 / np.pi), single(1.0 / DEGREES)
 _NOTHING, _ONE = single(0.0), single(1.0)
+_ROUND = single(1.5 * 2.0**23)  # adding it rounds to an integer
 
 SingleArray = npt.NDArray[np.float32]
 
@@ -80,7 +81,7 @@ def weigh_eight(
     """A loop of vector instructions of eight rounds: its length comes from `out`, or it would be unrolled instead."""
     for k in range(out.size):
         off = fma(-of[TURNS_N + k], north, fma(-of[TURNS_E + k], east, heading - of[HEADS + k]))
-        off = fma(-_TWO_PI, nearest_integer_single(off * _PER_TWO_PI), off)
+        off = fma(-_TWO_PI, (off * _PER_TWO_PI + _ROUND) - _ROUND, off)
         off *= slowed * of[BY_COURSE + k]
         pace = fma(-of[GAIN_N + k], north, fma(-of[GAIN_E + k], east, log_pace - of[PACE + k]))
         pace *= of[BY_PACE + k]
@@ -115,17 +116,10 @@ def weigh_candidates(
         weigh_eight(may.field[b], often, east, north, heading, slowed, scale, log_pace, eight)
         for k in range(LANES if favour.size else 0):
             eight[k] *= single(favour[may.number[b, k]])
-        total = add_up(eight, total)
+        for k in range(LANES):
+            total += eight[k]
+            eight[k] = total
     return float(total)
-
-
-@inlined
-def add_up(eight: SingleArray, total: float) -> float:
-    """Replace weights by their cumulative sums, on top of a total; -> the new total."""
-    for k in range(LANES):
-        total += eight[k]
-        eight[k] = total
-    return total
 
 
 @inlined
@@ -141,7 +135,7 @@ def take_up(
     stands, total, free = speed < STANDING_BELOW, 0.0, table.background_visits
     if cell >= 0:
         total = weigh_candidates(table.candidates, cell, stands, x, y, direction, speed, rate, table.favour, weight)
-        free *= favour_of(table, len(table.row) - 1)
+        free *= table.favour[-1] if table.favour.size else 1.0
     share = free / (total + free)
     drawn = random.uniform(state)
     if total > 0.0 and drawn >= share:
@@ -175,18 +169,12 @@ def follow(table: MotionTable, before: int, low: int, high: int, stands: bool, l
     for t in range(table.first[before], table.first[before + 1]):
         z, count = table.following[t], table.count[t]
         if low <= z < high and (table.row[z, STARTS] > 0.0) == stands:
-            favour = favour_of(table, z)
+            favour = table.favour[z] if table.favour.size else 1.0
             total += count * favour
             drawn = random.uniform(state) * total
             if drawn < count * favour:
                 after = z if drawn < (count - less) * favour else -1
     return after
-
-
-@inlined
-def favour_of(table: MotionTable, z: int) -> float:
-    """How well a manoeuvre fits the cue; 1 without one."""
-    return float(table.favour[z]) if table.favour.size else 1.0
 
 
 @inlined

@@ -68,16 +68,6 @@ class Step(NamedTuple):
 
 
 @compiled
-def step_of(table: MotionTable, h: float) -> Step:
-    """A step of `h` seconds."""
-    course_kept, push_kept = math.exp(-table.course_rate * h), math.exp(-PUSH_RATE * h)
-    turned_by, pushed_by = math.sqrt(1.0 - course_kept * course_kept), math.sqrt(1.0 - push_kept * push_kept)
-    jumps = 1.0 - math.exp(-h / JUMP_S)
-    leaves = (1.0 - math.exp(-table.own_way_rate * h)) / jumps
-    return Step(h, course_kept, push_kept, turned_by, pushed_by, math.sqrt(h), jumps, leaves)
-
-
-@compiled
 def move(
     table: MotionTable, position: FloatArray, direction: FloatArray, speed: FloatArray, cell: IntArray,
     manoeuvre: IntArray, push: FloatArray, led: FloatArray, dt_s: float, state: UIntArray,
@@ -89,7 +79,12 @@ def move(
     """
     n, weight = speed.size, np.empty((table.most, LANES), np.float32)
     n_steps = max(1, math.ceil(dt_s / table.step_s - 1e-9))
-    step = step_of(table, dt_s / n_steps)
+    h = dt_s / n_steps
+    course_kept, push_kept = math.exp(-table.course_rate * h), math.exp(-PUSH_RATE * h)
+    turned_by, pushed_by = math.sqrt(1.0 - course_kept * course_kept), math.sqrt(1.0 - push_kept * push_kept)
+    jumps = 1.0 - math.exp(-h / JUMP_S)
+    leaves = (1.0 - math.exp(-table.own_way_rate * h)) / jumps
+    step = Step(h, course_kept, push_kept, turned_by, pushed_by, math.sqrt(h), jumps, leaves)
     normal, own = np.empty(2 * n), np.empty((N_COLUMNS, n)).T
     for _ in range(n_steps):
         random.fill_normals(normal, state)
