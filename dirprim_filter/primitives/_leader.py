@@ -77,8 +77,11 @@ def behind(
 
 
 @compiled
-def ahead_of_each(state: FloatArray, first: IntArray, seen: FloatArray) -> None:
-    """Fills (n, 3), see `behind`: the leader, straight on, of each vehicle of each instant, see `Instants`."""
+def ahead_of_each(state: FloatArray, first: IntArray, seen: FloatArray, feature: FloatArray) -> None:
+    """Fills (n, 3), see `behind`: the leader, straight on, of each vehicle of each instant, see `Instants`.
+
+    And (n, N_FEATURES), see `describe`.
+    """
     n, none = len(state), np.int64(-1)  # no literal, nor parts of rows: `behind` would be compiled once more
     straight, position, direction = np.empty(n), np.empty((n, 2)), np.empty(n)
     for j in range(n):
@@ -89,6 +92,7 @@ def ahead_of_each(state: FloatArray, first: IntArray, seen: FloatArray) -> None:
         behind(others, none, position[a:b], direction[a:b], straight[a:b], seen[a:b])
         for j in range(a, b):
             seen[j, 2] += a
+            describe(state[j, 3], seen[j, 0], seen[j, 1], feature[j])
 
 
 @compiled
@@ -113,13 +117,6 @@ def describe(speed: float, gap: float, leader: float, feature: FloatArray) -> No
     feature[0], feature[1], feature[2], feature[3] = 1.0, room, max(room, 0.0), max(room - 4.0, 0.0)
     feature[4], feature[5], feature[6], feature[7] = speed, closing, room * speed, closing * speed
     feature[8], feature[9] = speed * speed, min(free, GAP_M)
-
-
-@compiled
-def descriptions(speed: FloatArray, seen: FloatArray, feature: FloatArray) -> None:
-    """Fills (n, N_FEATURES) from (n,) speeds and (n, 3) leaders."""
-    for p in range(speed.size):
-        describe(speed[p], seen[p, 0], seen[p, 1], feature[p])
 
 
 @compiled

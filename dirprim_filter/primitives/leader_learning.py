@@ -1,4 +1,4 @@
-"""Learning how drivers go on behind a leader: a ridge regression from additive sums.
+"""Learning how drivers go on behind a leader: a ridge regression.
 
 It is judged on held-out drivers: where the leader predicts their acceleration no better than their own speed alone, as
 for pedestrians on a square, vehicles do not respond to leaders.
@@ -46,7 +46,7 @@ MOST_STARTS = 0.95
 
 
 class LeaderSums(NamedTuple):
-    """What the response is learned from; sums of two logs are the sums of both."""
+    """What the response is learned from."""
 
     acceleration: Regression  # by `_leader.describe`'s features, a row for each fold; a pair of vehicles counts once
     stood: FloatArray  # (4,) instants at which a vehicle stood: behind a leader of each pace, and without one
@@ -58,13 +58,11 @@ class LeaderSums(NamedTuple):
         group, time_ns = _looks(tracks)
         now, later = (Instants.of(tracks, group, at_ns) for at_ns in (time_ns, time_ns + int(RESPONDS_S * 1e9)))
         speed, row = now.state[:, 3], later.rows_of(now)
-        seen = np.empty((len(now.state), 3))
-        _leader.ahead_of_each(now.state, now.first, seen)
+        seen, feature = np.empty((len(now.state), 3)), np.empty((len(now.state), N_FEATURES))
+        _leader.ahead_of_each(now.state, now.first, seen, feature)
         gained = np.where(row >= 0, np.append(later.state[:, 3], 0.0)[row] - speed, np.nan)
         stands = speed < STANDING_BELOW
         follows = (seen[:, 0] < FAR_M) & ~stands & np.isfinite(gained)
-        feature = np.empty((int(follows.sum()), N_FEATURES))
-        _leader.descriptions(speed[follows], seen[follows], feature)
         driver, leader = now.vehicle[follows], now.vehicle[seen[follows, 2].astype(np.int64)]
         _, pair, count = np.unique(driver * (1 + now.vehicle.max(initial=0)) + leader, return_inverse=True,
                                    return_counts=True)  # fmt: skip
@@ -73,13 +71,12 @@ class LeaderSums(NamedTuple):
         pace = np.where(near, np.digitize(seen[:, 1], [STANDING_BELOW, SLOW]), N_PACES)
         starts = waits & (speed + gained >= STANDING_BELOW)
         return cls(
-            Regression.of(feature, gained[follows] / RESPONDS_S, 1.0 / count[pair], _folds(tracks)[driver], N_FOLDS),
+            Regression.of(
+                feature[follows], gained[follows] / RESPONDS_S, 1.0 / count[pair], _folds(tracks)[driver], N_FOLDS
+            ),
             np.bincount(pace[waits], minlength=N_PACES + 1).astype(np.float64),
             np.bincount(pace[starts], minlength=N_PACES + 1).astype(np.float64),
         )
-
-    def __add__(self, other: LeaderSums) -> LeaderSums:  # type: ignore[override]
-        return LeaderSums(*(a + b for a, b in zip(self, other, strict=True)))  # type: ignore[operator]
 
     def response(self) -> LeaderResponse | None:
         """The response that follows from the sums; None where it does not improve predictions of held-out drivers."""
@@ -110,11 +107,9 @@ def _folds(tracks: Tracks) -> IntArray:
 
 def _held_out_error(acceleration: Regression) -> float:
     """Mean squared error of each fold by what the others say, m^2/s^4."""
-    whole, error = _total(acceleration), 0.0
-    for fold in range(N_FOLDS):
-        own = Regression(*(column[fold : fold + 1] for column in acceleration))
-        error += float((own.mean_square(_solved(whole - own)) * own.weight)[0])
-    return error / max(float(whole.weight[0]), 1e-9)
+    whole = _total(acceleration)
+    error = acceleration.mean_square(_solved(whole - acceleration)) @ acceleration.weight
+    return float(error / max(whole.weight[0], 1e-9))
 
 
 def _total(acceleration: Regression) -> Regression:
@@ -129,9 +124,9 @@ def _part(acceleration: Regression, features: tuple[int, ...]) -> Regression:
 
 
 def _solved(acceleration: Regression) -> FloatArray:
-    """(1, p) gains; the ridge of each is in units of its own mean square, that of the constant next to none."""
-    square = np.diagonal(acceleration.xx[0]) / max(float(acceleration.weight[0]), 1e-9)
-    return acceleration.solved(RIDGE * (square + 1e-9) * np.append(1e-6, np.ones(square.size - 1)))
+    """(z, p) gains; the ridge of each is in units of its own mean square, that of the constant next to none."""
+    square = np.diagonal(acceleration.xx, axis1=1, axis2=2) / np.maximum(acceleration.weight, 1e-9)[:, None]
+    return acceleration.solved(RIDGE * (square + 1e-9) * np.append(1e-6, np.ones(square.shape[1] - 1)))
 
 
 def _looks(tracks: Tracks) -> tuple[IntArray, IntArray]:

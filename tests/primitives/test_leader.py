@@ -6,7 +6,6 @@ import pytest
 from dirprim_filter.primitives import _leader
 from dirprim_filter.primitives.leader import N_FEATURES, LeaderResponse
 from dirprim_filter.primitives.leader_learning import LeaderSums
-from dirprim_filter.tracks import Tracks
 from oracles import leader_features, leader_of
 from situations import tracks_of
 
@@ -30,19 +29,19 @@ def test_the_leader_and_what_a_driver_goes_by_are_those_of_the_slow_twin():
         _leader.behind(others, own, np.zeros((1, 2)), np.zeros(1), np.zeros(1), seen)
         assert seen[0, 0] == gap
     rng = np.random.default_rng(1)
-    speed, seen, feature = rng.uniform(0, 20, 200), rng.uniform(0, 60, (200, 3)), np.empty((200, N_FEATURES))
-    _leader.descriptions(speed, seen, feature)
-    for p in range(200):
-        np.testing.assert_allclose(feature[p], leader_features(speed[p], seen[p, 0], seen[p, 1]), rtol=1e-12)
+    feature = np.empty(N_FEATURES)
+    for of in rng.uniform(0, [20, 60, 60], (200, 3)):  # its speed, the gap, the leader's speed
+        _leader.describe(*of, feature)
+        np.testing.assert_allclose(feature, leader_features(*of), rtol=1e-12)
 
 
-def eastward(rows, *, group=0):
+def eastward(rows):
     """Vehicles that head east, of rows (vehicle, tenth of a second, east, north, speed)."""
     (track_id, tick), (*place, speed) = np.array(rows).T[:2].astype(np.int64), np.array(rows).T[2:]
-    return tracks_of([np.column_stack(place)], track_id=track_id, time_ns=10**8 * tick, speed=speed, group=group)
+    return tracks_of([np.column_stack(place)], track_id=track_id, time_ns=10**8 * tick, speed=speed)
 
 
-def pairs(rng, n, *, responds, group=0):
+def pairs(rng, n, *, responds):
     """Drivers behind leaders of other speeds: they take on their leader's speed at 0.4/s, or keep to their own."""
     rows = []
     for pair in range(n):
@@ -53,7 +52,7 @@ def pairs(rng, n, *, responds, group=0):
             rows.append((2 * pair + 1, tick, 0.1 * tick * lead, 100.0 * pair, lead))
             own += 0.1 * 0.4 * ((lead if responds else wanted) - own)
             place += 0.1 * own
-    return eastward(rows, group=group)
+    return eastward(rows)
 
 
 def test_a_law_that_drivers_follow_is_learned_and_none_where_they_follow_none():
@@ -79,15 +78,6 @@ def test_who_stands_starts_as_often_as_it_did_behind_such_a_leader():
     three = 30.0 * 3  # instants of each, last no vehicle's
     assert sums.stood.tolist() == [three, 0.0, 15.0 * 2 + 15.0 * 3, three]
     assert sums.started.tolist() == [0.0, 0.0, 30.0, 0.0]
-
-
-def test_sums_of_two_groups_are_the_sums_of_both():
-    rng = np.random.default_rng(3)
-    one, other = pairs(rng, 12, responds=True), pairs(rng, 9, responds=False, group=1)
-    both = LeaderSums.of(Tracks.concatenate([one, other]))
-    added = LeaderSums.of(one) + LeaderSums.of(other)
-    for ours, theirs in zip((*added.acceleration, *added[1:]), (*both.acceleration, *both[1:]), strict=True):
-        np.testing.assert_allclose(ours, theirs, atol=1e-6)
 
 
 def test_who_knows_nothing_of_leaders_has_no_response():
