@@ -127,7 +127,7 @@ def modes_of(primitives: PrimitiveMap, visits: Visits) -> IntArray:
     Of visits to no cell it says nothing.
     """
     n_own = primitives.n_own_modes
-    at = visits.inside
+    at = np.flatnonzero((visits.cell >= 0)[visits.of_instant])
     of_instant = visits.of_instant[at]
     v = np.maximum(visits.speed[at], 1e-2)
     total = np.empty((max(n_own - 1, 1), len(visits)))

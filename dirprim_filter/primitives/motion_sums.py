@@ -1,7 +1,4 @@
-"""What motion is learned from: sums over visits, in which every visit counts once.
-
-Sums of two logs, given the same cells, modes and labels, add to the sums of both.
-"""
+"""What motion is learned from: sums over visits, in which every visit counts once."""
 
 from __future__ import annotations
 
@@ -117,9 +114,6 @@ class MotionSums(NamedTuple):
         once, left = np.ones(len(visits)), visits.follows().astype(np.float64)
         columns: list[Any] = [total(once), total(visits.seconds), total(left), *sums, transition]
         return cls(*columns)
-
-    def __add__(self, other: MotionSums) -> MotionSums:  # type: ignore[override]
-        return MotionSums(*(a + b for a, b in zip(self, other, strict=True)))  # type: ignore[operator]
 
 
 def _changes(visits: Visits) -> FloatArray:

@@ -89,11 +89,6 @@ class Visits:
         return np.repeat(np.arange(len(self)), self.end - self.begin)
 
     @property
-    def inside(self) -> IntArray:
-        """(i,) the instants in cells."""
-        return np.flatnonzero(np.repeat(self.cell >= 0, self.end - self.begin))
-
-    @property
     def seconds(self) -> FloatArray:
         """(v,) how long each lasts."""
         return np.asarray((self.end - self.begin) * self.scale.step_s)

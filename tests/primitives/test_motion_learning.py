@@ -8,6 +8,7 @@ import pytest
 from dirprim_filter import learn_primitives
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.distributions import Gamma, VonMisesMixture
+from dirprim_filter.primitives import motion_sums
 from dirprim_filter.primitives.background import learn_background
 from dirprim_filter.primitives.motion import COURSE_RATE, FLOATS, Motion
 from dirprim_filter.primitives.motion_learning import label_visits, learn_motion
@@ -147,49 +148,38 @@ def test_who_is_faster_brakes_harder_for_the_same_place():
 
 @pytest.fixture(scope="module")
 def counted():
-    """A junction's map; the visits of all of its vehicles, of some, and of the others; their manoeuvres."""
+    """A junction's map, the visits of its vehicles, their manoeuvres, and the sums of these."""
     tracks = junction_traffic(np.random.default_rng(1), n_vehicles=36)
     learned = learn_primitives(tracks, tessellation="grid", cell_size=10.0, rng=np.random.default_rng(1))
-    rows = TrackRows.thinned(tracks, interval_s=0.2)
-    some = rows.vehicle % 3 == 0
-    visits = [Visits.of(part, learned.tessellation) for part in (rows, rows[some], rows[~some])]
-    labels = label_visits(learned, visits[0], detail=1.0, rng=np.random.default_rng(2))
-    is_some = visits[0].vehicle[visits[0].begin] % 3 == 0
-    label = [labels.label, labels.label[is_some], labels.label[~is_some]]
-    sums = [MotionSums.of(v, labels._replace(label=z), learned) for v, z in zip(visits, label, strict=True)]
-    return learned, visits[0], labels, sums
+    visits = Visits.of(TrackRows.thinned(tracks, interval_s=0.2), learned.tessellation)
+    labels = label_visits(learned, visits, detail=1.0, rng=np.random.default_rng(2))
+    return learned, visits, labels, MotionSums.of(visits, labels, learned)
 
 
-def numbers_of(sums):
-    """All numbers of sums, in one row for each name."""
-    parts = [part for of in sums for part in (of if isinstance(of, Regression) else (of,))]
-    return [part.toarray() if hasattr(part, "toarray") else part for part in parts]
-
-
-def test_sums_of_some_vehicles_and_of_the_others_are_those_of_all(counted):
-    """So motion, which follows from the sums alone, may be learned in parts."""
-    *_, (of_all, of_some, of_others) = counted
-    far = []
-    for mine, twice, theirs in zip(*map(numbers_of, (of_some + of_others, of_some + of_some, of_all)), strict=True):
-        within = 1e-9 * (np.abs(theirs) + np.abs(theirs).max(initial=1.0))
-        assert (np.abs(mine - theirs) <= within).all()
-        far.append((np.abs(twice - theirs) > within).any())
-    assert any(far)  # the control
+def test_regressions_are_the_same_however_many_instants_are_summed_at_once(counted, monkeypatch):
+    learned, visits, labels, sums = counted
+    monkeypatch.setattr(motion_sums, "AT_ONCE", 1000)
+    in_parts, rounded = MotionSums.of(visits, labels, learned), []
+    for mine, theirs in zip(in_parts, sums, strict=True):
+        for part, whole in zip(mine, theirs, strict=True) if isinstance(mine, Regression) else ():
+            assert (np.abs(part - whole) <= 1e-9 * (np.abs(whole) + np.abs(whole).max(initial=1.0))).all()
+            rounded.append((part != whole).any())
+    assert any(rounded)  # there were parts
 
 
 def test_every_visit_is_counted_once_and_every_transition_that_was_driven(counted):
-    _, visits, labels, (of_all, *_) = counted
+    _, visits, labels, sums = counted
     known = labels.label >= 0
-    np.testing.assert_array_equal(of_all.visits, np.bincount(labels.label[known]))
-    assert of_all.visits.min() > 0
-    assert of_all.seconds.sum() == pytest.approx(visits.seconds[known].sum())
+    np.testing.assert_array_equal(sums.visits, np.bincount(labels.label[known]))
+    assert sums.visits.min() > 0
+    assert sums.seconds.sum() == pytest.approx(visits.seconds[known].sum())
     pairs = {}
     for v in range(len(visits) - 1):
         same = visits.segment[visits.begin[v]] == visits.segment[visits.begin[v + 1]]
         if same and known[v] and known[v + 1]:
             pair = labels.label[v], labels.label[v + 1]
             pairs[pair] = pairs.get(pair, 0) + 1
-    counts = of_all.transition.toarray()
+    counts = sums.transition.toarray()
     assert {(i, j): counts[i, j] for i, j in np.argwhere(counts)} == pairs
 
 
