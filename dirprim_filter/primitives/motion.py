@@ -226,9 +226,8 @@ def unlearned_background(*, share: float, standing: float, start_rate: float) ->
 
 
 def background_manoeuvres(
-    *, share: npt.ArrayLike = (), log_pace: npt.ArrayLike = (), log_pace_spread: npt.ArrayLike = (),
-    acceleration: npt.ArrayLike = (), push: npt.ArrayLike = (), turning: npt.ArrayLike = (),
-    curvature: npt.ArrayLike = (), standing: float, start_rate: float,
+    *, share: npt.ArrayLike, log_pace: npt.ArrayLike, log_pace_spread: npt.ArrayLike, acceleration: npt.ArrayLike,
+    push: npt.ArrayLike, turning: npt.ArrayLike, curvature: npt.ArrayLike, standing: float, start_rate: float,
 ) -> dict[str, FloatArray]:  # fmt: skip
     """Manoeuvres of no place: k in motion, and then that of vehicles that stand.
 

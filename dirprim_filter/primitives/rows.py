@@ -133,16 +133,6 @@ class TrackRows:
         """Number of vehicles that have a row."""
         return int(np.unique(self.vehicle).size)
 
-    def member_weights(self, members: Members) -> FloatArray:
-        """(n_members,) of rows in cells, so that a cell's vehicles count as many as they say as much as (Kish 1965).
-
-        Vehicles that all weigh alike count one each, whatever they weigh.
-        """
-        weight, n_cells = self.weight[members.row], len(members.center)
-        cell = np.repeat(np.arange(n_cells), np.diff(members.start))
-        total, square = (np.bincount(cell, column, minlength=n_cells) for column in (weight, weight**2))
-        return np.asarray(members.weight * weight * (total / np.where(square > 0.0, square, 1.0))[cell])
-
 
 class CellRows(NamedTuple):
     """What cells are fitted to: the rows of each that move, cell by cell, and how much there is of them."""
@@ -155,9 +145,14 @@ class CellRows(NamedTuple):
 
     @classmethod
     def of(cls, rows: TrackRows, members: Members, position: FloatArray, *, standing_speed: float) -> CellRows:
-        """The members of cells; positions (n, 2) of the rows are from the same origin as the members' centres."""
-        n_cells, weight = len(members.center), rows.member_weights(members)
+        """The members of cells; positions (n, 2) of the rows are from the same origin as the members' centres.
+
+        A cell's vehicles count as many as they say as much as (Kish 1965): those that weigh alike one each.
+        """
+        n_cells, weight = len(members.center), rows.weight[members.row]
         cell = np.repeat(np.arange(n_cells), np.diff(members.start))
+        total, square = (np.bincount(cell, column, minlength=n_cells) for column in (weight, weight**2))
+        weight = members.weight * weight * (total / np.where(square > 0.0, square, 1.0))[cell]
         moves = rows.speed[members.row] >= standing_speed
         n_moving, n_standing = (np.bincount(cell[of], weight[of], minlength=n_cells) for of in (moves, ~moves))
         cell, row, weight = cell[moves], members.row[moves], weight[moves]
