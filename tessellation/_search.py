@@ -11,7 +11,7 @@ from scipy.spatial import Delaunay, QhullError
 
 from tessellation._arrays import BoolArray, FloatArray, IntArray
 from tessellation._scoring import N_RIVALS, scoring_step
-from tessellation.gates import halve, leave_out, members_of, nearest_generators, part_of_members, unite
+from tessellation.gates import halve, leave_out, members_of, nearest_generators, part_of_members, residents, unite
 from tessellation.protocols import CellModel, Cells, Data_contra, Members
 
 LEAST_ROWS = 4
@@ -180,10 +180,7 @@ class Search(Generic[Data_contra, Cells]):
         border = np.hstack([mean[tried], unit[tried]])
         place = self.position[self.row]
         fits = self._fit(halve(part, place, border, self.softness * step[tried], children[tried].reshape(-1, 2)))
-        number = np.full(len(state.generators), -1, np.int64)
-        number[tried] = np.arange(tried.size)
-        held = np.flatnonzero(number[state.cell] >= 0)
-        which = number[state.cell[held]]
+        held, which = _rows_of(state, tried)
         second = ((place[held] - border[which, :2]) * border[which, 2:]).sum(axis=1) > 0
         gain = self._log_density(fits, held, 2 * which + second) - state.score[held]
         return self._total_and_error(gain, which, self.group[held], tried.size)
@@ -231,17 +228,19 @@ class Search(Generic[Data_contra, Cells]):
         united = (mass[pair, None] * state.generators[pair]).sum(axis=1) / mass[pair].sum(axis=1)[:, None]
         both = part_of_members(state.members, pair.ravel())
         fits = self._fit(unite(both, np.arange(pair.size) // 2, united))
-        order = np.argsort(state.cell, kind="stable")
-        begin = np.searchsorted(state.cell[order], np.arange(n + 1))
-        length = np.diff(begin)[pair.ravel()]
-        each = np.repeat(np.arange(pair.size), length)
-        held = order[np.arange(each.size) - (np.cumsum(length) - length)[each] + begin[pair.ravel()[each]]]
+        held, each = _rows_of(state, pair.ravel())
         change = self._log_density(fits, held, each // 2) - state.score[held]
         gain, error = self._total_and_error(change, each // 2, self.group[held], len(pair))
         gain -= MARGIN * error
         state.refused = np.union1d(state.refused, state.signature[pair[gain <= 0]].sum(axis=1))
         chosen = _disjoint(pair, gain)
         return self._replaced(state, pair[chosen], united[chosen])
+
+
+def _rows_of(state: State[Cells], cells: IntArray) -> tuple[IntArray, IntArray]:
+    """The rows that lie in each of some cells, cell by cell, and in which of these; of a cell given twice twice."""
+    homes = part_of_members(residents(state.cell, state.generators), cells)
+    return homes.row, np.repeat(np.arange(cells.size), np.diff(homes.start))
 
 
 def _neighbors(generators: FloatArray) -> IntArray:

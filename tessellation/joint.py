@@ -109,22 +109,17 @@ def fit_jointly(
     region = VoronoiTessellation.covering(position, generators=position[:1], reach=reach).region
     origin = np.round(position.mean(axis=0))  # so that no digit is lost far from it
     used = np.arange(n) if n <= max_rows else np.sort(rng.permutation(n)[:max_rows])
-    fold = _folds(group[used], rng)
     search = Search(
         model=model,
         position=position - origin,
         data=data,
         row=used,
-        fold=fold,
+        fold=_folds(group[used], rng),
         group=np.unique(group[used], return_inverse=True)[1],
         salt=np.random.default_rng(0).random(n),
         softness=softness,
         smallest=SMALLEST * reach,
     )
-
-    def spread(uniform: FloatArray) -> FloatArray:
-        """Generators spread evenly over the data."""
-        return lloyd_generators((position - origin)[used], uniform)
 
     steps: list[tuple[int, float]] = []
 
@@ -135,13 +130,13 @@ def fit_jointly(
 
     if search.n_folds > 1:
         if n_cells is not None:
-            start = spread(rng.random(n_cells)) + origin
-        state = _first(search, spread, rng) if start is None else search.evaluate(start - origin)
+            start = lloyd_generators(search.position[used], rng.random(n_cells)) + origin
+        state = _first(search, rng) if start is None else search.evaluate(start - origin)
         state = _descend(search, state, n_cells is not None, report)
         generators = state.generators
     else:  # nothing can be held out, so the data do not determine the number of cells
-        generators = spread(rng.random(n_cells or 1))
-    nearest = nearest_generators(position - origin, generators, k=1)[1]
+        generators = lloyd_generators(search.position[used], rng.random(n_cells or 1))
+    nearest = nearest_generators(search.position, generators, k=1)[1]
     generators = generators[np.bincount(nearest[:, 0], minlength=len(generators)) > 0]  # none that is empty
     logger.info("joint cells: %d, after %d steps", len(generators), len(steps))
     return JointFit(
@@ -151,15 +146,17 @@ def fit_jointly(
     )
 
 
-def _first(
-    search: Search[Data_contra, Cells], spread: Callable[[FloatArray], FloatArray], rng: np.random.Generator
-) -> State[Cells]:
+def _first(search: Search[Data_contra, Cells], rng: np.random.Generator) -> State[Cells]:
     """Even cells to begin with, the best power of two: the objective may have several minima, so all are tried."""
+
+    def evenly(uniform: FloatArray) -> State[Cells]:
+        return search.evaluate(lloyd_generators(search.position[search.row], uniform))
+
     numbers = 2 ** np.arange(int(np.log2(max(1, search.row.size // FEWEST_ROWS))) + 1)
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        tried = pool.map(lambda uniform: search.evaluate(spread(uniform)).objective, [rng.random(n) for n in numbers])
+        tried = pool.map(lambda uniform: evenly(uniform).objective, [rng.random(n) for n in numbers])
     best = int(numbers[np.argmin(list(tried))])
-    return search.evaluate(spread(rng.random(max(1, int(START_SHARE * best)))))
+    return evenly(rng.random(max(1, int(START_SHARE * best))))
 
 
 def _descend(
