@@ -6,14 +6,17 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.primitives import _manoeuvres, _motion
 from dirprim_filter.primitives.background import learn_chain
 from dirprim_filter.primitives.motion import FLOATS, background_manoeuvres, joined
 from dirprim_filter.primitives.motion_table import motion_table
-from dirprim_filter.primitives.rows import Scale
+from dirprim_filter.primitives.rows import TrackRows
 from dirprim_filter.primitives.visits import Visits
 from moving import ALONE, SIDE, motion_by_hand, moved, only_places, seeded, squares
 from oracles import manoeuvre_weights, moved_without_noise
+from situations import tracks_of
+from tessellation import GridTessellation
 
 FALSE_ALARM = 1e-4  # of each statistical test below; seeds are fixed
 N = 20_000
@@ -192,27 +195,20 @@ def test_in_the_next_cell_who_drives_by_no_place_keeps_its_direction_and_all_the
 
 # Where the place says nothing: a Markov chain of what vehicles do
 
-STEP_S = 0.1
 
-
-def visits_of(speed, course, vehicle):
-    """One visit of each vehicle, outside of all cells, at instants 0.1 s apart."""
-    begin = np.flatnonzero(np.diff(vehicle, prepend=-1))
-    end = np.append(begin[1:], speed.size)
-    velocity = speed[:, None] * np.column_stack([np.cos(course), np.sin(course)])
-    return Visits(
-        vehicle=vehicle, segment=vehicle, position=np.cumsum(STEP_S * velocity, axis=0), course=course, speed=speed,
-        begin=begin, end=end, cell=np.full(begin.size, -1), stands=speed[begin] < 0.3, weight=np.ones(begin.size),
-        scale=Scale(),
-    )  # fmt: skip
+def visits_of(speed, course=0.0):
+    """Of vehicles that drive so, (vehicles, instants 0.1 s apart), outside of all cells."""
+    speed, course = np.broadcast_arrays(speed, course)
+    place = np.cumsum(0.1 * speed[..., None] * np.stack([np.cos(course), np.sin(course)], axis=-1), axis=1)
+    rows = TrackRows.thinned(tracks_of(place, direction=wrap(course), speed=speed), interval_s=1e-3)
+    return Visits.of(rows, GridTessellation.empty())
 
 
 def two_habits(rng, *, n_vehicles=60, seconds=20):
     """Vehicles at 10 m/s that now go straight on, now turn left on 50 m, and change as a coin says every second."""
     turns = np.repeat(rng.random((n_vehicles, seconds)) < 0.5, 10, axis=1)
     course = np.cumsum(np.where(turns, 0.02, 0.0), axis=1) + rng.uniform(-np.pi, np.pi, (n_vehicles, 1))
-    vehicle = np.repeat(np.arange(n_vehicles), turns.shape[1])
-    return visits_of(np.full(vehicle.size, 10.0), course.ravel(), vehicle)
+    return visits_of(10.0, course)
 
 
 def test_groups_tell_who_turns_from_who_does_not():
@@ -238,10 +234,8 @@ def test_groups_tell_who_turns_from_who_does_not():
 def test_who_brakes_and_who_speeds_up_are_of_different_groups():
     rng = np.random.default_rng(2)
     gained = rng.choice([-1.0, 1.0], 80)
-    speed = 10.0 + gained[:, None] * np.arange(0.0, 4.0, STEP_S)
-    vehicle = np.repeat(np.arange(80), speed.shape[1])
-    visits = visits_of(speed.ravel(), np.zeros(vehicle.size), vehicle)
-    columns, _ = learn_chain(visits, rng=np.random.default_rng(0))
+    speed = 10.0 + gained[:, None] * np.arange(0.0, 4.0, 0.1)
+    columns, _ = learn_chain(visits_of(speed), rng=np.random.default_rng(0))
     moves = columns["start_rate"] == 0
     acceleration, pace = columns["acceleration"][moves], np.exp(columns["log_pace"][moves]) - 0.3
     by_pace = acceleration[:, 0] + acceleration[:, 3] * pace
@@ -250,13 +244,8 @@ def test_who_brakes_and_who_speeds_up_are_of_different_groups():
 
 
 def test_the_share_of_those_that_stand_and_their_start_rate_are_counted():
-    speed = np.concatenate([np.zeros(100), np.full(300, 5.0)] * 4)
-    vehicle = np.repeat(np.arange(4), 400)
-    rows = visits_of(speed, np.zeros(speed.size), vehicle)
-    begin = np.sort(np.concatenate([rows.begin, rows.begin + 100]))
-    stands, end = speed[begin] < 0.3, np.append(begin[1:], speed.size)
-    visits = replace(rows, begin=begin, end=end, cell=np.full(8, -1), stands=stands)
-    columns, _ = learn_chain(visits, rng=np.random.default_rng(0))
+    speed = np.tile(np.repeat([0.0, 5.0], [100, 300]), (4, 1))
+    columns, _ = learn_chain(visits_of(speed), rng=np.random.default_rng(0))
     assert columns["seconds"][-1] == pytest.approx(0.25)
     assert columns["start_rate"][-1] == pytest.approx(4.1 / 41.0)
     assert (columns["start_rate"][:-1] == 0).all()
