@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import gammaln, xlogy
 
-from dirprim_filter.arrays import AnyArray, FloatArray, as_floats
+from dirprim_filter.arrays import FloatArray, as_floats
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,10 +33,6 @@ class Gamma:
             raise ValueError("shape, rate: expected positive numbers")
         object.__setattr__(self, "shape", shape)
         object.__setattr__(self, "rate", rate)
-
-    def __getitem__(self, index: AnyArray | int) -> Gamma:
-        """The distributions at `index` of the leading axes."""
-        return Gamma(shape=self.shape[index], rate=self.rate[index])
 
     @property
     def mean(self) -> FloatArray:
