@@ -15,7 +15,7 @@ import numpy.typing as npt
 from scipy.sparse import csr_array
 
 from dirprim_filter.arrays import FloatArray, IntArray, as_floats
-from dirprim_filter.distributions import Gamma, VonMisesMixture
+from dirprim_filter.primitives._modes import Modes
 from dirprim_filter.primitives.leader import LeaderResponse
 
 CREEP = 0.3
@@ -170,29 +170,28 @@ class Motion:
         return replace(self, **columns, first=first, following=following, count=count)
 
     @classmethod
-    def settling(cls, direction: VonMisesMixture, speed: Gamma, bend: FloatArray, gain: FloatArray, n_own: int) -> Self:
+    def settling(cls, modes: Modes, n_own: int) -> Self:
         """Motion by primitives alone: one manoeuvre for each mode, to which vehicles revert.
 
         The spread of the acceleration is what keeps the speed's variance that of the mode's gamma. (n_cells + 1, M).
         """
-        at = np.nonzero(direction.weight[:-1, :n_own])
-        heading, pace, shape, gained = direction.mean_direction[at], speed.mean[at], speed.shape[at], gain[at]
-        visits, n = ASSUMED_VISITS * direction.weight[at], pace.size
-        moving = float(direction.weight[-1, speed.mean[-1] >= CREEP].sum())
-        free = unlearned_background(
-            share=moving, standing=float(direction.weight[-1].sum()) - moving, start_rate=START_RATE
-        )
+        at = np.nonzero(modes.weight[:-1, :n_own])
+        own, free = modes.take(at), modes.take(-1)
+        pace, visits, n = own.shape / own.rate, ASSUMED_VISITS * own.weight, own.weight.size
+        moving = float(free.weight[free.shape / free.rate >= CREEP].sum())
+        anyhow = unlearned_background(share=moving, standing=float(free.weight.sum()) - moving, start_rate=START_RATE)
         placed = {
-            "cell": at[0], "mode": at[1], "visits": visits, "seconds": visits, "course": heading, "bend": bend[at],
-            "course_spread": np.minimum(1.0 / np.sqrt(np.maximum(direction.concentration[at], 1e-9)), 2.0),
-            "log_pace": np.log(pace + CREEP), "gain": gained * (pace / (pace + CREEP))[:, None],
-            "log_pace_spread": np.sqrt(1.0 / shape), "path_spread": np.full(n, WIDE_M), "path_direction": heading,
-            "acceleration": REVERSION * np.column_stack([pace, pace[:, None] * gained, np.full(n, -1.0)]),
-            "push": np.sqrt(pace**2 / shape * REVERSION * (REVERSION + PUSH_RATE)),
+            "cell": at[0], "mode": at[1], "visits": visits, "seconds": visits, "course": own.mean_direction,
+            "bend": own.bend, "course_spread": np.minimum(1.0 / np.sqrt(np.maximum(own.concentration, 1e-9)), 2.0),
+            "log_pace": np.log(pace + CREEP), "gain": own.gain * (pace / (pace + CREEP))[:, None],
+            "log_pace_spread": np.sqrt(1.0 / own.shape), "path_spread": np.full(n, WIDE_M),
+            "path_direction": own.mean_direction,
+            "acceleration": REVERSION * np.column_stack([pace, pace[:, None] * own.gain, np.full(n, -1.0)]),
+            "push": np.sqrt(pace**2 / own.shape * REVERSION * (REVERSION + PUSH_RATE)),
             "start_rate": np.where(pace < CREEP, START_RATE, 0.0),
         }  # fmt: skip
         return cls(
-            **joined(placed, free), first=np.zeros(n + len(free["cell"]) + 1, np.int64),
+            **joined(placed, anyhow), first=np.zeros(n + len(anyhow["cell"]) + 1, np.int64),
             following=np.empty(0, np.int64), count=np.empty(0),
         )  # fmt: skip
 

@@ -82,8 +82,7 @@ class PrimitiveMap:
         mixture = direction.weight, direction.mean_direction, direction.concentration
         object.__setattr__(self, "modes", Modes(*mixture, speed.shape, speed.rate, *slopes))
         if self.motion is None:
-            settling = Motion.settling(direction, speed, self.modes.bend, self.modes.gain, self.n_own_modes)
-            object.__setattr__(self, "motion", settling)
+            object.__setattr__(self, "motion", Motion.settling(self.modes, self.n_own_modes))
         last = self.motion.cell[self.motion.n_placed - 1] if self.motion.n_placed else -1
         if last >= n - 1 or ((self.motion.mode < 0) | (self.motion.mode >= shapes[0][1])).any():
             raise ValueError(f"motion: expected manoeuvres of {n - 1} cells and {shapes[0][1]} modes, got others")

@@ -7,8 +7,8 @@ import pytest
 
 from dirprim_filter import learn_primitives
 from dirprim_filter.config import LearningConfig
-from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.primitives import motion_sums
+from dirprim_filter.primitives._modes import Modes
 from dirprim_filter.primitives.background import learn_background
 from dirprim_filter.primitives.motion import COURSE_RATE, FLOATS, Motion
 from dirprim_filter.primitives.motion_learning import label_visits, learn_motion
@@ -247,11 +247,9 @@ def test_a_map_refuses_the_motion_of_other_cells():
 
 def test_primitives_alone_say_a_manoeuvre_of_each_mode_of_a_cell_and_none_of_the_background():
     weight = np.array([[0.7, 0.2, 0.1], [0.0, 0.9, 0.1], [0.0, 0.0, 1.0]])
-    mean = np.array([[0.5, -1.0, 0.0]] * 3)
-    direction = VonMisesMixture(weight=weight, mean_direction=mean, concentration=np.full((3, 3), 25.0))
-    speed = Gamma(shape=np.full((3, 3), 4.0), rate=4.0 / np.array([[8.0, 0.1, 5.0]] * 3))
-    bend, gain = np.full((3, 3, 2), 0.03), np.full((3, 3, 2), 0.02)
-    motion = Motion.settling(direction, speed, bend, gain, n_own=2)
+    one, slope = np.ones((3, 3)), np.ones((3, 3, 2))
+    modes = Modes.flat(weight, one * [0.5, -1.0, 0.0], 25.0 * one, 4.0 * one, 4.0 * one / [8.0, 0.1, 5.0])
+    motion = Motion.settling(modes._replace(bend=0.03 * slope, gain=0.02 * slope), n_own=2)
     assert motion.cell.tolist() == [0, 0, 1, -1, -1]
     assert motion.mode[:3].tolist() == [0, 1, 1]
     np.testing.assert_allclose(motion.course[:3], [0.5, -1.0, -1.0])
