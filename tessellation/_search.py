@@ -206,16 +206,11 @@ class Search(Generic[Data_contra, Cells]):
     def _helpful(self, state: State[Cells], trial: FloatArray) -> State[Cells]:
         """The best of the state, that of all the moves, and of those alone that help the cells around."""
         every = self.evaluate(trial, state)
-        helped = self._gain_around(state, every) > 0
+        _, around = nearest_generators(self.position[self.row], state.generators, k=N_RIVALS - 1)
+        gained = np.repeat(every.score - state.score, around.shape[1])
+        helped = np.bincount(around.ravel(), gained, minlength=len(trial)) > 0  # the rows for which each cell competes
         some = self.evaluate(np.where(helped[:, None], trial, state.generators), state, every)
         return min((state, every, some), key=lambda found: found.objective)
-
-    def _gain_around(self, before: State[Cells], after: State[Cells]) -> FloatArray:
-        """What the rows for which each cell competes have gained. (n_cells,)."""
-        gain = after.score - before.score
-        _, cell = nearest_generators(self.position[self.row], before.generators, k=N_RIVALS - 1)
-        around = np.bincount(cell.ravel(), np.repeat(gain, cell.shape[1]), minlength=len(before.generators))
-        return np.asarray(around, np.float64)
 
     def merge(self, state: State[Cells]) -> State[Cells]:
         """Unite neighbours that do better as one, by more than by chance."""

@@ -101,21 +101,22 @@ def fit_jointly(
     group = np.arange(n) if group is None else np.asarray(group)
     if n == 0 or group.shape != (n,):
         raise ValueError(f"position, group: expected at least one datum, and shape ({n},), got {group.shape}")
-    for name, number in (("max_rows", max_rows), ("n_cells", n_cells)):
-        if number is not None and number < 1:
-            raise ValueError(f"{name}: expected at least 1, got {number}")
+    for name, asked in (("max_rows", max_rows), ("n_cells", n_cells)):
+        if asked is not None and asked < 1:
+            raise ValueError(f"{name}: expected at least 1, got {asked}")
     if not softness >= 0:
         raise ValueError(f"softness: expected a number that is not negative, got {softness}")
     region = VoronoiTessellation.covering(position, generators=position[:1], reach=reach).region
     origin = np.round(position.mean(axis=0))  # so that no digit is lost far from it
     used = np.arange(n) if n <= max_rows else np.sort(rng.permutation(n)[:max_rows])
+    names, number = np.unique(group[used], return_inverse=True)
     search = Search(
         model=model,
         position=position - origin,
         data=data,
         row=used,
-        fold=_folds(group[used], rng),
-        group=np.unique(group[used], return_inverse=True)[1],
+        fold=(rng.permutation(names.size) % N_FOLDS)[number],  # whole groups, dealt at random
+        group=number,
         salt=np.random.default_rng(0).random(n),
         softness=softness,
         smallest=SMALLEST * reach,
@@ -174,9 +175,3 @@ def _descend(
         if stalls and state.objective >= before.objective - LEAST_GAIN:
             break
     return state
-
-
-def _folds(group: IntArray, rng: np.random.Generator) -> IntArray:
-    """(n,) the fold of each row: whole groups, dealt at random."""
-    names, number = np.unique(group, return_inverse=True)
-    return np.asarray((rng.permutation(names.size) % N_FOLDS)[number], dtype=np.int64)
