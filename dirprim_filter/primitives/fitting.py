@@ -182,8 +182,8 @@ def fit_all(rows: CellRows, bounds: Bounds) -> FloatArray:
         (n_cells, max_modes, N_CURVED) a table of modes, see `_modes`; none where a cell has no rows or fewer modes.
     """
     columns, start = some_columns(rows)
-    fitted, n_cells = np.diff(start), rows.n_vehicles.size  # of a large cell fewer rows, which are not of more vehicles
-    n_vehicles = np.where(fitted < MOST_ROWS // 2, rows.n_vehicles, np.minimum(rows.n_vehicles, fitted))
+    n_rows, n_cells = np.diff(start), rows.n_vehicles.size  # of a large cell fewer rows, which are not of more vehicles
+    n_vehicles = np.where(n_rows < MOST_ROWS // 2, rows.n_vehicles, np.minimum(rows.n_vehicles, n_rows))
     table = empty_table(n_cells, bounds.max_modes)
     cost = start + ROWS_OF_A_CELL * np.arange(n_cells + 1)
     bound = np.unique(np.append(np.searchsorted(cost, np.arange(0, cost[-1], SHARE)), n_cells))

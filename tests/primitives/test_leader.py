@@ -1,11 +1,14 @@
 """The vehicle ahead: found as a slow twin finds it, and the response is what drivers do who respond to it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from dirprim_filter.primitives import _leader
 from dirprim_filter.primitives.leader import N_FEATURES, LeaderResponse
 from dirprim_filter.primitives.leader_learning import LeaderSums
+from dirprim_filter.tracks import Tracks
 from oracles import leader_features, leader_of
 from situations import tracks_of
 
@@ -78,6 +81,16 @@ def test_who_stands_starts_as_often_as_it_did_behind_such_a_leader():
     three = 30.0 * 3  # instants of each, last no vehicle's
     assert sums.stood.tolist() == [three, 0.0, 15.0 * 2 + 15.0 * 3, three]
     assert sums.started.tolist() == [0.0, 0.0, 30.0, 0.0]
+
+
+def test_sums_of_two_groups_are_the_sums_of_each():
+    """At the same places and times, yet no driver has a leader in another recording."""
+    rng = np.random.default_rng(3)
+    one, other = pairs(rng, 12, responds=True), pairs(rng, 9, responds=False)
+    other = replace(other, group=other.group + 1)
+    sums = map(LeaderSums.of, (Tracks.concatenate([one, other]), one, other))
+    for both, *each in zip(*((*of.acceleration, *of[1:]) for of in sums), strict=True):
+        np.testing.assert_allclose(sum(each), both, atol=1e-6)
 
 
 def test_who_knows_nothing_of_leaders_has_no_response():
