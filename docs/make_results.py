@@ -213,7 +213,8 @@ def _table(name: str) -> Iterator[str]:
     if not records:
         yield "Not yet measured."
         return
-    yield from (_by_run(table, records) if table.blocks else _by_figure(table, records))
+    layout = _by_method if table.beside else _by_run if table.blocks else _by_figure
+    yield from layout(table, records)
     of_commit: dict[str, list[str]] = {}
     for run, record in records.items():
         of_commit.setdefault(f"{record['commit']} ({record['date']})", []).append(run)
@@ -263,6 +264,24 @@ def _by_run(table: Table, records: dict[str, Record]) -> Iterator[str]:
             cells = [_joined(rows.get(row), table, columns) for rows in found]
             if any(cells):
                 yield _line(row, *cells)
+        yield ""
+
+
+def _by_method(table: Table, records: dict[str, Record]) -> Iterator[str]:
+    """A block for some figures, with a column for each method: a row's name is the cells before them, then `: METHOD`."""
+    rows: dict[str, dict[str, list[Any]]] = {}
+    for run, record in records.items():
+        for name, figures in _rows(table, record).items():
+            case, _, method = name.rpartition(": ")
+            rows.setdefault(f"{run}|{case}", {})[method] = figures
+    methods = list(dict.fromkeys(method for by_method in rows.values() for method in by_method))
+    for caption, columns in table.blocks:
+        yield f"{caption}:\n"
+        yield from _head("", *table.of.split("|"), *methods)
+        for case, by_method in rows.items():
+            cells = [_joined(by_method.get(method), table, columns).rstrip("/") for method in methods]
+            if any(cells):
+                yield _line(case, *cells)
         yield ""
 
 
