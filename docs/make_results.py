@@ -268,7 +268,7 @@ def _by_run(table: Table, records: dict[str, Record]) -> Iterator[str]:
 
 
 def _by_method(table: Table, records: dict[str, Record]) -> Iterator[str]:
-    """A block for some figures, with a column for each method: a row's name is the cells before them, then `: METHOD`."""
+    """A block for some figures, with a column for each method: a row is named by the cells before, then `: METHOD`."""
     rows: dict[str, dict[str, list[Any]]] = {}
     for run, record in records.items():
         for name, figures in _rows(table, record).items():
