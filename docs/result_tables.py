@@ -378,11 +378,11 @@ SUMMARY = (
     *(("error in gaps, smoothed", " %", "neutral", run, f"{where}, smoothed: constant velocity", "the map is nearer, %")
       for run, where in BLIND),
     *(("error in gaps of 3 s", " %", "tracking", run, "constant velocity", NEARER[1])
-      for run in ("roundabout", "intersection", "Lankershim")),
+      for run in ("roundabout", "Lankershim")),
     *(("error in sight", " %", "tracking", run, "constant velocity", NEARER[0])
-      for run in ("roundabout", "intersection", "Lankershim")),
+      for run in ("roundabout", "Lankershim")),
     *(("HOTA without ids", "", "no_ids", run, "constant velocity",
-       "the map's HOTA less this") for run in ("Lankershim", "dense intersection", "dense highway")),
+       "the map's HOTA less this") for run in ("Lankershim", "dense highway")),
     *(("forecasts 5 s ahead", " %", "forecasts", run, row, NEARER[3])
       for run in ("roundabout", "Lankershim") for row in ("constant velocity", "trajectory memory")),
     *(("HOTA beside other packages", "", "peers", run, row, "ours with the map, HOTA more")
