@@ -382,11 +382,11 @@ SUMMARY = (
     *(("error in sight", " %", "tracking", run, "constant velocity", NEARER[0])
       for run in ("roundabout", "Lankershim")),
     *(("HOTA without ids", "", "no_ids", run, "constant velocity",
-       "the map's HOTA less this") for run in ("Lankershim", "dense highway")),
+       "the map's HOTA less this") for run in ("Lankershim",)),
     *(("forecasts 5 s ahead", " %", "forecasts", run, row, NEARER[3])
       for run in ("roundabout", "Lankershim") for row in ("constant velocity", "trajectory memory")),
     *(("HOTA beside other packages", "", "peers", run, row, "ours with the map, HOTA more")
-      for run, row in (("A", "norfair"), ("B", "norfair"), ("Lankershim", "norfair"), ("Mcity", "norfair"),
+      for run, row in (("B", "norfair"), ("Lankershim", "norfair"), ("Mcity", "norfair"),
                        ("autoferry", "Stone Soup GNN"))),
 )  # fmt: skip
 """First of all: a question, its unit, and the table, run, row and column of its answer."""
