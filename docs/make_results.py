@@ -199,7 +199,7 @@ def _summary() -> Iterator[str]:
             heads = [of.head for of in TABLES[table].columns]
             found = shown(figures[heads.index(column)], TABLES[table].columns[heads.index(column)].digits)
             name = row.rpartition(": ")[2]
-            yield _line(what, run, name, f"{found}{unit if '**' in found else ' (not distinguishable)'}")
+            yield _line(what, run, name, f"{found}{unit}")
 
 
 def _logs() -> Iterator[str]:

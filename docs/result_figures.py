@@ -74,9 +74,9 @@ def neutral(output: str) -> dict[str, Any]:
     found: dict[str, dict[str, Any]] = {}
     for title, table in json.loads(output).items():
         where = re.sub(r" \(.*?\)", "", title.partition(":")[0])
+        beside = {re.split(" against |, (?:less|more) ", of)[1]: gain for of, gain in table["gains"].items()}
         for name, row in table["rows"].items():
-            gains = [gain for of, gain in table["gains"].items() if f" against {name}, " in of]
-            found[f"{where}: {name}"] = row | {"gain": gains[0] if gains else None}
+            found[f"{where}: {name}"] = row | {"gain": beside.get(name)}
     return found
 
 

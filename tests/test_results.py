@@ -83,11 +83,18 @@ def test_a_difference_is_bold_where_its_interval_does_not_hold_nought(elsewhere)
     for line in (
         "|prior|0.50/0.25/0.50-0.56/0.88-0.91|", "|constant velocity|0.75/1,234.50//|",
         "|constant velocity|**+12**±9/+2/|", "`, abc1234 (2026-01-01)",
-        "|forecasts 5 s ahead|roundabout|constant velocity|+2 (not distinguishable)|",
+        "|forecasts 5 s ahead|roundabout|constant velocity|+2 %|",
     ):  # fmt: skip
         assert line in shown
     assert "`dirprim evaluate forecast LOG --folds 4" in shown
     assert len(json.loads((elsewhere.STORE / "forecasts.json").read_text())) == 1
+
+
+def test_what_the_first_method_gains_on_a_smoothed_one_is_not_said_of_another_whose_name_that_begins_with(maker):
+    first, smoothed = "with the map", "with the map, smoothed"
+    table = {"rows": {first: {}, smoothed: {}}, "gains": {f"{first} against {smoothed}, more HOTA": {"value": -1.0}}}
+    found = maker.TABLES["neutral_boxes"].entries(json.dumps({"mot17 (five seeds): HOTA": table}))
+    assert [row["gain"] for row in found.values()] == [None, {"value": -1.0}]
 
 
 def test_what_has_no_data_is_skipped_and_what_fails_keeps_its_figures(elsewhere, tmp_path, capsys, monkeypatch):
