@@ -64,7 +64,7 @@ class Motion:
         path_direction: (z,) radians, direction of `u`.
         acceleration: (z, 4) m/s^2 by 1, metres east, metres north, m/s of the vehicle's speed.
         push: (z,) m/s^2, standard deviation of a vehicle's own acceleration beside that.
-        stretch: (z,) distance driven over the integral of speed; speedometers and curbs differ from place to place.
+        stretch: (z,) distance driven over the integral of speed, less 1: speedometers and curbs differ by place.
         start_rate: (z,) 1/s, rate at which standing vehicles start; 0 for manoeuvres in motion.
         turn_ahead: (z,) radians by which vehicles have turned `AHEAD_S` later.
         curvature: (z,) 1/m, of background manoeuvres; the others turn by their bend.
