@@ -28,7 +28,7 @@ import numpy as np
 from matplotlib.collections import EllipseCollection
 from PIL import Image
 
-from dirprim_filter import PrimitiveMap, Tracks, load_map, read_tracks
+from dirprim_filter import PrimitiveMap, load_map, read_tracks
 from dirprim_filter.cli.main import run
 from dirprim_filter.drawing.shapes import covariance_axes
 from dirprim_filter.evaluation.scenes import Scene, followed
@@ -38,7 +38,6 @@ from dirprim_filter.viewer.process import screenshot
 
 RECORDINGS = Path("recordings")
 SECOND_NS = 1_000_000_000
-WAYS = ("filter", "smoother")
 SHOWN_S = 55.0
 """Vehicles turn, wait, and go straight on."""
 MENU = 36
@@ -50,9 +49,16 @@ FOXGLOVE_PANELS = (320, 44, 1600, 920)
 
 
 def demo(folder: Path) -> None:
-    """The demo, in Foxglove."""
+    """The panels of the demo in Foxglove's window, where a program draws them."""
+    program = shlex.split(os.environ.get("FOXGLOVE_PICTURE", ""))
+    if not program:
+        return
     succeed("demo", "-o", folder / "demo")
-    foxglove(folder / "demo" / "tracks.mcap", Path(__file__).with_name("guides") / "foxglove_layout.json")
+    layout, window = Path(__file__).with_name("guides") / "foxglove_layout.json", folder / "demo.png"
+    options = ["--layout", str(layout), "--at", str(FOXGLOVE_AT_S)]
+    subprocess.run([*program, str(folder / "demo/tracks.mcap"), str(window), *options], check=True)  # noqa: S603 (the caller's own program)
+    panels = Image.open(window).convert("RGB").crop(FOXGLOVE_PANELS)
+    panels.quantize(colors=256).save(RECORDINGS / "foxglove.png", optimize=True)
 
 
 def experiment(folder: Path) -> None:
@@ -69,22 +75,9 @@ def experiment(folder: Path) -> None:
     shutil.copy(folder / "experiment.png", RECORDINGS)
 
 
-def foxglove(log: Path, layout: Path) -> None:
-    """The panels of Foxglove's window, where a program draws them."""
-    program = shlex.split(os.environ.get("FOXGLOVE_PICTURE", ""))
-    if not program:
-        return
-    window = log.with_suffix(".png")
-    options = ["--layout", str(layout), "--at", str(FOXGLOVE_AT_S)]
-    subprocess.run([*program, str(log), str(window), *options], check=True)  # noqa: S603 (the caller's own program)
-    panels = Image.open(window).convert("RGB").crop(FOXGLOVE_PANELS)
-    panels.quantize(colors=256).save(RECORDINGS / "foxglove.png", optimize=True)
-
-
-def viewer(folder: Path) -> None:
+def viewer(folder: Path, learned: Path) -> None:
     """The viewer's window."""
-    log, learned = RECORDINGS / "intersection_track.mcap", folder / "map.mcap"
-    succeed("learn", RECORDINGS / "intersection_learn.mcap", "-o", learned)
+    log = RECORDINGS / "intersection_track.mcap"
     succeed(
         "track", log, "--map", learned, "-o", folder / "tracks.mcap", "--save", folder / "tracks.rrd",
         "--set", f"truth={log}", "--no-ids", "--forecast", 4,
@@ -95,17 +88,10 @@ def viewer(folder: Path) -> None:
     small.save(RECORDINGS / "viewer.png", optimize=True)
 
 
-def gap(folder: Path) -> None:
-    """Paths of filter and smoother through gaps, beside the truth."""
-    learned, n_shown = folder / "gap_map.mcap", 4
-    succeed("learn", RECORDINGS / "intersection_learn.mcap", "-o", learned)
-    draw_gaps(load_map(learned), read_tracks(RECORDINGS / "intersection_track.mcap"), n_shown, RECORDINGS / "gap.png")
-
-
-def draw_gaps(primitives: PrimitiveMap, tracks: Tracks, n_shown: int, path: Path) -> None:
-    """The vehicles that turn most unseen, each in a panel of its own; ellipses hold 90 %."""
+def gap(primitives: PrimitiveMap, *, n_shown: int = 4) -> None:
+    """Paths of filter and smoother beside the truth, of the vehicles that turn most unseen; ellipses hold 90 %."""
     experiment = TrackingExperiment()
-    scene = Scene.of(tracks, experiment, seed=1)
+    scene = Scene.of(read_tracks(RECORDINGS / "intersection_track.mcap"), experiment, seed=1)
     ways = followed([scene], lambda: ParticleFilter(primitives, experiment.filter), experiment, smooth=True, seed=1)
     truth, hidden = scene.truth, scene.is_hidden
     speed = np.where(hidden, truth.speed, 0.0)
@@ -118,14 +104,9 @@ def draw_gaps(primitives: PrimitiveMap, tracks: Tracks, n_shown: int, path: Path
         from_ns, to_ns = unseen_ns.min() - SECOND_NS, unseen_ns.max() + SECOND_NS
         rows &= (truth.time_ns >= from_ns) & (truth.time_ns <= to_ns)
         axes.plot(*truth.position[rows].T, color="0.75", linewidth=7, solid_capstyle="round", label="truth")
-        for tracked, color, width, name in zip(
-            (ways.filtered[0], ways.smoothed[0]),
-            ("#d55e00", "#0072b2"),
-            (1.0, 2.5),
-            ("filter", "smoother"),
-            strict=True,
-        ):
-            found = tracked.rows
+        for found, color, width, name in (
+            (ways.filtered[0].rows, "#d55e00", 1.0, "filter"), (ways.smoothed[0].rows, "#0072b2", 2.5, "smoother"),
+        ):  # fmt: skip
             own = (found.track_id == truth.track_id[rows][0]) & (found.time_ns >= from_ns) & (found.time_ns <= to_ns)
             of = found[own]
             axes.plot(*of.position.T, color=color, linewidth=width, label=name)
@@ -143,7 +124,7 @@ def draw_gaps(primitives: PrimitiveMap, tracks: Tracks, n_shown: int, path: Path
         axes.set(xlim=middle[0] + [-half, half], ylim=middle[1] + [-half, half], aspect="equal", xlabel="east, m")
     panels[0].set_ylabel("north, m")
     panels[0].legend(frameon=False)
-    figure.savefig(path, dpi=110)
+    figure.savefig(RECORDINGS / "gap.png", dpi=110)
 
 
 def succeed(*arguments: object) -> None:
@@ -156,5 +137,6 @@ if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as made:
         experiment(Path(made))
         demo(Path(made))
-        viewer(Path(made))
-        gap(Path(made))
+        succeed("learn", RECORDINGS / "intersection_learn.mcap", "-o", learned := Path(made) / "map.mcap")
+        viewer(Path(made), learned)
+        gap(load_map(learned))

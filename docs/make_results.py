@@ -83,10 +83,10 @@ def call(command: str, folder: Path, *, minutes: float) -> str:
     return done.stdout
 
 
-def measure(table: Table, run: Run, folder: Path, *, minutes: float) -> Record:
+def measure(table: Table, run: Run, folder: Path) -> Record:
     """Run the command of a table and keep its figures; its logs are there."""
     command, commit = command_of(table, run), commit_at_hand()
-    output = call(command, folder, minutes=minutes)
+    output = call(command, folder, minutes=table.minutes)
     entries = (run.entries or table.entries)(output)
     return {
         "command": command,
@@ -194,10 +194,9 @@ def _summary() -> Iterator[str]:
     """What the map gains on one question after the other; those that are not measured are left out."""
     yield from _head("question", "where", "against", "the map gains")
     for what, unit, table, run, row, column in SUMMARY:
-        figures = stored(table).get(run, {}).get("figures", {}).get(row)
-        if figures:
-            heads = [of.head for of in TABLES[table].columns]
-            found = shown(figures[heads.index(column)], TABLES[table].columns[heads.index(column)].digits)
+        if (figure := _figure(table, run, row, column)) is not None:
+            (digits,) = (of.digits for of in TABLES[table].columns if of.head == column)
+            found = shown(figure, digits)
             name = row.rpartition(": ")[2]
             yield _line(what, run, name, f"{found}{unit}")
 
@@ -239,7 +238,7 @@ def _rows(table: Table, record: Record) -> dict[str, list[Any]]:
         shown_as = row
         for pattern, name in table.renamed:
             shown_as = re.sub(pattern, name, shown_as)
-        if shown_as and not shown_as.endswith(table.left_out):
+        if shown_as:
             named[shown_as] = figures
     return named
 
@@ -323,7 +322,7 @@ def run_tables(asked: list[str], data: Path, *, only_new: bool = False, at_once:
         def one(task: tuple[str, Run]) -> bool:
             table, run = task
             try:
-                record = measure(TABLES[table], run, folder, minutes=TABLES[table].minutes)
+                record = measure(TABLES[table], run, folder)
             except (RuntimeError, ValueError, KeyError) as error:
                 say(f"{table}/{run.name}: {error!r}; its former figures stay")
                 return False

@@ -139,17 +139,10 @@ def shown(figure: Figure, digits: int) -> str:
         return ""
     if "deviation" in figure:
         return f"{value:,.{digits}f}"
-    text = _signed(value, digits)
-    if low is not None and high is not None:
-        text = f"{_bold(text, low, high)}±{0.5 * (high - low):,.{digits}f}"
-    return text
-
-
-def _bold(text: str, low: float | None, high: float | None) -> str:
-    return f"**{text}**" if low is not None and high is not None and (low > 0 or high < 0) else text
-
-
-def _signed(number: float, digits: int) -> str:
-    """With its sign, which nought has not."""
-    rounded = round(number, digits)
-    return f"{rounded:+,.{digits}f}" if rounded else f"{0.0:.{digits}f}"
+    rounded = round(value, digits)
+    text = f"{rounded:+,.{digits}f}" if rounded else f"{0.0:.{digits}f}"  # nought has no sign
+    if low is None or high is None:
+        return text
+    if low > 0 or high < 0:
+        text = f"**{text}**"
+    return f"{text}±{0.5 * (high - low):,.{digits}f}"
