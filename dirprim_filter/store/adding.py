@@ -125,13 +125,14 @@ def commit(store: Store, receipts: list[Receipt]) -> None:
     Raises:
         RecordingError: the store cannot be written.
     """
+    added = [file for receipt in receipts for file in receipt.files]
+    logs = dict.fromkeys(file.log for file in added)
 
     def change(contents: Contents) -> tuple[list[File], list[File]]:
-        done = [receipt for receipt in receipts if receipt.files]
-        before = [file for receipt in done for file in contents.files.get(receipt.log.name, [])]
-        return [file for receipt in done for file in receipt.files], before
+        return added, [file for log in logs for file in contents.files.get(log, [])]
 
-    store.commit(change)
+    if added:
+        store.commit(change)
 
 
 def _in_frame(receipt: Receipt, store: Store) -> Receipt:

@@ -89,8 +89,8 @@ class Contents(NamedTuple):
 
     def recordings(self) -> list[Entry]:
         """An entry of each recording, in order of these: a log that was copied counts once."""
-        return list({e.recording: e for e in sorted(self.entries.values(), key=lambda e: (e.recording, e.log))[::-1]}
-                    .values())[::-1]  # fmt: skip
+        by_recording = {entry.recording: entry for entry in reversed(self.entries.values())}
+        return [by_recording[recording] for recording in sorted(by_recording)]
 
 
 def added_action(file: File, now_ms: int) -> Any:
