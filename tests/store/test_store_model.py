@@ -7,6 +7,7 @@ once, and neither order nor merging nor kills leave a trace.
 import shutil
 import tempfile
 from collections import Counter
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from unittest.mock import patch
 
@@ -46,38 +47,29 @@ class Killed(BaseException):
     """Nothing after it takes place, nor is it caught."""
 
 
-class killed_at:  # noqa: N801 (a context)
+@contextmanager
+def killed_at(step):
     """Within, the process is killed at a step."""
+    left, put, committed = np.inf if step is None else step, Store.put, Store._committed
 
-    def __init__(self, step):
-        self.left = np.inf if step is None else step
-
-    def step(self):
-        self.left -= 1
-        if self.left < 0:
+    def go_on():
+        nonlocal left
+        left -= 1
+        if left < 0:
             raise Killed
 
-    def __enter__(self):
-        put, committed = Store.put, Store._committed
+    def dying_put(store, path, data):
+        go_on()
+        put(store, path, data)
 
-        def dying_put(store, path, data):
-            self.step()
-            put(store, path, data)
+    def dying_commit(store, *files):
+        go_on()
+        done = committed(store, *files)
+        go_on()
+        return done
 
-        def dying_commit(store, *files):
-            self.step()
-            done = committed(store, *files)
-            self.step()
-            return done
-
-        self.patches = [patch.object(Store, "put", dying_put), patch.object(Store, "_committed", dying_commit)]
-        for each in self.patches:
-            each.start()
-
-    def __exit__(self, kind, *_):
-        for each in self.patches:
-            each.stop()
-        return kind is Killed
+    with patch.object(Store, "put", dying_put), patch.object(Store, "_committed", dying_commit), suppress(Killed):
+        yield
 
 
 def said(holds):
