@@ -101,7 +101,7 @@ class Simulated:
             return off.stripped(ParticleFilter(learned, experiment.filter))
 
         tracked = followed(scenes, make, experiment, seed=self.seed).filtered
-        return errors_of(tracked, with_ids=experiment.with_ids, experiment=experiment)
+        return errors_of(tracked, experiment)
 
     def forecast(self, learned: PrimitiveMap, *, alone: bool = False) -> Outcome:
         """Energies of forecasts, without leaders or with them, and the log density of motion."""
@@ -120,15 +120,15 @@ class Simulated:
         }
 
 
-def errors_of(scenes: list[TrackedScene], *, with_ids: bool, experiment: TrackingExperiment) -> Outcome:
+def errors_of(scenes: list[TrackedScene], experiment: TrackingExperiment) -> Outcome:
     """Squared errors by row; without ids HOTA of each group too."""
     length = experiment.similarity_m
-    _, errors = scored(scenes, with_ids=with_ids, similarity_m=length)
+    _, errors = scored(scenes, with_ids=experiment.with_ids, similarity_m=length)
     found = {
         name: Figure(errors.cluster[rows], errors.squared[rows])
         for name, rows in (("in sight", ~errors.is_hidden), ("in gaps", errors.is_hidden))
     }
-    if not with_ids:
+    if not experiment.with_ids:
         hotas = np.array([scored([scene], with_ids=False, similarity_m=length)[0].hota for scene in scenes])
         groups = np.array([str(scene.truth.group[0]) for scene in scenes])
         found["HOTA"] = Figure(groups if groups.size > 1 else np.zeros(1), hotas)

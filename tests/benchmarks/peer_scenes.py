@@ -67,12 +67,9 @@ class Part:
 
     def frames(self) -> Iterator[tuple[int, Detections]]:
         """The time and what is detected, at each instant of either, in order."""
-        instants = np.union1d(self.truth.time_ns, self.seen.time_ns)
-        seen = self.seen[np.argsort(self.seen.time_ns, kind="stable")]
-        ends = np.searchsorted(seen.time_ns, instants, side="right")
-        starts = np.searchsorted(seen.time_ns, instants, side="left")
-        for time_ns, start, end in zip(instants.tolist(), starts.tolist(), ends.tolist(), strict=True):
-            yield time_ns, seen[np.arange(start, end)]
+        seen = {int(frame.time_ns[0]): frame for frame in self.seen.frames()}
+        for time_ns in np.union1d(self.truth.time_ns, self.seen.time_ns).tolist():
+            yield time_ns, seen.get(time_ns, Detections.none())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -116,8 +113,7 @@ def recorded(n_seeds: int, *, is_blind: bool) -> list[Fold]:
     fold = Fold(
         judged=tuple(part(of, truth) for of in seen),
         training=(part(_detected(other, 99), other),), traffic=traffic, noise_m=NOISE_M,
-        tracking=known(traffic, area=area),
-        max_gap_s=6.0 if is_blind else 5.0,
+        tracking=known(traffic, area=area), max_gap_s=6.0 if is_blind else 5.0,
     )  # fmt: skip
     return [fold]
 
@@ -148,15 +144,9 @@ def known(traffic: Tracks, *, area: float) -> TrackingConfig:
 def dense(n_seeds: int, *, scene: str, demand: float) -> list[Fold]:
     """Dense traffic as in the ablation, of each seed 10 s; settings are chosen by 4 s of other traffic."""
     make = partial(simulate, scene, rate_hz=10.0, demand=demand)
-    other = make(duration_s=4.0, seed=99)
+    judged = tuple(_shown(make(duration_s=10.0, seed=2 + seed), seed) for seed in range(n_seeds))
     traffic = simulate(scene, duration_s=300.0, seed=1, rate_hz=5.0, demand=demand)
-    return [
-        Fold(
-            judged=tuple(_shown(make(duration_s=10.0, seed=2 + seed), seed) for seed in range(n_seeds)),
-            training=(_shown(other, 99),), traffic=traffic,
-            noise_m=ablation.DENSE.noise_m, tracking=honest_tracking(other, ablation.DENSE),
-        )
-    ]  # fmt: skip
+    return [_by_dense_sensor(judged, make(duration_s=4.0, seed=99), traffic)]
 
 
 def lankershim(_: int) -> list[Fold]:
@@ -166,12 +156,15 @@ def lankershim(_: int) -> list[Fold]:
     groups = sorted(train.by_group(), key=len)
     other = groups[len(groups) // 2]
     other = other[other.time_ns < other.time_ns[0] + round(3e9)]
-    return [
-        Fold(
-            judged=tuple(_shown(group, 0) for group in test.by_group()), training=(_shown(other, 99),), traffic=train,
-            noise_m=ablation.DENSE.noise_m, tracking=honest_tracking(other, ablation.DENSE),
-        )
-    ]  # fmt: skip
+    return [_by_dense_sensor(tuple(_shown(group, 0) for group in test.by_group()), other, train)]
+
+
+def _by_dense_sensor(judged: tuple[Part, ...], other: Tracks, traffic: Tracks) -> Fold:
+    """Parts as the sensor of the ablation's dense scenes shows them, settings chosen by other tracks."""
+    return Fold(
+        judged=judged, training=(_shown(other, 99),), traffic=traffic,
+        noise_m=ablation.DENSE.noise_m, tracking=honest_tracking(other, ablation.DENSE),
+    )  # fmt: skip
 
 
 def _check(scene: str) -> None:
@@ -180,8 +173,7 @@ def _check(scene: str) -> None:
 
 
 def _shown(tracks: Tracks, seed: int) -> Part:
-    scene = Scene.of(tracks, ablation.DENSE, seed=seed)
-    return Part(seen=scene.seen, truth=tracks)
+    return Part(seen=Scene.of(tracks, ablation.DENSE, seed=seed).seen, truth=tracks)
 
 
 def drives(_: int) -> list[Fold]:

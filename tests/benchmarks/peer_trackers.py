@@ -36,6 +36,7 @@ START_SPEED_M_S = 10.0
 """Prior standard deviation of a velocity, for all."""
 HALF_DECADE = 10.0**0.5
 """Between neighbouring values of settings whose scale is not known."""
+UNKNOWN = np.full((2, 2), np.nan)
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,22 +66,20 @@ class Reported:
     """Rows as they come, with the time that passes."""
 
     def __init__(self) -> None:
-        self._rows: list[tuple[str, int, float, float, float, float, float]] = []
+        self._rows: list[tuple[str, int, FloatArray, FloatArray]] = []
         self._since = time.process_time()
 
-    def add(self, name: str, time_ns: int, place: FloatArray, covariance: FloatArray | None = None) -> None:
+    def add(self, name: str, time_ns: int, place: FloatArray, covariance: FloatArray = UNKNOWN) -> None:
         """One track at one instant."""
-        (xx, xy), (_, yy) = np.full((2, 2), np.nan) if covariance is None else covariance
-        self._rows.append((name, time_ns, *np.ravel(place)[:2].tolist(), float(xx), float(xy), float(yy)))
+        self._rows.append((name, time_ns, np.array(place, np.float64), np.array(covariance, np.float64)))
 
     def done(self) -> Tracked:
         """All rows."""
         seconds = time.process_time() - self._since
-        names, times, *columns = zip(*self._rows, strict=True) if self._rows else ((),) * 7
-        x, y, xx, xy, yy = (np.array(column, np.float64) for column in columns)
+        name, time_ns, place, covariance = zip(*self._rows, strict=True) if self._rows else ((),) * 4
         rows = TrackedRows(
-            track_id=np.array(names, np.str_), time_ns=np.array(times, np.int64), position=np.column_stack([x, y]),
-            covariance=np.stack([xx, xy, xy, yy], axis=-1).reshape(-1, 2, 2),
+            track_id=np.array(name, np.str_), time_ns=np.array(time_ns, np.int64),
+            position=np.reshape(place, (-1, 2)), covariance=np.reshape(covariance, (-1, 2, 2)),
         )  # fmt: skip
         return Tracked(rows, seconds)
 

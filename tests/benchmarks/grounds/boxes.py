@@ -144,26 +144,21 @@ class Fitted(NamedTuple):
     @classmethod
     def of(cls, scenes: Sequence[Scene]) -> Fitted:
         """The scale by how far detections are from the truth."""
-        squared, hits, all_named = [], 0, [scene.named() for scene in scenes]
+        all_named = [scene.named() for scene in scenes]
+        score, is_true = (np.concatenate(of) for of in zip(*((of.score, of.name > 0) for of in all_named), strict=True))
+        squared = []
         for scene, named in zip(scenes, all_named, strict=True):
             kept = named.of(named.name > 0)
             squared.append(normalised_squared(kept.place - scene.place_of(kept), kept.covariance))
-            hits += kept.frame.size
-        n_seen, n_true = (
-            sum(of.frame.size for of in column) for column in zip(*(of[1:3] for of in scenes), strict=True)
-        )
+        hits, n_true = int(is_true.sum()), sum(scene.truth.frame.size for scene in scenes)
         n_new = sum(np.unique(scene.truth.name).size for scene in scenes)
         exposure = sum(scene.n_frames for scene in scenes) * float(np.mean([scene.area for scene in scenes]))
         tracking = TrackingConfig(
-            detection_probability=min(hits / n_true, 0.99), clutter_density=max(n_seen - hits, 1) / exposure,
+            detection_probability=min(hits / n_true, 0.99), clutter_density=max(score.size - hits, 1) / exposure,
             birth_density=n_new / exposure, vehicle_density=n_true / exposure,
         )  # fmt: skip
-        score, is_true = (np.concatenate(of) for of in zip(*((of.score, of.name > 0) for of in all_named), strict=True))
-        score, is_true = (
-            np.append(score, [score.min(), score.max()]),
-            np.append(is_true, [False, True]),
-        )  # there are both
-        fitted = LogisticRegression().fit(score[:, None], is_true)
+        score = np.append(score, [score.min(), score.max()])
+        fitted = LogisticRegression().fit(score[:, None], np.append(is_true, [False, True]))  # there are both
 
         def confidence(of: FloatArray) -> FloatArray:
             return np.asarray(expit(fitted.coef_[0, 0] * of + fitted.intercept_[0]))
