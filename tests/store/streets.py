@@ -44,7 +44,7 @@ def store_of(path, *logs):
     """A store of logs."""
     added = add_logs(path, find_logs(logs))
     assert not [receipt.error for receipt in added.receipts if receipt.error]
-    return added.store or Store.open(path)
+    return added.store
 
 
 def rows_stored(path, **rows):

@@ -111,9 +111,9 @@ SOURCES = {
 def log_of(source: Source, data: Path) -> Log:
     """All rows of a folder's files, one of each trip and time, and which are held out."""
     files = sorted(path for path in (data / source.folder).iterdir() if ".csv" in path.name)
-    parts = [(*source.rows(path), np.full(1, path.name.startswith("train"))) for path in files]
-    of_train = np.concatenate([np.repeat(part[-1], part[2].size) for part in parts])
-    trip, group, time_s, place = (np.concatenate([part[i] for part in parts]) for i in range(4))
+    parts = [source.rows(path) for path in files]
+    of_train = np.repeat([path.name.startswith("train") for path in files], [len(part[0]) for part in parts])
+    trip, group, time_s, place = (np.concatenate(column) for column in zip(*parts, strict=True))
     order = np.lexsort((time_s, trip))
     order = order[np.isfinite(place[order]).all(axis=1)]
     order = order[np.append(True, (trip[order][1:] != trip[order][:-1]) | (np.diff(time_s[order]) > 0))]

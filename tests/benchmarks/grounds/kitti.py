@@ -69,10 +69,8 @@ def scene_of(data: Path, name: str) -> Scene:
 
 def traffic_of(data: Path, names: Iterable[str]) -> Tracks:
     """Labelled cars of sequences, each a group."""
-    parts = [
-        replace(Scene(name, of, of, 0, FRAME_S, AREA).tracks(), group=np.empty(0)) for name in names
-        for of in [truth_of(data, name)] if of.frame.size
-    ]  # fmt: skip
+    every = ((name, truth_of(data, name)) for name in names)
+    parts = [Scene(name, of, of, 0, FRAME_S, AREA).tracks() for name, of in every if of.frame.size]
     return Tracks.concatenate([replace(part, group=np.full(len(part), i)) for i, part in enumerate(parts)])
 
 
