@@ -16,6 +16,7 @@ from paired_errors import RowErrors, true_rows
 from dirprim_filter.arrays import AnyArray, FloatArray
 from dirprim_filter.config import FilterConfig, from_table
 from dirprim_filter.detections import Detections
+from dirprim_filter.estimates import Estimates
 from dirprim_filter.evaluation.forecast_cases import SCORES, Cases, score_cases
 from dirprim_filter.evaluation.forecasting import rollouts_of
 from dirprim_filter.evaluation.scenes import Scene, followed
@@ -209,7 +210,8 @@ class Drives:
                 tracking=replace(tracking, **off.tracking), rng=np.random.default_rng(self.seed),
             )  # fmt: skip
             seen = Detections.of(mcity.detected(drive))
-            parts.append(_of_keys(mcity.tracked(seen, tracker), mcity.true(drive), seen.time_ns, mcity.GATE_M, drive))
+            found = Estimates.concatenate([tracker.step(frame) for frame in seen.frames()])
+            parts.append(_of_keys(found, mcity.true(drive), seen.time_ns, mcity.GATE_M, drive))
         return {"in sight": _joined(parts)}
 
 

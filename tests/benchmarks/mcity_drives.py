@@ -19,12 +19,10 @@ from pyarrow import parquet
 from dirprim_filter import PrimitiveMap, Tracks, learn_primitives
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
-from dirprim_filter.estimates import EstimateList, Estimates
+from dirprim_filter.estimates import Estimates
 from dirprim_filter.evaluation.calibration.calibrating import calibrate
-from dirprim_filter.filtering import Tracker
 from dirprim_filter.origin import Origin
 from dirprim_filter.recording.tables import Table, read_named
-from dirprim_filter.replay import replay
 from dirprim_filter.sensor import Sensor, without_bias
 
 DATA = Path(__file__).parents[2] / "../shared/data/mcity_roadside"
@@ -83,13 +81,6 @@ def calibrated(without: int) -> Sensor:
     """The sensor by the truth of all drives but one."""
     others = [drive for drive in with_truth() if drive != without]
     return calibrate(Detections.of(in_one_group(map(detected, others))), in_one_group(map(true, others))).sensor
-
-
-def tracked(seen: Detections, tracker: Tracker) -> Estimates:
-    """All estimates of a log, instant after instant."""
-    kept = EstimateList()
-    replay(seen.frames(), tracker, [kept])
-    return kept.all()
 
 
 def without_own_bias(found: Estimates, sensor: Sensor) -> Estimates:

@@ -24,7 +24,7 @@ from peer_scenes import Fold, Part, UnavailableError
 
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.config import FilterConfig, TrackingConfig
-from dirprim_filter.estimates import EstimateList
+from dirprim_filter.estimates import Estimates
 from dirprim_filter.evaluation.settings import Axis
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
 from dirprim_filter.filtering import BayesFilter, ConstantVelocityKalman, Tracker
@@ -113,10 +113,8 @@ def _followed(
     part: Part, model: PrimitiveMap | BayesFilter, config: FilterConfig, tracking: TrackingConfig, sensor: Sensor | None
 ) -> Tracked:
     tracker = Tracker(model, config=config, tracking=tracking, sensor=sensor, rng=np.random.default_rng(0))
-    kept, since = EstimateList(), time.process_time()
-    for time_ns, seen in part.frames():
-        kept.write(tracker.track(seen, time_ns=time_ns))
-    found = kept.all()
+    since = time.process_time()
+    found = Estimates.concatenate([tracker.step(seen, time_ns=time_ns) for time_ns, seen in part.frames()])
     if sensor is not None and isinstance(model, ConstantVelocityKalman):
         found = without_own_bias(found, sensor)
     return Tracked(TrackedRows.of(found), time.process_time() - since)
