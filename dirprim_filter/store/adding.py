@@ -15,7 +15,7 @@ from dirprim_filter.recording.container.source import copied_once
 from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.reader import ReadOptions, TrackResult, read_track_logs
 from dirprim_filter.store.config import StoreConfig
-from dirprim_filter.store.files import Contents, File
+from dirprim_filter.store.files import File
 from dirprim_filter.store.folder import Folder, address_of
 from dirprim_filter.store.logs import FoundLog
 from dirprim_filter.store.rows import StoredRows
@@ -127,12 +127,8 @@ def commit(store: Store, receipts: list[Receipt]) -> None:
     """
     added = [file for receipt in receipts for file in receipt.files]
     logs = dict.fromkeys(file.log for file in added)
-
-    def change(contents: Contents) -> tuple[list[File], list[File]]:
-        return added, [file for log in logs for file in contents.files.get(log, [])]
-
     if added:
-        store.commit(change)
+        store.commit(lambda contents: (added, [file for log in logs for file in contents.files.get(log, [])]))
 
 
 def _in_frame(receipt: Receipt, store: Store) -> Receipt:
