@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import Field, field, fields
 from functools import cache
 from typing import Any, Self
@@ -149,7 +149,11 @@ class ArrayTable(ArrayValue):
         if len(parts) < 2:
             return parts[0] if parts else cls.none()
         if hasattr(cls, "origin"):
-            columns["origin"] = _common([part for part in parts if len(part)] or parts)
+            origins = {part.origin for part in [part for part in parts if len(part)] or parts}
+            if len(origins) > 1:
+                shown = " and ".join(sorted(map(str, origins)))
+                raise ValueError(f"origin: expected parts of one plane, got origins {shown}")
+            columns["origin"] = origins.pop()
         for f in column_fields(cls):
             own = [getattr(part, f.name) for part in parts]
             is_mixed = len({column.dtype.kind for column in own}) > 1  # numbers among names
@@ -186,14 +190,6 @@ class ArrayTable(ArrayValue):
             ImportError: pandas is not installed.
         """
         return self.to_arrow().to_pandas()
-
-
-def _common(parts: Sequence[Any]) -> Origin | None:
-    """The origin of all parts."""
-    origins = {part.origin for part in parts}
-    if len(origins) > 1:
-        raise ValueError(f"origin: expected parts of one plane, got origins {' and '.join(sorted(map(str, origins)))}")
-    return origins.pop()  # type: ignore[no-any-return]
 
 
 def is_held(column: FloatArray) -> bool:

@@ -53,7 +53,10 @@ def write_estimates(estimates: Estimates | Assignments, path: str | Path, *, for
         ValueError: another suffix.
         OSError: the file cannot be written.
     """
-    form = check_table_format(path)
+    form = Path(path).suffix.lower()
+    if form not in WRITTEN_TABLES:
+        known = ", ".join(WRITTEN_TABLES)
+        raise ValueError(f"{path}: expected a name that ends in {known}, got {form or 'no suffix'}")
     with needing_pyproj():
         table = estimates.to_arrow()
     if form == ".csv":
@@ -70,19 +73,6 @@ def write_estimates(estimates: Estimates | Assignments, path: str | Path, *, for
             pa.csv.write_csv(table, buffered)
         buffered.flush()
         buffered.detach()  # the file is its owner's to close
-
-
-def check_table_format(path: str | Path) -> str:
-    """The suffix of a table's name: to be asked before the work, not after it.
-
-    Raises:
-        ValueError: it is none of `WRITTEN_TABLES`.
-    """
-    suffix = Path(path).suffix.lower()
-    if suffix not in WRITTEN_TABLES:
-        known = ", ".join(WRITTEN_TABLES)
-        raise ValueError(f"{path}: expected a name that ends in {known}, got {suffix or 'no suffix'}")
-    return suffix
 
 
 def _exact_seconds(time_ns: IntArray) -> Any:

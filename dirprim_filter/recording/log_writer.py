@@ -8,7 +8,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from contextlib import ExitStack, suppress
 from functools import cache
-from importlib import metadata as installed
+from importlib.metadata import PackageNotFoundError
+from importlib.metadata import version as installed_version
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -25,14 +26,6 @@ METADATA_NAME = "dirprim"
 """The metadata record that says who wrote the file, and from what."""
 LATEST_NS = ((1 << 32) - 1) * 1_000_000_000
 """February 2106: the messages of Foxglove hold no later time."""
-
-
-def producer_version() -> str:
-    """The version of this package; a source tree that is not installed has none."""
-    try:
-        return installed.version(PRODUCER)
-    except installed.PackageNotFoundError:
-        return "not installed"
 
 
 class LogWriter:
@@ -72,9 +65,12 @@ class LogWriter:
         self._newest_ns = 0
 
     def __enter__(self) -> Self:
+        version = "not installed"
+        with suppress(PackageNotFoundError):  # of a source tree
+            version = installed_version(PRODUCER)
         with ExitStack() as opened:
             self._writer = McapWriter(opened.enter_context(self._partial), library=PRODUCER)
-            said = {"producer": PRODUCER, "version": producer_version(), **self._metadata}
+            said = {"producer": PRODUCER, "version": version, **self._metadata}
             self._writer.add_metadata(METADATA_NAME, {_utf8(name): _utf8(text) for name, text in said.items()})
             self._opened = opened.pop_all()
         return self

@@ -102,15 +102,11 @@ class Rows(ArrayValue):
         return cls(names=names, **{name: np.concatenate([getattr(part, name) for part in whole]) for name in held})
 
     @classmethod
-    def named(cls, track_id: AnyArray, **columns: Any) -> Rows:
-        """Rows by the (n,) ids of their vehicles, each name once."""
-        names, vehicle = numbered(track_id)
-        return cls(names=np.array(names, np.str_), track_id=vehicle, **columns)
-
-    @classmethod
     def of_tracks(cls, tracks: Tracks) -> Rows:
         """Tracks as rows, to be joined with others."""
-        return cls.named(**{f.name: getattr(tracks, f.name) for f in column_fields(type(tracks))})
+        columns = {f.name: getattr(tracks, f.name) for f in column_fields(type(tracks))}
+        names, columns["track_id"] = numbered(tracks.track_id)
+        return cls(names=np.array(names, np.str_), **columns)
 
     def by_group(self) -> Rows:
         """The same, of which an id that stands in several groups is a vehicle in each."""

@@ -72,8 +72,7 @@ def read_trajnet(path: str | Path, *, frames_per_second: float) -> Table:
     table = text_cells(path, TRAJNET, by_spaces=True)
     names, vehicle = table.ids("track id")
     time_ns = table.frame_times("frame", frames_per_second=frames_per_second)
-    whole = np.array([name.removesuffix(".0") for name in names.tolist()], np.str_)
-    return table_of(Path(path), Rows.named(whole[vehicle], time_ns=time_ns, position=table.numbers("xy")))
+    return table_of(Path(path), Rows(names=names, track_id=vehicle, time_ns=time_ns, position=table.numbers("xy")))
 
 
 def read_sumo_fcd(path: str | Path) -> Table:
