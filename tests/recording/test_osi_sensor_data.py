@@ -5,59 +5,45 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+from google.protobuf import descriptor_pb2, message_factory
 from mcap.reader import make_reader
-from mcap_files import DATA, detections, write_log
+from mcap_files import DATA, detections, stock, write_log
 from mcap_protobuf.decoder import DecoderFactory
 from scipy.spatial.transform import Rotation
 
 from dirprim_filter.recording.losses import UNDECODABLE
 from dirprim_filter.recording.reader import inspect, read_track_logs, read_tracks
 
-# The part of OSI 3.7 that matters here: message -> field -> (number, type, repeated).
-OSI = {
-    "Vector3d": {"x": (1, "double"), "y": (2, "double"), "z": (3, "double")},
-    "Orientation3d": {"roll": (1, "double"), "pitch": (2, "double"), "yaw": (3, "double")},
-    "Identifier": {"value": (1, "uint64")},
-    "Timestamp": {"seconds": (1, "int64"), "nanos": (2, "uint32")},
-    "MountingPosition": {"position": (1, "Vector3d"), "orientation": (2, "Orientation3d")},
-    "Dimension3d": {"length": (1, "double"), "width": (2, "double"), "height": (3, "double")},
-    "BaseMoving": {
-        "dimension": (1, "Dimension3d"), "position": (2, "Vector3d"), "orientation": (3, "Orientation3d"),
-        "velocity": (4, "Vector3d"),
-    },
-    "DetectedItemHeader": {"tracking_id": (2, "Identifier"), "existence_probability": (3, "double")},
+F = descriptor_pb2.FieldDescriptorProto
+# What OSI 3.7 has of a sensor: message -> field -> (number, message or else a double, repeated).
+PERCEIVED = {
+    "DetectedItemHeader": {"tracking_id": (2, "Identifier"), "existence_probability": (3, "")},
     "DetectedMovingObject": {
         "header": (1, "DetectedItemHeader"), "base": (2, "BaseMoving"), "base_rmse": (3, "BaseMoving"),
     },
-    "Attributes": {"bbcenter_to_rear": (6, "Vector3d")},
-    "MovingObject": {"id": (1, "Identifier"), "base": (2, "BaseMoving"), "vehicle_attributes": (5, "Attributes")},
-    "GroundTruth": {"host_vehicle_id": (3, "Identifier"), "moving_object": (5, "MovingObject", True)},
-    "SensorView": {"global_ground_truth": (7, "GroundTruth")},
     "SensorData": {
         "timestamp": (2, "Timestamp"), "mounting_position": (6, "MountingPosition"),
         "sensor_view": (8, "SensorView", True), "last_measurement_time": (9, "Timestamp"),
         "moving_object": (13, "DetectedMovingObject", True),
     },
 }  # fmt: skip
-F = descriptor_pb2.FieldDescriptorProto
 N, STEP_NS = 20, 100_000_000
 HEADING = 2.5
 
 
 def sensor_data_class():
-    file = descriptor_pb2.FileDescriptorProto(name="osi.proto", package="osi3")
-    for name, fields in OSI.items():
-        message = file.message_type.add(name=name)
+    """And its definition, with those of all that it has of the world from a real log."""
+    files = descriptor_pb2.FileDescriptorSet.FromString(stock(LOGS[0])[0][0].data)
+    own = files.file.add(
+        name="osi_sensordata.proto", package="osi3", dependency=["osi_common.proto", "osi_sensorview.proto"]
+    )
+    for name, fields in PERCEIVED.items():
+        message = own.message_type.add(name=name)
         for field, (number, kind, *repeated) in fields.items():
             label = F.LABEL_REPEATED if repeated else F.LABEL_OPTIONAL
-            of = {"type": F.TYPE_MESSAGE, "type_name": f".osi3.{kind}"}
-            of = of if kind in OSI else {"type": getattr(F, f"TYPE_{kind.upper()}")}
+            of = {"type_name": f".osi3.{kind}"} if kind else {"type": F.TYPE_DOUBLE}
             message.field.add(name=field, number=number, label=label, **of)
-    pool = descriptor_pool.DescriptorPool()
-    pool.Add(file)
-    found = message_factory.GetMessageClass(pool.FindMessageTypeByName("osi3.SensorData"))
-    return found, descriptor_pb2.FileDescriptorSet(file=[file]).SerializeToString()
+    return message_factory.GetMessages(files.file)["osi3.SensorData"], files.SerializeToString()
 
 
 def put(message, values, names=("x", "y", "z")):
