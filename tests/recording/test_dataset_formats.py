@@ -13,7 +13,7 @@ from pyproj import Transformer
 from scipy.spatial.transform import Rotation
 
 from dirprim_filter.recording.errors import TableError
-from dirprim_filter.recording.tables import read_named, read_sdd, read_sumo_fcd, read_trajnet
+from dirprim_filter.recording.tables import read_as, read_named, read_sdd, read_sumo_fcd, read_trajnet
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT / "../shared/data/death_circle"
@@ -197,8 +197,7 @@ def test_sumo_vehicles_turn_from_compass_to_direction(tmp_path):
     assert read.losses.notes["rows alone in time, so that no velocity can be derived"] == 1
 
 
-OF = {"trajnet": lambda path: read_trajnet(path, frames_per_second=25), "fcd": read_sumo_fcd,
-      "sdd": lambda path: read_sdd(path, metres_per_pixel=0.1)}  # fmt: skip
+OF = {"trajnet": "trajnet,frames_per_second=25", "fcd": "sumo-fcd", "sdd": "sdd,metres_per_pixel=0.1"}
 
 
 @pytest.mark.parametrize(
@@ -227,5 +226,5 @@ OF = {"trajnet": lambda path: read_trajnet(path, frames_per_second=25), "fcd": r
 def test_a_wrong_file_is_one_line(tmp_path, form, text, message):
     (tmp_path / "t.txt").write_text(text)
     with pytest.raises(TableError, match=message) as caught:
-        OF[form](tmp_path / "t.txt")
+        read_as(tmp_path / "t.txt", OF[form])
     assert "\n" not in str(caught.value)

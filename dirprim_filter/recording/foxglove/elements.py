@@ -46,7 +46,6 @@ def view_of(primitive_map: PrimitiveMap) -> FloatArray:
 
 def origin_of(points: FloatArray) -> FloatArray:
     """The middle of the box around points, (n, 2), in whole metres; of no point (0, 0). -> (2,)."""
-    points = points.reshape(-1, 2)
     if not len(points):
         return np.zeros(2)
     return np.asarray(np.round(0.5 * (points.min(axis=0) + points.max(axis=0))))
