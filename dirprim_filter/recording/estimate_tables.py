@@ -29,7 +29,7 @@ from dirprim_filter.recording.reader import read_estimates
 from dirprim_filter.recording.schemas.family import matrices
 from dirprim_filter.recording.tables.cells import FORMULA, FORMULA_GUARD, Cells, is_number
 from dirprim_filter.recording.tables.files import cells_of
-from dirprim_filter.recording.tables.named_columns import COVARIANCE, check_header, positions
+from dirprim_filter.recording.tables.named_columns import COVARIANCE, check_header, positions, times
 from dirprim_filter.recording.transforms.geodesy import check_kind, needing_pyproj
 from dirprim_filter.track_ids import as_texts
 from dirprim_filter.tracks import Tracks
@@ -100,7 +100,7 @@ def read_tracked_rows(
     """What a tracker estimated, in the groups and on the plane of a truth.
 
     A row is of the group that its column `group` or its id, as `group/id`, says, or of the only one. A table needs the
-    columns `time_s` (or `time_ns`), `track_id`, `x_m` and `y_m`, or latitude and longitude; the covariance,
+    columns `time_s` (or `time_ns` or `time`), `track_id`, `x_m` and `y_m`, or latitude and longitude; the covariance,
     `course_rad`, `speed_mps` and `unseen_s` are read where they are there.
 
     Args:
@@ -156,12 +156,9 @@ def _groups(path: Path, names: AnyArray, truth: Tracks, one_of_many: bool) -> In
 def _named(table: Cells, origin: Origin | None) -> tuple[dict[str, AnyArray], bool]:
     """The columns of `TrackedRows`, by the names of a table's; and whether it says where on the Earth they are."""
     check_header(table, table.names, with_ids=True)
-    position, _, is_geodetic = positions(table, {name: name for name in table.names}, origin)
-    unit = "ns" if "time_ns" in table.names else "s"
-    columns = {
-        "track_id": table.texts("track_id"), "position": position,
-        "time_ns": table.nanoseconds(f"time_{unit}", unit=unit),
-    }  # fmt: skip
+    name_of = {name: name for name in table.names}
+    position, _, is_geodetic = positions(table, name_of, origin)
+    columns = {"track_id": table.texts("track_id"), "position": position, "time_ns": times(table, name_of)}
     if (wrong := (columns["time_ns"] == NO_TIME) | ~np.isfinite(position).all(axis=1)).any():
         raise table.error(int(np.argmax(wrong)), "a time and a place", "an empty cell", "remove the line")
     if "group" in table.names:

@@ -21,7 +21,7 @@ from dirprim_filter.columns import NO_COVARIANCE
 from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.recording.container import budget
 from dirprim_filter.recording.errors import RecordingError, TableError
-from dirprim_filter.recording.estimate_tables import EXACT_NS, write_estimates
+from dirprim_filter.recording.estimate_tables import EXACT_NS, read_tracked_rows, write_estimates
 from dirprim_filter.recording.losses import ALONE, FAR
 from dirprim_filter.recording.name_patterns import named_values
 from dirprim_filter.recording.reader import read_track_logs
@@ -29,7 +29,7 @@ from dirprim_filter.recording.tables import read_named, summary_of
 from dirprim_filter.recording.tables.files import cells_of
 from dirprim_filter.recording.tables.named_columns import COLUMNS
 from dirprim_filter.recording.tables.table import MINUS_ONE
-from situations import estimates_of
+from situations import estimates_of, tracks_of
 
 HEADER = "time_s,track_id,x_m,y_m,heading_rad,speed_mps"
 PLACES = "time_s,track_id,x_m,y_m"
@@ -421,12 +421,14 @@ def test_what_is_no_covariance_is_reported_and_unknown(tmp_path):
 
 
 def test_exported_times_are_decimals_from_which_each_nanosecond_comes_back(tmp_path):
-    late = 1_700_000_000_000_000_001
+    late, truth = 1_700_000_000_000_000_001, tracks_of(np.zeros((1, 1, 2)))
     for first_ns, cell in ((0, "0"), (EXACT_NS - 2, "4503599.627370494"), (late, "1700000000.000000001")):
         time_ns, path = first_ns + np.arange(3), tmp_path / f"{first_ns}.csv"
         write_estimates(estimates_of(["a"] * 3, time_ns=time_ns), path)
         assert path.read_text().splitlines()[1].startswith(f"{cell},")
-        assert cells_of(path).nanoseconds("time_s", unit="s").tolist() == time_ns.tolist()
+        assert read_tracked_rows(path, truth=truth).time_ns.tolist() == time_ns.tolist()
+    iso = table(tmp_path, "time,track_id,x_m,y_m\n1970-01-01T00:00:05Z,a,1,2")
+    assert read_tracked_rows(iso, truth=truth).time_ns.tolist() == [5 * 10**9]
 
 
 @pytest.mark.parametrize("none", ["", "nan", "None", "NULL", "N/A", "<NA>", "-1"])

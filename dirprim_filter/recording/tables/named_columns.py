@@ -100,9 +100,8 @@ def read_named(path: str | Path, *, columns: Mapping[str, str] | None = None, or
     position, origin, is_geodetic = positions(table, name_of, origin)
     size = {name: table.floats(name_of[name]) for name in SIZE if name in name_of}
     errs = COVARIANCE[0] in name_of
-    time, unit = next((name_of[name], unit) for name, unit in TIMES.items() if name in name_of)
     rows = Rows(
-        names=names, track_id=vehicle, time_ns=table.nanoseconds(time, unit=unit), position=position,
+        names=names, track_id=vehicle, time_ns=times(table, name_of), position=position,
         heading=maybe("heading_rad", table.angles), direction=maybe("course_rad", table.angles),
         speed=maybe("speed_mps", table.floats), cue=maybe("turn_signal", lambda name: _cues(table, name)),
         group=maybe("group", lambda name: _groups(table, name)), label=maybe("label", table.texts),
@@ -134,6 +133,12 @@ def _cues(table: Cells, name: str) -> FloatArray:
             row, f"{', '.join(SIGNALS[:3])} as {name}", repr(str(side[row])), "mend the cell, or empty it"
         )
     return signalled(side == "left", side == "right")
+
+
+def times(table: Cells, name_of: Mapping[str, str]) -> IntArray:
+    """(n,) nanoseconds, of the first column of `TIMES` that the table has; `NO_TIME` where there is none."""
+    name, unit = next((name_of[name], unit) for name, unit in TIMES.items() if name in name_of)
+    return table.nanoseconds(name, unit=unit)
 
 
 def positions(
