@@ -12,7 +12,7 @@ from dirprim_filter import Detections, Estimates, Tracks
 from dirprim_filter.columns import CHECKS, column_fields, is_held, known_sizes
 from dirprim_filter.estimates import Particles
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
-from dirprim_filter.track_ids import as_texts, as_track_ids, qualified_names, vehicle_numbers
+from dirprim_filter.track_ids import as_track_ids, qualified_names, vehicle_numbers
 
 N = 5
 KINDS = (Tracks, Detections, Estimates, Particles, TrackedRows)
@@ -185,12 +185,6 @@ def test_ids_are_numbers_where_all_are_canonical_int64_and_text_elsewhere(texts)
     assert as_track_ids(texts).tolist() == ([int(text) for text in texts] if fit else texts)
     for kind, kept in ((np.uint8, [7, 12]), (np.uint64, [5, 2**63 - 1]), (np.uint64, ["5", str(2**63)])):
         assert as_track_ids(np.array(kept, kind)).tolist() == kept
-
-
-@given(st.lists(st.integers(-(2**63), 2**63 - 1), max_size=5))
-def test_an_id_is_the_same_as_number_and_as_text(ids):
-    numbers = np.array(ids, np.int64)
-    np.testing.assert_array_equal(as_track_ids(as_texts(numbers)), numbers)
 
 
 def test_rows_that_stand_alone_in_time_are_dropped_and_counted(caplog):
