@@ -105,7 +105,7 @@ def read_track_logs(
             from dirprim_filter.recording.tables import read_table  # noqa: PLC0415 - logs do without Arrow
 
             table = read_table(Path(one), options)
-            seen = Detections.concatenate([Detections.none(), *table.detections.values()])
+            seen = Detections.concatenate(table.detections.values())
             table.losses.note(ALONE, int(np.count_nonzero(seen.track_id == NO_ID)) * bool(len(table.tracks)))
             table.log(Path(one))
             if not len(table.tracks):

@@ -43,7 +43,7 @@ def read_sdd(path: str | Path, *, metres_per_pixel: float, frames_per_second: fl
     """
     if not (np.isfinite(metres_per_pixel) and metres_per_pixel > 0):
         raise ValueError(f"metres_per_pixel: expected a positive number, got {metres_per_pixel}")
-    table, losses = text_cells(path, SDD, by_spaces=True), Losses()
+    table, losses = text_cells(path, SDD), Losses()
     x_min, y_min, x_max, y_max = table.numbers(SDD[1:5]).T
     names, vehicle = table.ids("track id")
     rows = Rows(
@@ -69,7 +69,7 @@ def read_trajnet(path: str | Path, *, frames_per_second: float) -> Table:
         ValueError: a rate that is not positive.
         OSError: the file cannot be read.
     """
-    table = text_cells(path, TRAJNET, by_spaces=True)
+    table = text_cells(path, TRAJNET)
     names, vehicle = table.ids("track id")
     time_ns = table.frame_times("frame", frames_per_second=frames_per_second)
     return table_of(Path(path), Rows(names=names, track_id=vehicle, time_ns=time_ns, position=table.numbers("xy")))

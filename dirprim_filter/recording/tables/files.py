@@ -35,13 +35,13 @@ WORD = 8
 """Bytes of a number."""
 
 
-def text_cells(path: str | Path, names: Sequence[str] = (), *, by_spaces: bool = False) -> Cells:
+def text_cells(path: str | Path, names: Sequence[str] = ()) -> Cells:
     """The cells of a text in UTF-8, quoted as RFC 4180 says; lines may be blank.
 
     Args:
         path: the file.
-        names: of the columns; left out, the first row names them.
-        by_spaces: any spaces and tabs stand between cells; else that of `DELIMITERS` that the first line has most of.
+        names: of the columns, between whose cells any spaces and tabs stand; left out, the first row names them, and
+            between cells stands that of `DELIMITERS` that it has most of.
 
     Raises:
         TableError: it is a file of another format, no text, or has rows of unlike lengths.
@@ -49,14 +49,14 @@ def text_cells(path: str | Path, names: Sequence[str] = (), *, by_spaces: bool =
     """
     path = Path(path)
     data = _contents(path)
-    if by_spaces:
+    if names:
         data = b"\n".join(b"\t".join(line.replace(b'"', b"").split()) for line in data.splitlines())
     try:
         data.decode()
         if stated := STATED_DELIMITER.match(data):
             data = b"\n" * data[: stated.end()].count(b"\n") + data[stated.end() :]
         first = (data.lstrip(b"\r\n")[:SAMPLE_BYTES].splitlines() or [b""])[0].decode(errors="ignore")
-        delimiter = stated[1].decode() if stated else max("\t" if by_spaces else DELIMITERS, key=first.count)
+        delimiter = stated[1].decode() if stated else max("\t" if names else DELIMITERS, key=first.count)
         header = 0 if names else data[: data.find(first.encode())].count(b"\n") + 1
         names = names or [name.strip() for name in next(csv.reader([first], delimiter=delimiter, strict=True), ())]
         table = _parsed(path, data, names, header, delimiter)
