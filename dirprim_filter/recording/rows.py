@@ -173,12 +173,10 @@ def rows_of_log(parts: Iterable[Rows]) -> Rows:
     An object without a name gets one of its own, "time/number": nothing is taken for the same vehicle at two
     times, and what such a row says of its motion is kept. An id that stands in several groups is a vehicle in each.
     """
-    numbers = Numbers()
-    read = [Rows(track_id=numbers.of(()), time_ns=np.empty(0, np.int64), position=np.empty((0, 2)))]
-    for rows in parts:
-        number = numbers.of(rows.track_id.tolist())
-        read.append(replace(rows, track_id=number, **dict.fromkeys(OF_MESSAGES, LEFT_OUT)))
-    whole = Rows.concatenate(read[1:] or read, names=np.array(list(numbers), dtype=np.str_), but=OF_MESSAGES)
+    numbers, without = Numbers(), dict.fromkeys(OF_MESSAGES, LEFT_OUT)
+    read = [replace(rows, track_id=numbers.of(rows.track_id.tolist()), **without) for rows in parts]
+    read = read or [Rows(track_id=numbers.of(()), position=np.empty((0, 2)))]
+    whole = Rows.concatenate(read, names=np.array(list(numbers), dtype=np.str_), but=OF_MESSAGES)
     if (is_none := stand_for_none(whole.names, whole.track_id, whole.time_ns)[whole.track_id]).any():
         made = [f"{time}/{i}" for i, time in enumerate(whole.time_ns[is_none].tolist())]
         number = whole.track_id.copy()

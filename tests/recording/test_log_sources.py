@@ -10,6 +10,7 @@ import threading
 from collections import deque
 from pathlib import Path
 
+import fsspec
 import numpy as np
 import pytest
 import zstandard
@@ -50,7 +51,6 @@ def test_pipes_are_read_as_files(tmp_path):
 
 
 def test_urls(tmp_path):
-    fsspec = pytest.importorskip("fsspec", reason="reading URLs needs fsspec")
     with fsspec.open("memory://folder/log.mcap", "wb") as file:
         file.write(log_bytes(SENT))
     assert rows(scan("memory://folder/log.mcap")) == SENT
@@ -64,7 +64,6 @@ def test_urls(tmp_path):
 
 
 def test_an_error_of_a_remotes_own_library_is_one_line_that_names_the_url(capsys):
-    fsspec = pytest.importorskip("fsspec", reason="reading URLs needs fsspec")
 
     class NoCredentialsError(Exception):
         """As botocore's, of no kind that Python knows."""

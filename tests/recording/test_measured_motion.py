@@ -138,7 +138,6 @@ PROTOBUF_FIX = {"latitude": 48.0, "longitude": 11.0, "position_covariance": FIX[
     ],
 )
 def test_errors_are_those_reported(tmp_path, message, is_known):
-    pytest.importorskip("pyproj", reason="the extra geo is not installed")
     path = tmp_path / "log.mcap"
     if isinstance(message, tuple):
         write_ros2_log(path, [("/a", 7, message[0], {"header": header(7, "map")} | message[1])])

@@ -3,7 +3,9 @@
 from dataclasses import replace
 
 import numpy as np
+import pyproj
 import pytest
+from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
 from mcap_files import detections, write_protobuf_log
 
 from dirprim_filter import Detections, Tracks, learn_primitives, load_map, read_estimates, save_map, write_tracks
@@ -18,9 +20,6 @@ from dirprim_filter.recording.transforms.geodesy import FIXES, median_of
 from dirprim_filter.recording.writer import EstimateWriter
 from dirprim_filter.replay import replay
 from situations import one_cell_map, tracks_of
-
-pyproj = pytest.importorskip("pyproj", reason="the extra geo is not installed")
-from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix  # noqa: E402
 
 HERE = np.array([48.137, 11.575])
 START_NS, STEP_NS, N = 1_700_000_000_000_000_000, 100_000_000, 150

@@ -115,7 +115,6 @@ def fix(k, **more):
 
 
 def test_a_gps_fix_has_a_course_from_north_a_speed_and_errors(tmp_path):
-    pytest.importorskip("pyproj", reason="the extra geo is not installed")
     path = log_of(tmp_path / "log.mcap", "gps_msgs/msg/GPSFix", fix)
     tracks = read_tracks(path)
     np.testing.assert_allclose(tracks.speed, 10.0)
