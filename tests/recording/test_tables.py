@@ -256,15 +256,15 @@ def test_a_table_reads_the_same_whatever_stands_between_its_cells(tmp_path):
 
 
 def test_columns_of_other_names_are_mapped_and_what_is_not_used_is_named(tmp_path):
-    path = table(tmp_path, "Id,Easting,Northing,t,x_m,Lane\na,1,2,0,99,5\na,2,2,1,99,5\n")
-    columns = {"track_id": "Id", "x_m": "Easting", "y_m": "Northing", "time_s": "t"}
+    path = table(tmp_path, "Id,Easting,North_s,t,x_m,Lane\na,1,2,0,99,5\na,2,2,1,99,5\n")
+    columns = {"track_id": "Id", "x_m": "Easting", "y_m": "North_s", "time_s": "t"}  # smoothed, and not seconds
     found = read_named(path, columns=columns)
     assert (found.tracks.position.tolist(), found.unused) == ([[1.0, 2.0], [2.0, 2.0]], ["x_m", "Lane"])
     assert read_named(path, columns=columns | {"x_m": "x_m", "Easting": "", "Lane": ""}).unused == []
     for wrong, why in (
         (columns | {"x_m": "East"}, "expected column East, got Id, Easting"),
         (columns | {"Breadth": ""}, "expected column Breadth, got Id, Easting"),
-        ({"track_id": "Id", "x_m": "Easting", "y_m": "Northing"}, "--set format=csv,time_s=NAME"),
+        ({"track_id": "Id", "x_m": "Easting", "y_m": "North_s"}, "--set format=csv,time_s=NAME"),
     ):
         with pytest.raises(TableError, match=why):
             read_named(path, columns=wrong)

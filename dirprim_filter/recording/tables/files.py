@@ -21,11 +21,11 @@ import pyarrow.parquet
 from dirprim_filter.recording.container.budget import most_bytes
 from dirprim_filter.recording.container.errors import GZIP, READ_BYTES, other_format
 from dirprim_filter.recording.errors import TableError
+from dirprim_filter.recording.name_patterns import form_of
 from dirprim_filter.recording.tables.cells import Cells
 
 PARQUET, ARROW = b"PAR1", (b"ARROW1", b"FEA1")
 """How such files begin, whatever their names."""
-SUFFIXES = (".parquet", ".feather", ".arrow")
 DELIMITERS = ",;\t"
 """Between cells; where it is a semicolon, numbers may have a decimal comma."""
 STATED_DELIMITER = re.compile(rb"\s*sep=([,;\t])\r?\n")
@@ -135,7 +135,7 @@ def cells_of(path: str | Path) -> Cells:
     path = Path(path)
     with path.open("rb") as file:
         opening = file.read(READ_BYTES)
-    if path.suffix.lower() not in SUFFIXES and not opening.startswith((PARQUET, *ARROW)):
+    if form_of(path) not in ("parquet", "feather") and not opening.startswith((PARQUET, *ARROW)):
         return text_cells(path)
     try:
         table = _parquet(path) if opening.startswith(PARQUET) else pa.feather.read_table(path, memory_map=True)

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from dirprim_filter.arrays import FloatArray, IntArray
-from dirprim_filter.columns import GLOBE, ORIGIN
+from dirprim_filter.columns import GLOBE, NAMES, ORIGIN
 from dirprim_filter.origin import Origin
 from dirprim_filter.primitives.cues import signalled
 from dirprim_filter.recording.decoding.field_columns import NANOSECONDS, NO_TIME
@@ -41,11 +41,9 @@ WORDS = re.compile(r"[A-Z]?[a-z]+|[A-Z]+")
 """Of names such as time_ms, timeMs, and Time [ms]."""
 TIMES = {"time_s": "s", "time_ns": "ns", "time": "iso"}
 """The columns of times, and how they count."""
-PLACE = ("x_m", "y_m")
-SIZE = ("length_m", "width_m", "height_m")
+PLACE, SIZE, COVARIANCE = NAMES["position"], NAMES["size"], NAMES["covariance"]
 SIGNALS = ("left", "right", "none", "")
 MEASURED = ("heading_rad", "course_rad", "speed_mps", *SIZE)
-COVARIANCE = ("covariance_xx_m2", "covariance_xy_m2", "covariance_yy_m2")
 ALSO = {
     "time": ("timestamp",), "label": ("category", "class"), "latitude_deg": ("latitude", "lat"),
     "longitude_deg": ("longitude", "lon", "lng"),
@@ -67,7 +65,7 @@ REMEDY: Mapping[str, str] = {
 }  # fmt: skip
 """By the unit that a name ends with; a time whose name begins with frame counts them."""
 UNREAD = "; or leave it out by --set format=csv,{}="
-TO_NS = {"s": "1e9", "ms": "1e6", "us": "1e3"}
+TO_NS = {"s": "multiply by 1e9", "ms": "multiply by 1e6", "us": "multiply by 1e3"}
 
 
 def read_named(path: str | Path, *, columns: Mapping[str, str] | None = None, origin: Origin | None = None) -> Table:
@@ -201,12 +199,11 @@ def _check_unit(table: Cells, name: str, column: str) -> None:
     unit = words[-1] if len(words) > 1 else ""
     if name == "time_s" and words[:1] in (["frame"], ["frames"]) and unit in ("", "id", "number", "index", "no", "nr"):
         unit = "frames"
-    has_unit = name in (*PLACE, *GLOBE, *MEASURED, *TIMES) and unit in REMEDY.keys() | TO_NS.keys()
-    if not has_unit or unit == ours or (ours, unit) == ("deg", "degrees"):
-        return
-    way = REMEDY[unit] if ours != "ns" else f"multiply by {TO_NS[unit]}" if unit in TO_NS else REMEDY[unit]
-    got = f"{column}, which its name says is in {unit}"
-    raise TableError(table.path, table.header, f"column {name}", got, f"{way}, and name it {name}")
+    remedies = {**REMEDY, **TO_NS} if ours == "ns" else REMEDY
+    has_unit = name in (*PLACE, *GLOBE, *MEASURED, *TIMES) and unit in remedies
+    if has_unit and unit != ours and (ours, unit) != ("deg", "degrees"):
+        got = f"{column}, which its name says is in {unit}"
+        raise TableError(table.path, table.header, f"column {name}", got, f"{remedies[unit]}, and name it {name}")
 
 
 def check_header(table: Cells, names: Sequence[str], *, with_ids: bool = False) -> None:
