@@ -95,9 +95,7 @@ def test_tables_are_equal_where_every_number_is(kind):
         hash(table)
 
 
-@pytest.mark.parametrize(
-    ("kind", "name"), [of for of in FIELDS if of[1] in ("size", "heading", "cue") and of[0] is not Particles]
-)
+@pytest.mark.parametrize(("kind", "name"), [of for of in FIELDS if of[1] in ("size", "heading", "cue")])
 def test_what_is_known_of_some_rows_stays_with_them_and_of_none_takes_no_memory(kind, name):
     bare = columns_of(kind)
     values = bare.pop(name)

@@ -21,7 +21,7 @@ from dirprim_filter.recording.decoding.json_plan import JsonPlan
 from dirprim_filter.recording.decoding.protobuf_plan import protobuf_plan
 from dirprim_filter.recording.rows import Rows
 from dirprim_filter.recording.schemas import ASSIGNMENTS_SCHEMA, ESTIMATES_SCHEMA
-from dirprim_filter.recording.schemas.families import FAMILIES, KINDS
+from dirprim_filter.recording.schemas.families import FAMILIES, TRANSFORMS
 from dirprim_filter.recording.schemas.family import Family, FieldMapping
 from dirprim_filter.track_ids import rows_of_each
 
@@ -77,8 +77,7 @@ class Decoders:
 
     def carries_objects(self, channel: Channel) -> bool:
         """Whether the channel's objects are read by default; those of transforms only on request."""
-        family = family_of(channel)
-        return self.reads(channel) and (self._mapped is not None or any(family in kind for kind in KINDS))
+        return self.reads(channel) and (self._mapped is not None or family_of(channel) not in TRANSFORMS)
 
     def is_of_one_body(self, schema: str) -> bool:
         """Whether each message of a schema that is read is of one object: a topic of them is then a vehicle."""
