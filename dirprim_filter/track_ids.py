@@ -138,7 +138,11 @@ def check_not_repeated(track_id: AnyArray, time_ns: IntArray, group: IntArray) -
 def repeated_rows(track_id: AnyArray, time_ns: IntArray) -> BoolArray:
     """(n,) where a row repeats the vehicle and the time of an earlier row."""
     vehicle = _numbers_of(track_id)
-    order = in_order(vehicle, time_ns)
+    return repeated_in(in_order(vehicle, time_ns), vehicle, time_ns)
+
+
+def repeated_in(order: IntArray, vehicle: IntArray, time_ns: IntArray) -> BoolArray:
+    """The same of numbered vehicles, by the order that `in_order` says."""
     same = (np.diff(vehicle[order]) == 0) & (np.diff(time_ns[order]) == 0)
     repeated = np.zeros(len(time_ns), np.bool_)
     repeated[order[1:][same]] = True

@@ -14,7 +14,7 @@ from dirprim_filter.jumps import ACCELERATION, FASTEST, MOST_JUMPS, Jumps, Scale
 from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.losses import OFF_WAY, REPEATED, Losses
 from dirprim_filter.recording.rows import LEFT_OUT, Rows
-from dirprim_filter.track_ids import in_order
+from dirprim_filter.track_ids import in_order, repeated_in
 
 
 class ImplausibleError(RecordingError):
@@ -51,7 +51,11 @@ def plausible(rows: Rows, losses: Losses, path: Path) -> Rows:
         ImplausibleError: no log of vehicles looks so; with the likely cause.
     """
     n_rows = len(rows)
-    order, rows = _without_repeats(rows, losses)
+    order = in_order(rows.track_id, rows.time_ns)
+    if (repeated := repeated_in(order, rows.track_id, rows.time_ns)).any():
+        losses.drop(REPEATED, repeated)
+        rows = rows[~repeated]
+        order = in_order(rows.track_id, rows.time_ns)
     losses.doubt_ids(n_rows)
     vehicle, time_ns, position = rows.track_id[order], rows.time_ns[order], rows.position[order]
     scale = Scale.of(vehicle, time_ns, position)
@@ -101,18 +105,6 @@ def plausible(rows: Rows, losses: Losses, path: Path) -> Rows:
     kept = np.ones(len(rows), np.bool_)
     kept[order[jumps.left_out]] = False
     return rows[kept]
-
-
-def _without_repeats(rows: Rows, losses: Losses) -> tuple[IntArray, Rows]:
-    """The rows in order of vehicle and time, of those that repeat both the first; and these rows."""
-    order = in_order(rows.track_id, rows.time_ns)
-    same = (np.diff(rows.track_id[order]) == 0) & (np.diff(rows.time_ns[order]) == 0)
-    if not same.any():
-        return order, rows
-    kept = np.ones(len(rows), np.bool_)
-    kept[order[1:][same]] = False
-    losses.drop(REPEATED, ~kept)
-    return _without_repeats(rows[kept], losses)
 
 
 def _in_own_frames(vehicle: IntArray, time_ns: IntArray, position: FloatArray) -> list[str]:
