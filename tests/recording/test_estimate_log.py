@@ -26,8 +26,8 @@ from dirprim_filter.recording.writer import EstimateWriter
 STEP = 100_000_000
 
 
-def a_frame(time_ns, *, n=4, n_particles=60, seed=0):
-    rng = np.random.default_rng([seed, time_ns % 1000])
+def a_frame(time_ns, *, n=4):
+    rng, n_particles = np.random.default_rng([0, time_ns % 1000]), 60
     root = rng.normal(size=(n, 2, 2))
     root[0] = 0.0  # a belief in one point
     estimates = Estimates(

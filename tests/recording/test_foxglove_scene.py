@@ -14,7 +14,7 @@ from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from matplotlib.path import Path as Outline
 from scipy.stats import chi2
-from test_estimate_log import a_frame, messages, rollouts
+from test_estimate_log import STEP, a_frame, messages, rollouts
 
 from dirprim_filter.detections import Detections
 from dirprim_filter.drawing import shapes
@@ -35,15 +35,14 @@ from dirprim_filter.recording.scan import scan
 from dirprim_filter.recording.schemas import dirprim_pb2
 from dirprim_filter.recording.writer import EstimateWriter
 
-STEP = 100_000_000
 FAR = np.array([680_123.4, 4_100_567.8])
 """Metres: a place in UTM."""
 HERE = np.zeros(2)
 
 
-def drawn(frame, *, scene=None, origin=HERE):
+def drawn(frame, scene=None):
     scene = scene or EstimatesScene()
-    return SceneUpdate.FromString(scene.update(frame.estimates, frame.detections, frame.time_ns, origin))
+    return SceneUpdate.FromString(scene.update(frame.estimates, frame.detections, frame.time_ns, HERE))
 
 
 def as_read(update):

@@ -26,13 +26,13 @@ from dirprim_filter.recording.schemas import dirprim_pb2
 from tessellation import GridTessellation, VoronoiTessellation
 
 LEADER = LeaderResponse(gain=np.arange(10.0), push=1.0, trust=0.5, start_rate=np.ones(3))
-FEW = 40
+FEW, N_MODES = 40, 3
 SCHEMA = schema_of(dirprim_pb2.PrimitiveMap)
 
 
-def some_map(n_cells, *, n_modes=3, seed=0, voronoi=False):
-    rng = np.random.default_rng([seed, n_cells])
-    rows = (n_cells + 1, n_modes)
+def some_map(n_cells, *, voronoi=False):
+    rng = np.random.default_rng([0, n_cells])
+    rows = (n_cells + 1, N_MODES)
     square = np.sort(rng.choice(2 * n_cells + 1, size=n_cells, replace=False))
     grid = GridTessellation(
         origin=rng.normal(size=2), cell_size=1 / 3, n_x=200, n_y=(2 * n_cells) // 200 + 1, square=square
@@ -41,15 +41,15 @@ def some_map(n_cells, *, n_modes=3, seed=0, voronoi=False):
     return PrimitiveMap(
         tessellation=VoronoiTessellation(generators=generators, region=grid) if voronoi else grid,
         modes=Modes(
-            rng.dirichlet(np.ones(n_modes), size=n_cells + 1), rng.uniform(-np.pi, np.pi, rows),
+            rng.dirichlet(np.ones(N_MODES), size=n_cells + 1), rng.uniform(-np.pi, np.pi, rows),
             10.0 ** rng.uniform(-3, 6, rows), *rng.gamma(2.0, 1.0, (2, *rows)), *rng.normal(size=(2, *rows, 2)),
         ),
         n_rows=rng.integers(0, 2**40, n_cells + 1), n_background_modes=1,
-        motion=some_motion(n_cells, n_modes, rng),
+        motion=some_motion(n_cells, rng),
     )  # fmt: skip
 
 
-def some_motion(n_cells, n_modes, rng):
+def some_motion(n_cells, rng):
     """Some manoeuvres of some of the cells, and three of no place."""
     cell = np.sort(rng.integers(n_cells, size=2 * n_cells))
     n = cell.size + 3
@@ -57,7 +57,7 @@ def some_motion(n_cells, n_modes, rng):
     first -= first[0]
     wide = {"bend": 2, "gain": 2, "path": 3, "acceleration": 4}
     return Motion(
-        cell=np.append(cell, [-1] * 3), mode=rng.integers(n_modes, size=n), first=first,
+        cell=np.append(cell, [-1] * 3), mode=rng.integers(N_MODES, size=n), first=first,
         **{name: rng.gamma(2.0, size=(n, wide[name]) if name in wide else n) for name in FLOATS},
         following=rng.integers(max(cell.size, 1), size=first[-1]), count=rng.gamma(2.0, size=first[-1]),
         background_visits=rng.gamma(2.0), course_rate=rng.gamma(2.0),

@@ -46,9 +46,9 @@ def read(tmp_path, header, rows):
     return read_named(table(tmp_path, "\n".join([header, *rows])))
 
 
-def abreast(*names, n=20, step_s=0.1):
+def abreast(*names, n=20):
     """Rows of vehicles that drive to the east side by side, a metre at each time."""
-    return [f"{step_s * k:.1f},{name},{k},{20 * i}" for k in range(n) for i, name in enumerate(names)]
+    return [f"{0.1 * k:.1f},{name},{k},{20 * i}" for k in range(n) for i, name in enumerate(names)]
 
 
 def test_columns_are_found_by_name_in_any_order(tmp_path):
