@@ -9,20 +9,16 @@ from scipy.linalg import null_space
 from scipy.stats import multivariate_normal
 
 from dirprim_filter import read_tracks
-from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.distributions.angles import wrap
-from dirprim_filter.estimates import EstimateList
 from dirprim_filter.evaluation.calibration import self_calibration
 from dirprim_filter.evaluation.calibration.calibrating import calibrate
 from dirprim_filter.evaluation.calibration.gauss_markov import Profile
 from dirprim_filter.evaluation.calibration.own_tracks import own_tracks
 from dirprim_filter.evaluation.calibration.self_calibration import SHARE, Pieces, pieces_of, self_calibrate
-from dirprim_filter.filtering import ConstantVelocityKalman
-from dirprim_filter.filtering.smoother import Smoother
-from dirprim_filter.replay import replay
 from dirprim_filter.sensor import WIDE, AxisError, Sensor, without_bias
 from dirprim_filter.simulation.sensor import detect
+from filtering.test_smoothing import smoothed
 from sensing import sense
 from situations import tracks_of
 
@@ -278,31 +274,19 @@ def test_detections_that_a_filter_left_are_taken_to_be_late_and_off(monkeypatch)
     assert not self_calibrated(seen_of(DRIVEN, WHITE)).sensor.uncertainty  # the control
 
 
-@pytest.mark.parametrize("smoothed", [False, True])
-def test_covariances_contain_what_the_sensor_states_of_bias_and_latency(smoothed):
-    """Along the way bias^2 + (speed latency)^2, across it bias^2; nothing else changes."""
+def test_covariances_contain_what_the_sensor_states_of_bias_and_latency():
+    """Along the way bias^2 + (speed latency)^2, across it bias^2; nothing else changes, of filter and of smoother."""
     seen = seen_of(DRIVEN, Sensor.white(0.3))
     seen = seen[np.isin(seen.track_id, ["v1", "v2"]) & (seen.time_ns < 4e9)]
     doubt = {"along.bias_m": 0.4 * WIDE, "across.bias_m": 0.2 * WIDE, "latency_s": 0.1 * WIDE}
     sensors = Sensor.white(0.3), replace(Sensor.white(0.3), uncertainty=doubt)
-    plain, wide = (tracked(seen, sensor, smoothed=smoothed) for sensor in sensors)
-    np.testing.assert_array_equal(wide.position, plain.position)
-    axis = np.stack([np.cos(plain.direction), np.sin(plain.direction)], axis=-1)
-    more = wide.covariance - plain.covariance
-    along = np.einsum("ni,nij,nj->n", axis, more, axis)
-    np.testing.assert_allclose(along, 0.4**2 + (0.1 * plain.speed) ** 2, rtol=1e-9)
-    np.testing.assert_allclose(np.trace(more, axis1=1, axis2=2) - along, 0.2**2, rtol=1e-9)
-
-
-def tracked(seen, sensor, *, smoothed):
-    config, kept = FilterConfig(n_particles=100), EstimateList()
-    with Smoother(sinks=[kept.write]) as smoother:
-        tracker = smoother.tracker(
-            0, ConstantVelocityKalman(acceleration_density=1.0, config=config), config=config,
-            tracking=TrackingConfig(), sensor=sensor, rng=np.random.default_rng(0),
-        )  # fmt: skip
-        replay(seen.frames(), tracker, [smoother if smoothed else kept])
-    return kept.all()
+    for plain, wide in zip(*(smoothed(seen, sensor=sensor) for sensor in sensors), strict=True):
+        np.testing.assert_array_equal(wide.position, plain.position)
+        axis = np.stack([np.cos(plain.direction), np.sin(plain.direction)], axis=-1)
+        more = wide.covariance - plain.covariance
+        along = np.einsum("ni,nij,nj->n", axis, more, axis)
+        np.testing.assert_allclose(along, 0.4**2 + (0.1 * plain.speed) ** 2, rtol=1e-9)
+        np.testing.assert_allclose(np.trace(more, axis1=1, axis2=2) - along, 0.2**2, rtol=1e-9)
 
 
 MANY = circling(24, 30)

@@ -3,14 +3,13 @@
 import numpy as np
 import pytest
 
-from dirprim_filter.config import FilterConfig, TrackingConfig
-from dirprim_filter.estimates import EstimateList
+from dirprim_filter.config import FilterConfig
+from dirprim_filter.detections import Detections
 from dirprim_filter.filtering import ParticleFilter, Tracker
-from dirprim_filter.filtering.smoother import Smoother
 from dirprim_filter.primitives.learning import learn_primitives
-from dirprim_filter.replay import replay
 from dirprim_filter.sensor import AxisError, Sensor
 from evaluation.test_calibration import circling
+from filtering.test_smoothing import smoothed
 from sensing import sense
 from situations import beside, estimates_by, one_cell_map, seen_at
 
@@ -53,18 +52,13 @@ def test_weights_are_by_the_mean_and_covariance_of_the_particles_own_errors(lear
 
 def through_a_gap(place, way, *, bias_m, seed):
     """(t, 2) smoothed places in the gap of two to nine seconds, of a vehicle that is measured off along its way."""
-    time_s = 0.1 * np.arange(len(place))
-    seen, is_seen = place + bias_m * way, (time_s < 2.0) | (time_s > 9.0)
+    time_ns = 10**8 * np.arange(len(place))
+    is_seen = (time_ns < 2e9) | (time_ns > 9e9)
+    seen = Detections(track_id=np.full(len(place), "a"), time_ns=time_ns, position=place + bias_m * way)[is_seen]
     sensor = Sensor(along=AxisError(spread_m=0.1, bias_m=bias_m), across=AxisError(spread_m=0.1))
-    model = one_cell_map(concentration=0.01, shape=4.0).without_places()
-    config, (later, smoother) = FilterConfig(n_particles=300, max_gap_s=9.0), (EstimateList(), Smoother())
-    smoother.sinks.append(later.write)
-    tracker = smoother.tracker(0, model, sensor=sensor, config=config, rng=np.random.default_rng(seed))
-    with smoother:
-        for t, at, looks in zip(time_s, seen, is_seen, strict=True):
-            frame = seen_at(t, [at] if looks else np.empty((0, 2)), ids=["a"] if looks else [])
-            smoother.write(tracker.track(frame, time_ns=round(1e9 * t), is_scan=bool(looks)))
-    found = later.all()
+    model, config = one_cell_map(concentration=0.01, shape=4.0), FilterConfig(n_particles=300, max_gap_s=9.0)
+    given = {"times": time_ns.tolist(), "config": config, "sensor": sensor, "seed": seed}
+    found = smoothed(seen, model=model.without_places(), **given)[1]
     return found.position[(found.time_ns > 2e9) & (found.time_ns < 9e9)]
 
 
@@ -120,14 +114,8 @@ def test_with_white_round_errors_it_is_the_plain_filter(learned):
 
 def followed(learned, truth, seen, sensor):
     """RMSE and NEES of the filter's and the smoother's estimates."""
-    found, rng = (EstimateList(), EstimateList()), np.random.default_rng(0)
-    config = FilterConfig(n_particles=200, **({"noise_m": sensor.noise_m} if sensor else {}))
-    smoother = Smoother(sinks=[found[1].write])
-    tracker = smoother.tracker(0, learned, config=config, tracking=TrackingConfig(), sensor=sensor, rng=rng)
-    with smoother:
-        replay(seen.frames(), tracker, [found[0], smoother])
     late = truth[truth.time_ns > 1_000_000_000]
-    for rows in (of.all() for of in found):
+    for rows in smoothed(seen, model=learned, config=FilterConfig(n_particles=200), sensor=sensor):
         here, there = beside(rows, late)
         error = rows.position[here] - late.position[there]
         nees = np.einsum("ni,ni->n", error, np.linalg.solve(rows.covariance[here], error[..., None])[..., 0]).mean()
@@ -138,12 +126,12 @@ def test_a_sensor_that_is_known_is_followed_better_and_known_how_well(learned):
     """Late, biased and correlated; the negative control is the filter that takes the errors for round and white."""
     truth = circling(5, 50)
     seen = sense(truth, SENSOR, rng=np.random.default_rng(2))
-    (filtered, nees), (smoothed, smoothed_nees) = followed(learned, truth, seen, SENSOR)
+    (filtered, nees), (later, later_nees) = followed(learned, truth, seen, SENSOR)
     (plain, plain_nees), _ = followed(learned, truth, seen, None)
     assert filtered < 0.75 * plain
-    assert smoothed < filtered
+    assert later < filtered
     assert nees < 4.0 < plain_nees
-    assert smoothed_nees < 8.0
+    assert later_nees < 8.0
 
 
 def test_innovations_are_of_what_is_new_of_errors_that_last(learned):

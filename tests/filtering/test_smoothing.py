@@ -31,13 +31,12 @@ def measured(tracks, *, hidden=()):
     return seen[~np.isin(np.arange(len(tracks)), hidden)]
 
 
-def smoothed(seen, *, model=None, lag_s=None, with_ids=True, times=None, config=CONFIG, tracking=None, seed=0):
-    """What the filter and what the smoother says of detections."""
+def smoothed(seen, *, model=None, lag_s=None, with_ids=True, times=None, config=CONFIG, seed=0, **given):
+    """What the filter and what the smoother says of detections; `tracking` and a `sensor` may be given."""
     found, later = EstimateList(), EstimateList()
     smoother = Smoother(lag_s=lag_s, sinks=[later.write])
     model = model or ConstantVelocityKalman(acceleration_density=DENSITY, config=config)
-    tracking = tracking or TrackingConfig()
-    tracker = smoother.tracker(0, model, config=config, tracking=tracking, rng=np.random.default_rng(seed))
+    tracker = smoother.tracker(0, model, config=config, rng=np.random.default_rng(seed), **given)
     frames = {int(frame.time_ns[0]): frame if with_ids else frame.without_ids() for frame in seen.frames()}
     with smoother:
         looks = (Look(at, frames.get(at, Detections.none()), [0]) for at in sorted({*frames, *(times or ())}))
