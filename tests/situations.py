@@ -1,7 +1,5 @@
 """Traffic and maps that several test modules build with numbers of their own."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from dirprim_filter.config import FilterConfig, TrackingConfig
@@ -10,7 +8,6 @@ from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.filtering import ConstantVelocityKalman, Tracker, _kernels
 from dirprim_filter.primitives._modes import Modes
-from dirprim_filter.primitives.motion import FLOATS, Motion
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.rows import CellRows
 from dirprim_filter.tracks import Tracks
@@ -126,21 +123,6 @@ def one_cell_map(*, mean=0.0, concentration=1e6, speed=10.0, shape=1e8, side=1e4
         n_rows=np.array([1, 1]),
         n_background_modes=0,
     )
-
-
-def with_ways(primitives, cell, ways):
-    """The map with manoeuvres of these cells, the background ones last, and transitions (from, to, how often)."""
-    free = primitives.motion.without_places()
-    n = len(cell) + len(free)
-    ways = sorted(ways)
-    columns = {name: np.concatenate([np.ones((len(cell), *column.shape[1:])), column])
-               for name in FLOATS for column in [getattr(free, name)]}  # fmt: skip
-    motion = Motion(
-        **columns, cell=np.append(cell, free.cell), mode=np.zeros(n, np.int64),
-        first=np.searchsorted([way[0] for way in ways], np.arange(n + 1)),
-        following=np.array([way[1] for way in ways], np.int64), count=np.array([way[2] for way in ways]),
-    )  # fmt: skip
-    return replace(primitives, motion=motion)
 
 
 def junction_traffic(rng, *, n_vehicles=60, dt_s=0.1, n_rows=90):

@@ -11,21 +11,20 @@ from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.filtering import ParticleFilter
 from dirprim_filter.filtering.existence import LEVEL_S, Undetected
 from dirprim_filter.primitives.traffic import Traffic
-from situations import on_the_ring, one_cell_map, seen_at, tracker_of, with_ways
+from moving import motion_by_hand, squares
+from situations import on_the_ring, one_cell_map, seen_at, tracker_of
 from tessellation import GridTessellation
 
 SETTINGS = FilterConfig(n_particles=100)
 STAY_S = 2.0
 
 
-def road(n_cells=4, side=20.0):
+def road():
     """Squares side by side: trajectories begin in the first, stay 2 s in each on average, and end in the last."""
-    flow = (np.eye(n_cells, k=-1) - np.eye(n_cells)) / STAY_S
-    cells = GridTessellation(origin=np.zeros(2), cell_size=side, n_x=n_cells, n_y=1, square=np.arange(n_cells))
+    cells = GridTessellation(origin=np.zeros(2), cell_size=20.0, n_x=4, n_y=1, square=np.arange(4))
     return Traffic(
-        present=np.full(n_cells, 1.0 / n_cells), begins=np.eye(n_cells)[0] / (n_cells * STAY_S),
-        ends=np.eye(n_cells)[-1] / STAY_S, flow=csr_array(flow), cell=np.arange(n_cells),
-        tessellation=cells,
+        present=np.full(4, 0.25), begins=np.eye(4)[0] / (4 * STAY_S), ends=np.eye(4)[-1] / STAY_S,
+        flow=csr_array((np.eye(4, k=-1) - np.eye(4)) / STAY_S), cell=np.arange(4), tessellation=cells,
     )  # fmt: skip
 
 
@@ -53,8 +52,8 @@ def test_traffic_learned_from_a_log_neither_grows_nor_shrinks_and_comes_back(rin
 
 
 def test_trajectories_begin_and_end_where_visits_have_none_before_or_after_them(ring_map):
-    made = with_ways(one_cell_map(), [0, 0, 0], [(0, 1, 1.0), (1, 2, 0.5)])  # of one visit and one second each
-    traffic = of_map(made)
+    ways = motion_by_hand([0, 0, 0], transitions=[(0, 1, 1.0), (1, 2, 0.5)])  # of one visit and one second each
+    traffic = of_map(squares(1, 1, ways))
     np.testing.assert_allclose(traffic.begins, np.array([1.0, 0.0, 0.5]) / 3.0)
     on_a_ring = of_map(ring_map)
     assert on_a_ring.ends.max() < 1.0  # the log ends wherever its vehicles are: that is no exit
