@@ -1,6 +1,7 @@
 """The main loop hands every frame to every sink, in order, and asks the log for no more than it needs."""
 
 from dataclasses import fields, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,16 +13,6 @@ from dirprim_filter.filtering import GroupTracker
 from dirprim_filter.filtering.smoother import Smoother
 from dirprim_filter.replay import replay
 from situations import TRUSTING, tracker_of
-
-
-class Witness:
-    """A sink that notes what it was given, together with all others."""
-
-    def __init__(self, name, seen):
-        self.name, self.seen = name, seen
-
-    def write(self, frame):
-        self.seen.append((self.name, frame))
 
 
 @pytest.fixture
@@ -38,7 +29,8 @@ def test_sinks_see_every_frame_in_order_of_a_stream_that_is_read_one_at_a_time(r
             yield frame
 
     tracker = tracker_of(ring_map, tracking=TRUSTING, n_particles=20)
-    assert replay(stream(), tracker, [Witness("first", seen), Witness("second", seen)]) == 10
+    sinks = [SimpleNamespace(write=lambda frame, name=name: seen.append((name, frame))) for name in ("first", "second")]
+    assert replay(stream(), tracker, sinks) == 10
     assert [name for name, _ in seen] == ["first", "second"] * 10
     assert [frame.time_ns for _, frame in seen[::2]] == sorted(set(detections.time_ns.tolist()))
     for (_, frame), (_, again), reported in zip(seen[::2], seen[1::2], detections.frames(), strict=True):

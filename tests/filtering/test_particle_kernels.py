@@ -45,12 +45,6 @@ def cloud():
     )
 
 
-def resampled(cloud, vehicle, below=np.inf):
-    """Resample in place."""
-    _resampling.resample(below, cloud, vehicle)
-    return cloud
-
-
 def copied(cloud):
     return _kernels.Cloud(*(column.copy() for column in cloud))
 
@@ -105,16 +99,16 @@ def test_a_belief_that_has_kept_its_weight_is_left_as_it_is(cloud):
     before = copied(cloud)
     size = [1.0 / (cloud.weight[v] ** 2).sum() for v in VEHICLE]
     below = np.mean(size)  # between the two
-    resampled(cloud, VEHICLE, below)
+    _resampling.resample(below, cloud, VEHICLE)
     for v, n in zip(VEHICLE, size, strict=True):
         assert (cloud.weight[v] == before.weight[v]).all() == (n >= below)
 
 
-def numbers_of(cloud, v, *, turned=0.0):
-    """(P, 4) place and velocity of a belief, turned by an angle about the origin."""
-    course = np.exp(1j * (cloud.direction[v] + turned))
-    place = cloud.position[v] @ np.array([1.0, 1j]) * np.exp(1j * turned)
-    return np.column_stack([place.real, place.imag, cloud.speed[v] * course.real, cloud.speed[v] * course.imag])
+def numbers_of(cloud, *, turned=0.0):
+    """(P, 4) place and velocity of the last belief, turned by an angle about the origin."""
+    course = np.exp(1j * (cloud.direction[2] + turned))
+    place = cloud.position[2] @ np.array([1.0, 1j]) * np.exp(1j * turned)
+    return np.column_stack([place.real, place.imag, cloud.speed[2] * course.real, cloud.speed[2] * course.imag])
 
 
 def test_resampling_keeps_mean_and_covariance_and_forgets_the_weights(cloud):
@@ -122,14 +116,14 @@ def test_resampling_keeps_mean_and_covariance_and_forgets_the_weights(cloud):
     cloud.direction[:] = wrap(0.2 * cloud.direction)
     cloud.push[2] = np.arange(500)  # names of the particles, which their copies keep
     before, weight = copied(cloud), cloud.weight[2].copy()
-    resampled(cloud, VEHICLE)
+    _resampling.resample(np.inf, cloud, VEHICLE)
     np.testing.assert_allclose(cloud.weight[VEHICLE], 1 / 500)
     origin = cloud.push[2].astype(np.int64)
     for name in ("cell", "manoeuvre"):
         np.testing.assert_array_equal(getattr(cloud, name)[2], getattr(before, name)[2, origin])
     heaviest = int(weight.argmax())
     assert abs((origin == heaviest).sum() - 500 * weight[heaviest]) < 1.0
-    old, new = numbers_of(before, 2), numbers_of(cloud, 2)
+    old, new = numbers_of(before), numbers_of(cloud)
     assert len(np.unique(new, axis=0)) == 500
     effective = 1.0 / (weight**2).sum()
     mean, covariance = weight @ old, np.cov(old.T, aweights=weight, ddof=0)
@@ -146,17 +140,17 @@ def test_a_belief_turned_and_shifted_is_resampled_to_the_same_turned_and_shifted
     c, s = np.cos(turned), np.sin(turned)
     cloud.position[2] = cloud.position[2] @ np.array([[c, s], [-s, c]]) + shift
     cloud.direction[2] = wrap(cloud.direction[2] + turned)
-    resampled(cloud, np.array([2]))
-    resampled(before, np.array([2]))
+    for each in (cloud, before):
+        _resampling.resample(np.inf, each, np.array([2]))
     cloud.position[2] -= shift
-    np.testing.assert_allclose(numbers_of(cloud, 2), numbers_of(before, 2, turned=turned), atol=1e-6)
+    np.testing.assert_allclose(numbers_of(cloud), numbers_of(before, turned=turned), atol=1e-6)
 
 
 def test_who_stands_keeps_standing_and_who_moves_keeps_moving(cloud):
     """Else a particle lifted above the speed that stands would keep a manoeuvre that never starts."""
     cloud.manoeuvre[2] = np.arange(500) % 2
     cloud.speed[2] = np.where(cloud.manoeuvre[2] == 0, 0.05, 3.0 * np.random.default_rng(2).random(500) + 0.1)
-    resampled(cloud, np.array([2]))
+    _resampling.resample(np.inf, cloud, np.array([2]))
     np.testing.assert_array_equal(cloud.speed[2] < STANDING_BELOW, cloud.manoeuvre[2] == 0)
     assert (cloud.speed[2, cloud.manoeuvre[2] == 0] == 0.05).all()
 

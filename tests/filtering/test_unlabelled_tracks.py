@@ -20,8 +20,8 @@ from situations import TRUSTING, on_the_ring, one_cell_map, seen_at, tracker_of
 SETTINGS = TrackingConfig(detection_probability=0.9, clutter_density=5e-4)
 
 
-def made(ring_map, filter_of, *, tracking=SETTINGS, seed=1):
-    return tracker_of(ring_map if filter_of == "particles" else None, tracking=tracking, seed=seed, n_particles=200)
+def made(ring_map, filter_of):
+    return tracker_of(ring_map if filter_of == "particles" else None, tracking=SETTINGS, seed=1, n_particles=200)
 
 
 def followed(tracker, frames):
@@ -29,12 +29,11 @@ def followed(tracker, frames):
     return [tracker.step(seen_at(time_s, places), time_ns=round(time_s * 1e9)) for time_s, places in frames]
 
 
-def two_vehicles(n_frames=60, *, rng, hide=lambda i: False, clutter=0.0):
-    """Opposite each other on the ring at 8 m/s, in clutter; the first is hidden in some frames."""
+def two_vehicles(n_frames=60, *, rng, clutter=0.0):
+    """Opposite each other on the ring at 8 m/s, in clutter."""
     frames = []
     for i in range(n_frames):
         places = [on_the_ring(0.1 * i, from_=turn) + rng.normal(0, 0.3, 2) for turn in (0.0, np.pi)]
-        places = places[1:] if hide(i) else places
         places += list(rng.uniform(-30, 30, (rng.poisson(clutter), 2)))
         frames.append((0.1 * i, rng.permutation(np.array(places))))
     return frames
@@ -99,8 +98,8 @@ def kept_apart(found, ways, *, late=30):
     return names
 
 
-def seen_on(ways, *, noise_m=0.2, hide=lambda i, v: False, seed=0):
-    rng = np.random.default_rng(seed)
+def seen_on(ways, *, noise_m=0.2, hide=lambda i, v: False):
+    rng = np.random.default_rng(0)
     return [
         (0.1 * i, [way[i] + rng.normal(0, noise_m, 2) for v, way in enumerate(ways) if not hide(i, v)])
         for i in range(len(ways[0]))
