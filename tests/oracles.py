@@ -100,20 +100,6 @@ def noise_of_neighbours(track_id, time_ns, position, moves, *, max_span_s):
     return np.median(np.abs(off)) / stats.norm.ppf(0.75) if off else 0.0
 
 
-def kalman_known_velocity(measured, dt_s, *, velocity, noise_m, drift):
-    """A Kalman filter of the position alone, moved at a known velocity: means, variances per axis, log evidences."""
-    x, p = measured[0], noise_m**2
-    means, variances, evidences = [x], [p], [0.0]
-    for z in measured[1:]:
-        x, p = x + velocity * dt_s, p + drift * dt_s
-        s = p + noise_m**2
-        evidences.append(stats.norm.logpdf(z, x, np.sqrt(s)).sum())
-        x, p = x + p / s * (z - x), p - p**2 / s
-        means.append(x)
-        variances.append(p)
-    return np.array(means), np.array(variances), np.array(evidences)
-
-
 def filterpy_constant_velocity(place, time_s, *, density, noise_m, first_speed_std):
     """filterpy's filter and smoother of constant velocity, each as means (n, 4) and covariances (n, 4, 4).
 

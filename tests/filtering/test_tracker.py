@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from dirprim_filter.columns import column_fields
 from dirprim_filter.config import FilterConfig, TrackingConfig
@@ -12,7 +13,7 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.filtering import ParticleFilter, Tracker
 from dirprim_filter.filtering.belief import FIRST_CAPACITY
-from oracles import kalman_known_velocity
+from oracles import filterpy_constant_velocity
 from situations import TRUSTING, beside, on_the_ring, one_cell_map, ring_traffic, seen_at, tracker_of
 
 on_either_filter = pytest.mark.parametrize("filter_of", ["particles", "kalman"])
@@ -31,8 +32,8 @@ def one(name, time_s, x, y):
     return seen_at(time_s, [(x, y)], ids=[name])
 
 
-def round_the_ring(name, times_s, start_s=0.0):
-    return [one(name, t, *on_the_ring(t - start_s)) for t in times_s]
+def round_the_ring(times_s):
+    return [one("a", t, *on_the_ring(t)) for t in times_s]
 
 
 def track(model, frames, *, filter_of="particles", seed=1, n_particles=100, tracking=TRUSTING, **settings):
@@ -138,19 +139,21 @@ def test_many_vehicles_one_after_another_need_no_more_memory_than_a_few(ring_map
 def test_where_motion_is_linear_and_gaussian_the_belief_is_the_kalman_filters_to_monte_carlo_error():
     """Every vehicle goes east at 10 m/s: only where it was first is unknown."""
     n, dt_s, noise_m = 20_000, 0.5, 0.8
-    measured = np.array([10.0 * dt_s, 0.0]) * np.arange(12)[:, None]
-    measured += np.random.default_rng(5).normal(0, noise_m, measured.shape)
-    frames = [one("a", i * dt_s, *place) for i, place in enumerate(measured)]
+    time_s, east = dt_s * np.arange(12), np.array([10.0, 0.0])
+    measured = time_s[:, None] * east + np.random.default_rng(5).normal(0, noise_m, (12, 2))
+    frames = [one("a", t, *place) for t, place in zip(time_s, measured, strict=True)]
     found, _ = track(
         one_cell_map(), frames, n_particles=n, noise_m=noise_m, resample_below=0.0,
         outlier_probability=1e-12, innovation_outlier_rate=0.0, own_way_rate=0.0,
     )  # fmt: skip
 
-    def off(**change):
+    def off(*, velocity=east, **change):
         """The largest error in units of what n particles may be off; their weights are unequal, hence n / 10."""
-        known = {"velocity": np.array([10.0, 0.0]), "noise_m": noise_m, "drift": 0.0} | change
-        mean, variance, evidence = kalman_known_velocity(measured, dt_s, **known)
-        worth = n / 10
+        known, way = {"noise_m": noise_m, "density": 0.0, "first_speed_std": 1e-4} | change, time_s[:, None] * velocity
+        (mean, covariance), _ = filterpy_constant_velocity(measured - way, time_s, **known)
+        mean, variance, worth = mean[:, :2] + way, covariance[:, 0, 0], n / 10
+        expected, spread = mean[:-1] + dt_s * velocity, np.sqrt(variance[:-1, None] + known["noise_m"] ** 2)
+        evidence = np.append(0.0, stats.norm.logpdf(measured[1:], expected, spread).sum(axis=1))
         return max(
             np.abs((found.position - mean) / np.sqrt(variance / worth)[:, None]).max(),
             np.abs(np.linalg.det(found.covariance) / variance**2 - 1).max() / np.sqrt(4 / worth),
@@ -158,7 +161,7 @@ def test_where_motion_is_linear_and_gaussian_the_belief_is_the_kalman_filters_to
         )
 
     assert off() < 5
-    for change in ({"velocity": np.array([9.5, 0.0])}, {"noise_m": 0.9}, {"drift": 0.05}):
+    for change in ({"velocity": np.array([9.5, 0.0])}, {"noise_m": 0.9}, {"density": 0.5}):
         assert off(**change) > 5
 
 
@@ -216,8 +219,8 @@ def test_out_of_sight_a_vehicle_is_the_same_whenever_others_are_seen(ring_map, f
     """
 
     def at_the_end(others):
-        frames = [*round_the_ring("a", 0.1 * np.arange(10)), *(one("b", t, 0.0, 20.0) for t in others)]
-        frames += round_the_ring("a", [3.0])
+        frames = [*round_the_ring(0.1 * np.arange(10)), *(one("b", t, 0.0, 20.0) for t in others)]
+        frames += round_the_ring([3.0])
         found, _ = track(ring_map, frames, filter_of=filter_of, tracking=TrackingConfig())
         return of_vehicle(found[found.time_ns == 3_000_000_000], "a", but=["existence"])
 
