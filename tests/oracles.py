@@ -47,22 +47,20 @@ def map_log_densities(learned, position, direction, speed):
     return tuple(logsumexp(log_weight + part, axis=-1) for part in (of_direction, of_speed, of_direction + of_speed))
 
 
+def pieces(track_id, time_ns, max_gap_s):
+    """Rows of each vehicle in order of time, cut where a gap is longer."""
+    for vehicle in set(track_id.tolist()):
+        rows = np.array(sorted(np.flatnonzero(track_id == vehicle), key=lambda j: time_ns[j]))
+        yield from np.split(rows, 1 + np.flatnonzero(np.diff(time_ns[rows]) > max_gap_s * 1e9))
+
+
 def central_differences(track_id, time_ns, position, *, half_window_s, max_gap_s):
     """Central differences row by row, as the definition says it: (n, 2) metres and (n,) seconds."""
     moved, span_s = np.zeros((len(time_ns), 2)), np.zeros(len(time_ns))
-    for vehicle in set(track_id.tolist()):
-        rows = sorted(np.flatnonzero(track_id == vehicle), key=lambda j: time_ns[j])
+    for rows in pieces(track_id, time_ns, max_gap_s):
         for at, i in enumerate(rows):
-            ends = [at, at]
-            for side, step in enumerate((-1, 1)):
-                is_in = True
-                while is_in and 0 <= ends[side] + step < len(rows):
-                    here, there = rows[ends[side]], rows[ends[side] + step]
-                    is_in = abs(time_ns[there] - time_ns[i]) <= half_window_s * 1e9
-                    if abs(time_ns[there] - time_ns[here]) > max_gap_s * 1e9 or not (is_in or here == i):
-                        break
-                    ends[side] += step
-            low, high = (rows[end] for end in ends)
+            near = np.flatnonzero(np.abs(time_ns[rows] - time_ns[i]) <= half_window_s * 1e9)
+            low, high = rows[min(near[0], max(at - 1, 0))], rows[max(near[-1], min(at + 1, len(rows) - 1))]
             span_s[i], moved[i] = (time_ns[high] - time_ns[low]) * 1e-9, position[high] - position[low]
     return moved, span_s
 
@@ -77,26 +75,20 @@ def between_rows(time_s, position, direction, speed, at_s):
 def nearest_moving(track_id, time_ns, moves, *, max_gap_s):
     """(n,) the row nearest in time that moves, of the same vehicle and with no longer gap between; -1 where none is."""
     nearest = np.full(len(time_ns), -1)
-    for i in range(len(time_ns)):
-        rows, found = sorted(np.flatnonzero(track_id == track_id[i]), key=lambda j: time_ns[j]), []
-        for step in (-1, 1):
-            own = rows[rows.index(i) :: step]
-            near = [True, *(np.abs(np.diff(time_ns[own])) <= max_gap_s * 1e9)]
-            found += [j for j, is_near in zip(own, np.cumprod(near), strict=True) if is_near and moves[j]][:1]
-        nearest[i] = min(found, key=lambda j: abs(time_ns[j] - time_ns[i]), default=-1)
+    for rows in pieces(track_id, time_ns, max_gap_s):
+        for i in rows:
+            nearest[i] = min(rows[moves[rows]], key=lambda j, i=i: abs(time_ns[j] - time_ns[i]), default=-1)
     return nearest
 
 
 def noise_of_neighbours(track_id, time_ns, position, moves, *, max_span_s):
     """The robust spread of what no parabola explains in four neighbours' positions: by the null space of parabolas."""
     off = []
-    for vehicle in set(track_id.tolist()):
-        rows = sorted(np.flatnonzero(track_id == vehicle), key=lambda j: time_ns[j])
-        for four in zip(rows, rows[1:], rows[2:], rows[3:], strict=False):
-            t = (time_ns[list(four)] - time_ns[four[0]]) * 1e-9
+    for rows in pieces(track_id, time_ns, np.inf):
+        for four in np.lib.stride_tricks.sliding_window_view(rows, 4) if len(rows) > 3 else ():
+            t = (time_ns[four] - time_ns[four[0]]) * 1e-9
             if t[-1] <= max_span_s and moves[four[1]]:
-                scaled = t / t[-1]
-                off += (linalg.null_space(np.vander(scaled, 3).T)[:, 0] @ position[list(four)]).tolist()
+                off += (linalg.null_space(np.vander(t / t[-1], 3).T)[:, 0] @ position[four]).tolist()
     return np.median(np.abs(off)) / stats.norm.ppf(0.75) if off else 0.0
 
 

@@ -10,7 +10,6 @@ import pytest
 from dirprim_filter import Detections, FilterConfig, Tracker, Tracks, forecast, learn_primitives, save_map, write_tracks
 from dirprim_filter.config import LearningConfig, TrackingConfig
 from dirprim_filter.distributions import Gamma
-from dirprim_filter.evaluation.metrics.comparison import Comparison
 from dirprim_filter.recording.tables.datasets import read_sdd
 from dirprim_filter.recording.writer import EstimateWriter
 from dirprim_filter.sensor import AxisError, Sensor
@@ -62,10 +61,6 @@ CALLS = {
     "sample, rng": (lambda m: m.sample(np.zeros((1, 2)), rng=0), GENERATOR),
     "gamma": (lambda _: Gamma(shape=np.zeros(1), rate=np.ones(1)), "shape, rate: expected positive numbers"),
     "draw, fewer than none": (lambda m: m.direction.sample(n_samples=-1, rng=RNG), "n_samples: expected no negative"),
-    "compare, reach": (
-        lambda _: Comparison.of(tracks(), tracks(), similarity_m=0.0),
-        "similarity_m: expected a positive",
-    ),
     "write, stride": (lambda _: EstimateWriter("x", metadata={}, particle_stride=0), "particle_stride: expected at"),
     "read, scale": (lambda _: read_sdd("x", metres_per_pixel=0.0), "metres_per_pixel: expected a positive number"),
     "write, swapped": (lambda _: write_tracks("t.mcap", tracks()), "tracks: expected a Tracks, as read_tracks"),
