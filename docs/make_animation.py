@@ -25,8 +25,8 @@ from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.evaluation.metrics.clear_mot import clear_mot
 from dirprim_filter.evaluation.metrics.comparison import Comparison
-from dirprim_filter.evaluation.rivals import fitted_acceleration
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
+from dirprim_filter.evaluation.without_map import fitted_acceleration
 from dirprim_filter.filtering import ConstantVelocityKalman
 from dirprim_filter.filtering.protocols import BayesFilter
 from dirprim_filter.primitives.primitive_map import PrimitiveMap

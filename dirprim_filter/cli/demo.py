@@ -150,7 +150,7 @@ def _track_straight(way: dict[str, Any], known: dp.Tracks) -> None:
     """By the Kalman filter under which noisy positions of some of the known vehicles are most likely."""
     import numpy as np
 
-    from dirprim_filter.evaluation.rivals import fitted_acceleration
+    from dirprim_filter.evaluation.without_map import fitted_acceleration
 
     config, rng = dp.FilterConfig(), np.random.default_rng(0)
     some = known[np.isin(known.vehicle, rng.permutation(known.n_tracks)[:20])]

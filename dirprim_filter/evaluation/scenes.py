@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
@@ -13,16 +13,16 @@ from dirprim_filter.arrays import BoolArray
 from dirprim_filter.config import TrackingConfig
 from dirprim_filter.detections import NO_TIME, Detections
 from dirprim_filter.estimates import EstimateList, EstimateSink
-from dirprim_filter.evaluation.rivals import MakeFilter
 from dirprim_filter.evaluation.scores import TrackedScene
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
 from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
-from dirprim_filter.filtering import Tracker
+from dirprim_filter.filtering import BayesFilter, Tracker
 from dirprim_filter.filtering.smoother import Smoother
 from dirprim_filter.replay import Look, follow
 from dirprim_filter.simulation.sensor import detect
 from dirprim_filter.tracks import Tracks
 
+MakeFilter = Callable[[], BayesFilter]
 MARGIN_S = 2.0
 """A gap leaves the vehicle in sight so long before and after it: what is lost must have been found, and be found."""
 

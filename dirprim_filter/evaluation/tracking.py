@@ -18,15 +18,14 @@ import numpy as np
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.detections import Detections
 from dirprim_filter.evaluation.intervals import Interval, difference_of_means, mean_over, paired, reduction_of_rmse
-from dirprim_filter.evaluation.rivals import CONSTANT_VELOCITY, SMOOTHED, MakeFilter, Method, fitted_acceleration
-from dirprim_filter.evaluation.scenes import Scene, followed
+from dirprim_filter.evaluation.scenes import MakeFilter, Scene, followed
 from dirprim_filter.evaluation.scores import RowErrors, TrackedScene, scored
 from dirprim_filter.evaluation.settings import Choice
 from dirprim_filter.evaluation.splits import held_out, honest_split, steps
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
-from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
+from dirprim_filter.evaluation.tracking_experiment import CONSTANT_VELOCITY, SMOOTHED, Method, TrackingExperiment
 from dirprim_filter.evaluation.tracking_report import TrackingReport
-from dirprim_filter.evaluation.without_map import MOST_FITTED
+from dirprim_filter.evaluation.without_map import MOST_FITTED, fitted_acceleration
 from dirprim_filter.filtering import ConstantVelocityKalman
 from dirprim_filter.filtering.particle_filter import ParticleFilter
 from dirprim_filter.primitives.learning import learn_primitives

@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Literal, get_args
 
 from dirprim_filter.config import FilterConfig, TrackingConfig, require_positive
 from dirprim_filter.evaluation.metrics.comparison import SIMILARITY_M
-from dirprim_filter.evaluation.rivals import METHODS, Method
+
+Method = Literal["prior", "place-free", "one cell", "constant velocity"]
+"""The map, the same filter without the map, the same learning with a single cell; and the Kalman filter."""
+METHODS: tuple[Method, ...] = get_args(Method)
+CONSTANT_VELOCITY: Method = "constant velocity"
+SMOOTHED: tuple[Method, ...] = ("prior", "place-free", CONSTANT_VELOCITY)
+"""Those whose smoother is evaluated beside them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -12,9 +12,9 @@ from dirprim_filter.evaluation import intervals
 from dirprim_filter.evaluation.cues import steps_between_cells
 from dirprim_filter.evaluation.forecast_cases import Cases
 from dirprim_filter.evaluation.intervals import Interval, clustered, difference_of_means, interval
-from dirprim_filter.evaluation.rivals import fitted_acceleration, log_evidence
 from dirprim_filter.evaluation.settings import LEAST_GAIN, Axis, choose
 from dirprim_filter.evaluation.splits import split, thinned
+from dirprim_filter.evaluation.without_map import fitted_acceleration, log_evidence
 from dirprim_filter.filtering import ConstantVelocityKalman
 from dirprim_filter.filtering.kalman import acceleration_density
 from dirprim_filter.primitives.learning import learn_primitives
