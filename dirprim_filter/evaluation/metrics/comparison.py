@@ -39,20 +39,6 @@ class Pairs(NamedTuple):
         return Pairs(*(values[which] for values in self))
 
 
-class Companions(NamedTuple):
-    """Vehicles and tracks that are near each other at some instant.
-
-    Attributes:
-        vehicle: (c,) its number.
-        track: (c,) its number.
-        of_pair: (p,) which of them each pair of rows is of.
-    """
-
-    vehicle: IntArray
-    track: IntArray
-    of_pair: IntArray
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
     """Vehicles and tracks of one scene or of several; nothing of one scene is near anything of another.
@@ -105,11 +91,11 @@ class Comparison:
         """(p,) of the near pairs, 1 - distance / similarity_m: 1 at the same place, 0 of all others."""
         return np.asarray(1.0 - self.near.distance / self.similarity_m)
 
-    def companions(self, pairs: Pairs) -> Companions:
-        """The vehicles and tracks of pairs of rows."""
+    def companions(self, pairs: Pairs) -> tuple[IntArray, IntArray, IntArray]:
+        """(c,), (c,) numbers of vehicles and their tracks in pairs of rows (p,), and (p,) which of them each is of."""
         n_tracks = int(self.track.max(initial=0)) + 1
         both, of_pair = np.unique(self.vehicle[pairs.row] * n_tracks + self.track[pairs.column], return_inverse=True)
-        return Companions(both // n_tracks, both % n_tracks, of_pair.astype(np.int64))
+        return both // n_tracks, both % n_tracks, of_pair.astype(np.int64)
 
 
 def _near(a: FloatArray, a_instant: IntArray, b: FloatArray, b_instant: IntArray, reach_m: float) -> Pairs:
