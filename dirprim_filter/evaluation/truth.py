@@ -7,12 +7,13 @@ neither on its rate nor on the trackers beside it; where it is silent it has no 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
+from dirprim_filter.arrays import BoolArray, IntArray
 from dirprim_filter.distributions.angles import difference, wrap
 from dirprim_filter.evaluation.tracked_rows import TrackedRows, instant_numbers
 from dirprim_filter.track_ids import repeated_rows
@@ -114,10 +115,8 @@ def judged_rows(rows: TrackedRows, truth: Tracks) -> JudgedRows:
         beyond -= int(((there >= own.min()) & (there <= own.max())).sum()) if own.size else 0
     at, is_between = rows[before], before != after
     if is_between.any():
-        share = _share(rows, before, after, when)
-        columns: dict[str, Any] = {name: _between(getattr(rows, name), before, after, share)
-                   for name in ("position", "covariance", "speed", "unseen_s")}  # fmt: skip
-        at = replace(at, time_ns=when, direction=_turned(rows, before, after, share), **columns)
+        names = ("position", "covariance", "direction", "speed", "unseen_s")
+        at = replace(at, time_ns=when, **_between(rows, before, after, when, names))
     return JudgedRows(at, int(is_between.sum()), left_out, beyond)
 
 
@@ -192,24 +191,20 @@ def usual_interval_s(rows: Tracks | TrackedRows) -> float:
 
 def interpolated(truth: Tracks, before: IntArray, after: IntArray, time_ns: IntArray) -> Tracks:
     """Rows at ascending times (m,) between rows of the truth, or at them; direction turns the shorter way round."""
-    share = _share(truth, before, after, time_ns)
     return Tracks(
-        track_id=truth.track_id[before], time_ns=time_ns, group=truth.group[before],
-        position=_between(truth.position, before, after, share), direction=_turned(truth, before, after, share),
-        speed=_between(truth.speed, before, after, share), origin=truth.origin,
+        track_id=truth.track_id[before], time_ns=time_ns, group=truth.group[before], origin=truth.origin,
+        **_between(truth, before, after, time_ns, ("position", "direction", "speed")),
     )  # fmt: skip
 
 
-def _share(rows: Tracks | TrackedRows, before: IntArray, after: IntArray, time_ns: IntArray) -> FloatArray:
-    """(m,) how far times are from the one row to the other."""
-    step_ns = rows.time_ns[after] - rows.time_ns[before]
-    return np.asarray((time_ns - rows.time_ns[before]) / np.maximum(step_ns, 1))
-
-
-def _between(column: FloatArray, before: IntArray, after: IntArray, share: FloatArray) -> FloatArray:
-    share = share.reshape(-1, *[1] * (column.ndim - 1))
-    return np.asarray(column[before] + share * (column[after] - column[before]))
-
-
-def _turned(rows: Tracks | TrackedRows, before: IntArray, after: IntArray, share: FloatArray) -> FloatArray:
-    return wrap(rows.direction[before] + share * difference(rows.direction[after], rows.direction[before]))
+def _between(
+    rows: Tracks | TrackedRows, before: IntArray, after: IntArray, time_ns: IntArray, names: Sequence[str]
+) -> dict[str, Any]:
+    """Columns of these names at times (m,) between rows, linearly; a direction turns the shorter way round."""
+    share = (time_ns - rows.time_ns[before]) / np.maximum(rows.time_ns[after] - rows.time_ns[before], 1)
+    found: dict[str, Any] = {}
+    for name in names:
+        column = getattr(rows, name)
+        step = (difference if name == "direction" else np.subtract)(column[after], column[before])
+        found[name] = column[before] + share.reshape(-1, *[1] * (column.ndim - 1)) * step
+    return found | {"direction": wrap(found["direction"])}
