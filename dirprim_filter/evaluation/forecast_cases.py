@@ -30,7 +30,7 @@ not known."""
 PAST_NS = int(HALF_WINDOWS_S[0] * 1e9)
 """A vehicle's motion is its move over so long before, or since the row before where rows are further apart."""
 FEWEST_CASES = 20
-"""At a horizon by which settings are chosen."""
+"""At a horizon that is scored, or by which settings are chosen: below it too few vehicles are still there."""
 MOVES_M = 0.5 * STANDING_M
 """A shorter move has no course."""
 

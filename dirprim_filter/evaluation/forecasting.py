@@ -17,7 +17,7 @@ import numpy as np
 from dirprim_filter.arrays import AnyArray, FloatArray
 from dirprim_filter.evaluation.baselines.trajectory_memory import States, TrajectoryMemory
 from dirprim_filter.evaluation.belief_forecasts import NOISE, chosen_noise, forecast_beliefs
-from dirprim_filter.evaluation.forecast_cases import HORIZONS_S, SCORES, Cases, score_cases
+from dirprim_filter.evaluation.forecast_cases import FEWEST_CASES, HORIZONS_S, SCORES, Cases, score_cases
 from dirprim_filter.evaluation.intervals import Interval, paired, reduction_of_mean
 from dirprim_filter.evaluation.settings import Choice
 from dirprim_filter.evaluation.splits import SplitBy, split, steps
@@ -134,8 +134,6 @@ METHODS: tuple[Fit, ...] = (by_map, by_one_cell, by_trajectory_memory, by_consta
 
 MIN_SAMPLES = 20
 """Fewer say little of a region that holds 90 % of them."""
-MIN_CASES = 20
-"""Below it a horizon is not scored: too few vehicles are still there."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -237,8 +235,8 @@ def evaluate_forecasts(
     folds = split(tracks, by=split_by, n_folds=n_folds, rng=child)
     done = steps(len(folds) * len(methods), progress)
     held_out = [Cases.of(fold.test, horizons_s=horizons, among=tracks) for fold in folds]
-    if sum(np.count_nonzero(np.isfinite(cases.later[:, 0, 0])) for cases in held_out) < MIN_CASES:
-        raise ValueError(f"tracks: expected {MIN_CASES} held-out forecasts {horizons[0]:g} s ahead, got fewer")
+    if sum(np.count_nonzero(np.isfinite(cases.later[:, 0, 0])) for cases in held_out) < FEWEST_CASES:
+        raise ValueError(f"tracks: expected {FEWEST_CASES} held-out forecasts {horizons[0]:g} s ahead, got fewer")
     for fold, cases in zip(folds, held_out, strict=True):
         clusters.append(cases.group if split_by == "group" else cases.name)
         n_vehicles += int(np.unique(cases.vehicle).size)
@@ -249,7 +247,7 @@ def evaluate_forecasts(
             done()
     scored = {name: np.concatenate(folds) for name, folds in scores.items()}
     first = next(iter(scored.values()))
-    at = np.flatnonzero(np.isfinite(first[..., 0]).sum(axis=0) >= MIN_CASES)
+    at = np.flatnonzero(np.isfinite(first[..., 0]).sum(axis=0) >= FEWEST_CASES)
     cluster = np.concatenate(clusters)
     rows = [
         MethodForecasts(
