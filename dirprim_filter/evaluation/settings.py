@@ -38,11 +38,6 @@ class Choice(NamedTuple):
     chosen: float
     high: float
 
-    @property
-    def is_inside(self) -> bool:
-        """Whether smaller and greater values were tried, and were not better."""
-        return self.low < self.chosen < self.high
-
 
 def choose(
     axes: Sequence[Axis], score: Callable[[tuple[float, ...]], float], *, least_gain: float = LEAST_GAIN

@@ -173,7 +173,7 @@ def test_on_a_ring_all_that_knows_the_place_beats_what_does_not_and_no_rival_lie
     assert set(settings) == {"DGM", "GP"}
     for of_folds in settings.values():
         assert len(of_folds) == 2
-        assert all(choice.is_inside for fold in of_folds for choice in fold)
+        assert all(choice.low < choice.chosen < choice.high for fold in of_folds for choice in fold)
     words, (value, low, high, _) = conclusion(found), without.joint.behind
     assert words.startswith(f"the map gives held-out motion {value:+.2f} nat ({low:.2f} to {high:.2f}) over the same")
     rival = max((score[of] for of in settings), key=lambda row: row.direction.mean_log.value)

@@ -179,7 +179,7 @@ def test_on_a_ring_the_prior_beats_constant_velocity_on_the_same_cases():
         assert len(settings[name]) == 2  # one for each fold, none of them on a bound of what was searched
         for fold in settings[name]:
             assert [found.name for found in fold] == names
-            assert all(found.is_inside for found in fold)
+            assert all(found.low < found.chosen < found.high for found in fold)
 
 
 def shifted(name, metres):

@@ -53,7 +53,7 @@ def test_all_methods_track_the_same_and_tell_of_gaps(table):
             assert method.name == "prior" or found.hidden_rmse > found.seen_rmse
     for of_seed in table.settings:
         assert set(of_seed) == {"constant velocity"}
-        assert all(found.is_inside for settings in of_seed.values() for found in settings)
+        assert all(found.low < found.chosen < found.high for settings in of_seed.values() for found in settings)
 
 
 def test_the_same_experiment_gives_the_same_figures_and_another_seed_others(table, traffic, ring_map):
