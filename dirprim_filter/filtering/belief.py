@@ -104,7 +104,7 @@ class States(NamedTuple):
 
     Attributes:
         sample: (v, 9, P) x, y, their rates and one number more that lasts; then cosine and sine of the direction; then
-            what the samples follow, as `Guided.resumed` takes it. Of a filter without samples (v, 7, 1).
+            what the samples follow, as `ParticleFilter.resumed` takes it. Of a filter without samples (v, 7, 1).
         weight: (v, P) of the samples, sums to 1.
         covariance: (v, 4, 4) of place and rates about each sample.
     """

@@ -44,7 +44,7 @@ class CustomFilter(ParticleFilter):
 
     @property
     def own_way_share(self) -> float:
-        """As of `Guided`."""
+        """As of a `ParticleFilter`; of an own transition 1."""
         return super().own_way_share if self.transition is None else 1.0
 
     def reserve(self, n_slots: int) -> None:

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from copy import copy
 from itertools import pairwise
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -23,7 +23,6 @@ from dirprim_filter.filtering import _conditioning, _kernels, _measuring, _resam
 from dirprim_filter.filtering.belief import BeliefSamples, ParticleBelief, States, weigh_by_cue
 from dirprim_filter.filtering.kalman import ConstantVelocityKalman, WanderingKalman
 from dirprim_filter.filtering.measurements import FASTEST, LOST, Evidence
-from dirprim_filter.filtering.protocols import Places
 from dirprim_filter.primitives._leader import ALONE
 from dirprim_filter.primitives._manoeuvres import OWN_WAY
 from dirprim_filter.primitives.cues import Cue
@@ -46,8 +45,22 @@ PARTS_PER_THREAD = 4
 """Vehicles differ in work: a thread that is done early takes another part."""
 
 
+class Places(NamedTuple):
+    """Where vehicles are on a map, by their beliefs.
+
+    Attributes:
+        outside: (v,) probability that a vehicle is outside of the map's cells; 0 without cells.
+        follows_map: (v,) probability that it follows a manoeuvre of the map and does not go its own way.
+        ends: (v,) 1/s, rate at which trajectories end there; 0 without cells.
+    """
+
+    outside: FloatArray
+    follows_map: FloatArray
+    ends: FloatArray
+
+
 class ParticleFilter(ParticleBelief):
-    """A `BayesFilter` of particles that move by a map.
+    """A `Smoothable` of particles that move by a map, which hold what vehicles will do next.
 
     Vehicles are split among threads, and a vehicle's numbers come from its own random state: results depend neither on
     the threads nor on other vehicles.
@@ -57,6 +70,10 @@ class ParticleFilter(ParticleBelief):
         config: the filter's parameters.
         sensor: how measured positions err, latency aside, which is the tracker's; it replaces the configured noise
             and the covariances that detections report.
+
+    Attributes:
+        traffic: of the map; None for one without cells.
+        longest_step_s: seconds of the longest step of motion that the map allows.
     """
 
     def __init__(
@@ -87,7 +104,7 @@ class ParticleFilter(ParticleBelief):
         self._split(_kernels.initialise_motion, (self._table, self.cloud), (slot,), each_ns=100.0)
 
     def steer(self, slot: IntArray, key: AnyArray, way: FloatArray, took_s: FloatArray) -> None:
-        """Have half of the particles of new beliefs move as their vehicles came, by ways (v, 2) in seconds (v,).
+        """After `begin`, with its keys: half of the particles move as vehicles came, by ways (v, 2) in (v,) seconds.
 
         By the map alone who drives against all traffic would be sent back, row after row. Two-point initiation:
         Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, 5.5.3.
@@ -107,13 +124,13 @@ class ParticleFilter(ParticleBelief):
 
     @property
     def own_way_share(self) -> float:
-        """As of `Guided`."""
+        """Share of vehicles out of sight that go straight on, not by the map; 1 of a map that knows no places."""
         if not self._has_cells:
             return 1.0
         return OWN_WAY_SHARE if self.config.own_way_rate > 0.0 else 0.0
 
     def resumed(self, key: int, sample: FloatArray) -> Self:
-        """One that moves by the same map, with one belief: samples (9, P) as of `states`."""
+        """One of the same map with one belief: samples (9, P) as of `states`, of equal weight; seeded by a uint64."""
         other, rng = copy(self), np.random.default_rng(key)
         ParticleBelief.__init__(other, n_particles=sample.shape[1])
         cloud, (east, north, *rates, _, cosine, sine, manoeuvre, push) = other.cloud, sample
@@ -147,7 +164,10 @@ class ParticleFilter(ParticleBelief):
     def predict(
         self, slot: IntArray, dt_s: FloatArray, cue: Cue | None = None, step_s: FloatArray | None = None
     ) -> None:  # fmt: skip
-        """Move the particles by the map's motion model, under a cue by Eq. 4. (v,), (v,), (v,) seconds."""
+        """Move the particles by the map's motion model, under a cue by Eq. 4. (v,), (v,) seconds.
+
+        In steps of at most (v,) `step_s`, left out the configured.
+        """
         self.step += 1
         table, steps = under(self._table, cue), np.full(slot.size, self.config.step_s) if step_s is None else step_s
         for longest in set(steps.tolist()):
@@ -171,7 +191,7 @@ class ParticleFilter(ParticleBelief):
         return Evidence(evidence[:, 0], evidence[:, 1] == 0.0, evidence[:, 2] > 0.0)
 
     def weigh_by_cue(self, slot: IntArray, cue: Cue) -> FloatArray:
-        """Weigh particles by a cue of the turn some seconds later, Eq. 4. (v,) -> (v,) as `OnMap.weigh_by_cue`."""
+        """Weigh particles by a cue of the turn some seconds later, Eq. 4. (v,) -> (v,) as `belief.weigh_by_cue`."""
         self.step += 1
         return weigh_by_cue(self._table, self.cloud, slot, cue)
 
@@ -194,7 +214,7 @@ class ParticleFilter(ParticleBelief):
         return Places(result[:, 0] * self._has_cells, result[:, 1], result[:, 2])
 
     def particles(self, slot: IntArray) -> BeliefSamples:
-        """The beliefs' samples, one vehicle after the other."""
+        """The beliefs' samples until the next step, one vehicle after the other; `vehicle` counts the slots given."""
         return BeliefSamples((self, slot))
 
     def _columns(self, slot: IntArray, measured: Detections) -> FloatArray:

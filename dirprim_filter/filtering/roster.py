@@ -16,7 +16,8 @@ from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import NO_ID
 from dirprim_filter.filtering import existence
-from dirprim_filter.filtering.protocols import BayesFilter, OnMap
+from dirprim_filter.filtering.particle_filter import ParticleFilter
+from dirprim_filter.filtering.protocols import BayesFilter
 from dirprim_filter.primitives.cues import Cue
 
 FIRST_CAPACITY = 8
@@ -107,7 +108,7 @@ class Roster:
 
     def __init__(self, bayes_filter: BayesFilter, config: TrackingConfig, *, moves: FilterConfig) -> None:
         self._filter, self._config = bayes_filter, config
-        self._on_map = bayes_filter if isinstance(bayes_filter, OnMap) else None
+        self._on_map = bayes_filter if isinstance(bayes_filter, ParticleFilter) else None
         self._step_s, longest_s = moves.step_s, moves.step_s if self._on_map is None else self._on_map.longest_step_s
         self._longest_stride = int(longest_s / self._step_s + 1e-9)
         self._slot: dict[str, int] = {}

@@ -19,7 +19,7 @@ from dirprim_filter.filtering.belief import birth_key
 from dirprim_filter.filtering.existence import Tally, Undetected
 from dirprim_filter.filtering.measurements import innovation, with_unseen_errors
 from dirprim_filter.filtering.particle_filter import ParticleFilter
-from dirprim_filter.filtering.protocols import BayesFilter, OnMap
+from dirprim_filter.filtering.protocols import BayesFilter
 from dirprim_filter.filtering.roster import Roster
 from dirprim_filter.filtering.smoothing.recorder import Recorder
 from dirprim_filter.primitives.motion_sums import AHEAD_S
@@ -84,7 +84,7 @@ class Tracker:
         self._recorder: Recorder | None = None
         self._latency_ns = 0 if sensor is None else round(sensor.latency_s * 1e9)
         self._step_ns = max(round(self.config.step_s * 1e9), 1)
-        self._on_map = self._filter if isinstance(self._filter, OnMap) else None
+        self._on_map = self._filter if isinstance(self._filter, ParticleFilter) else None
         self._roster = Roster(self._filter, self.tracking, moves=self.config)
         traffic = None if self._on_map is None else self._on_map.traffic
         self._undetected = Undetected(traffic, self.tracking, self.config)

@@ -22,7 +22,8 @@ from dirprim_filter.distributions import gaussian
 from dirprim_filter.filtering._kernels import effective_sample_size
 from dirprim_filter.filtering.belief import States
 from dirprim_filter.filtering.kalman import ConstantVelocityKalman
-from dirprim_filter.filtering.protocols import Guided, Smoothable
+from dirprim_filter.filtering.particle_filter import ParticleFilter
+from dirprim_filter.filtering.protocols import Smoothable
 from dirprim_filter.filtering.smoothing.links import LEAST_VARIANCE, MOVES, tempered
 
 WAYS, ARRIVALS = 8, 2
@@ -139,7 +140,7 @@ def across(
         key: seeds the samples' random numbers.
     """
     by_straight = straight(model, ends, time_ns)
-    if start is None or not isinstance(bayes_filter, Guided) or (share := bayes_filter.own_way_share) == 1.0:
+    if start is None or not isinstance(bayes_filter, ParticleFilter) or (share := bayes_filter.own_way_share) == 1.0:
         return by_straight
     by_map, evidence = guided(bayes_filter, model, ends, start, time_ns, n=WAYS * start.weight.shape[1], key=key)
     odds = share * math.exp(min(POWER * (log_evidence(ends) - evidence), 500.0))
@@ -150,7 +151,7 @@ def log_density(
     bayes_filter: Smoothable, model: ConstantVelocityKalman, ends: Ends, start: States, *, key: int
 ) -> float:  # fmt: skip
     """Log density of the state at the end, by both motions in their shares; arguments as of `across`."""
-    if not isinstance(bayes_filter, Guided) or (share := bayes_filter.own_way_share) == 1.0:
+    if not isinstance(bayes_filter, ParticleFilter) or (share := bayes_filter.own_way_share) == 1.0:
         return log_evidence(ends)
     n, nowhere = ARRIVALS * start.weight.shape[1], np.empty(0, np.int64)
     by_map = guided(bayes_filter, model, ends, start, nowhere, n=n, key=key)[1]
@@ -167,8 +168,8 @@ def mixed(one: Gaussian, other: Gaussian, share: float) -> Gaussian:
 
 
 def guided(
-    bayes_filter: Guided, model: ConstantVelocityKalman, ends: Ends, start: States, time_ns: IntArray, *, n: int,
-    key: int,
+    bayes_filter: ParticleFilter, model: ConstantVelocityKalman, ends: Ends, start: States, time_ns: IntArray, *,
+    n: int, key: int,
 ) -> tuple[Gaussian, float]:  # fmt: skip
     """The way at times (t,) by the filter's own motion, from n of its samples at the start; and the log evidence."""
     rng, (target, spread) = np.random.default_rng(key), ends.later
