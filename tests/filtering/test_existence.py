@@ -1,7 +1,5 @@
 """One model of existence for tracks with and without ids: Bayes' rule, and what follows from it in the tracker."""
 
-from itertools import product
-
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -15,26 +13,20 @@ from dirprim_filter.filtering.roster import NO_GAPS, remembered, usual
 from situations import on_the_ring, one_cell_map, seen_at, tracker_of
 
 
-def existence_by_enumeration(steps, config):
-    """(3,) summed over all ways through the states, by steps of (dt_s, density of the hit or None)."""
+def existence_by_the_chain(steps, config):
+    """(3,) the density of all that was seen and each state, by the exponential of rates; steps as of the filter."""
     out, back, leave = config.occlusion_rate, config.reappearance_rate, config.departure_rate
     rates = np.array([[-out - leave, out, leave], [back, -back - leave, leave], [0.0, 0.0, 0.0]])
     by_chance, p = config.clutter_density + config.birth_density, config.detection_probability
-    moves = [expm(rates * dt_s) for dt_s, _ in steps]
-    total = np.zeros(3)
-    for path in product(range(3), repeat=len(steps) + 1):
-        weight = (config.birth_density / by_chance, 0.0, config.clutter_density / by_chance)[path[0]]
-        for (_, density), move, before, after in zip(steps, moves, path, path[1:], strict=False):
-            weight *= move[before, after]
-            if density is None:
-                weight *= 1.0 - p if after == 0 else 1.0
-            else:  # a detection there is the vehicle's, or there by chance
-                weight *= p * density + (1.0 - p) * by_chance if after == 0 else by_chance
-        total[path[-1]] += weight
-    return total / by_chance ** sum(density is not None for _, density in steps)
+    total = np.array([config.birth_density, 0.0, config.clutter_density]) / by_chance
+    for dt_s, density in steps:
+        hit = 0.0 if density is None else p * density / by_chance  # else a detection there is there by chance
+        total = total @ expm(rates * dt_s) * [1.0 - p + hit, 1.0, 1.0]
+    return total
 
 
 def existence_by_the_filter(steps, config):
+    """Likewise, by steps of (dt_s, density of the hit or None), normalised; and the tally."""
     first, tally = np.array([config.birth_density]), existence.Tally()
     state = existence.at_birth(first, config.clutter_density)
     for dt_s, density in steps:
@@ -57,10 +49,10 @@ def existence_by_the_filter(steps, config):
 )
 def test_existence_is_the_sum_over_all_ways_through_the_states(steps):
     config = TrackingConfig(detection_probability=0.8, occlusion_rate=0.3, reappearance_rate=0.6, departure_rate=0.2)
-    expected, (found, tally) = existence_by_enumeration(steps, config), existence_by_the_filter(steps, config)
+    expected, (found, tally) = existence_by_the_chain(steps, config), existence_by_the_filter(steps, config)
     np.testing.assert_allclose(found, expected / expected.sum(), rtol=1e-9)
     assert tally.log_density == pytest.approx(np.log(expected.sum()), rel=1e-9)
-    other = existence_by_enumeration(steps, TrackingConfig(detection_probability=0.7))
+    other = existence_by_the_chain(steps, TrackingConfig(detection_probability=0.7))
     assert np.abs(other / other.sum() - expected / expected.sum()).max() > 1e-6
 
 
