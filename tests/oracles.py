@@ -102,13 +102,9 @@ def filterpy_constant_velocity(place, time_s, *, density, noise_m, first_speed_s
     kalman.x, kalman.P = np.append(place[0], [0.0, 0.0]), np.diag(2 * [noise_m**2] + 2 * [first_speed_std**2])
     moves = [np.eye(4) + h * np.eye(4, k=2) for h in steps_s]
     added = [np.kron(Q_continuous_white_noise(2, h, density), np.eye(2)) for h in steps_s]
-    means, covariances = [kalman.x], [kalman.P]
-    for move, noise, z in zip(moves, added, place[1:], strict=True):
-        kalman.predict(F=move, Q=noise)
-        kalman.update(None if np.isnan(z).any() else z)
-        means.append(kalman.x.copy())
-        covariances.append(kalman.P.copy())
-    filtered = np.array(means), np.array(covariances)
+    seen, first = [None if np.isnan(z).any() else z for z in place[1:]], (kalman.x, kalman.P)
+    later = kalman.batch_filter(seen, Fs=moves, Qs=added)[:2]
+    filtered = tuple(np.concatenate([[start], of]) for start, of in zip(first, later, strict=True))
     return filtered, kalman.rts_smoother(*filtered, [np.eye(4), *moves], [np.eye(4), *added])[:2]
 
 
