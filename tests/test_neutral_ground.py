@@ -65,18 +65,16 @@ def test_a_rivals_settings_lie_inside_what_was_tried():
         assert choice.low < choice.chosen < choice.high
 
 
-def camera() -> np.ndarray:
-    """(3, 4) of a camera 6 m above the ground, that looks north and down."""
-    tilt = 0.4
-    rotation = np.array([[1, 0, 0], [0, -np.sin(tilt), -np.cos(tilt)], [0, np.cos(tilt), -np.sin(tilt)]])
-    inner = np.array([[1000.0, 0, 960], [0, 1000.0, 540], [0, 0, 1]])
-    return inner @ np.column_stack([rotation, -rotation @ [0.0, 0.0, 6.0]])
+ROTATION = np.array([[1, 0, 0], [0, -np.sin(0.4), -np.cos(0.4)], [0, np.cos(0.4), -np.sin(0.4)]])
+INNER, SHIFT_M = np.array([[1000.0, 0, 960], [0, 1000.0, 540], [0, 0, 1]]), -ROTATION @ [[0.0], [0.0], [6.0]]
+CAMERA = INNER @ np.hstack([ROTATION, SHIFT_M])
+"""(3, 4) of a camera 6 m above the ground, that looks north and down."""
 
 
 def boxes_at(place: np.ndarray) -> np.ndarray:
     """(n, 2) metres -> (n, 4) left, top, width, height of people there."""
     ends = [np.column_stack([place, np.full(len(place), height), np.ones(len(place))]) for height in (0.0, 1.7)]
-    feet, head = (of @ camera().T for of in ends)
+    feet, head = (of @ CAMERA.T for of in ends)
     feet, head = feet[:, :2] / feet[:, 2:], head[:, :2] / head[:, 2:]
     height = feet[:, 1] - head[:, 1]
     return np.column_stack([feet[:, 0] - 0.2 * height, head[:, 1], 0.4 * height, height])
@@ -97,7 +95,7 @@ def test_pixels_come_back_to_the_ground_with_the_spread_of_the_mapping():
     place = rng.uniform([-8.0, 10.0], [8.0, 30.0], (40, 2))
     box = boxes_at(place)
     corners = np.column_stack([box[:, :2], box[:, :2] + box[:, 2:]])
-    ground = Ground(np.linalg.inv(camera()[:, [0, 1, 3]]))
+    ground = Ground(np.linalg.inv(CAMERA[:, [0, 1, 3]]))
     found, covariance = ground.feet(corners)
     np.testing.assert_allclose(found, place, atol=1e-6)
     np.testing.assert_allclose(Ground.fitted(corners, place).feet(corners)[0], place, atol=1e-3)
@@ -175,12 +173,9 @@ def crowds(folder: Path) -> None:
     half = [f"{int(row.partition(',')[0]) - 30},{row.partition(',')[2]}" for row in truth[90:]]
     (mot / "gt_val_half.txt").write_text("\n".join(half) + "\n")
     (mot / "seqinfo.ini").write_text("[Sequence]\nname=MOT17-99\nframeRate=10\nseqLength=60\n")
-    tilt = 0.4
-    (mot / "cam_para.txt").write_text(
-        f"RotationMatrices\n1 0 0\n0 {-np.sin(tilt)} {-np.cos(tilt)}\n0 {np.cos(tilt)} {-np.sin(tilt)}\n\n"
-        f"TranslationVectors\n0 {6000 * np.cos(tilt)} {6000 * np.sin(tilt)}\n\n"
-        "IntrinsicMatrix\n1000 0 960\n0 1000 540\n0 0 1\n"
-    )
+    parts = {"RotationMatrices": ROTATION, "TranslationVectors": 1000.0 * SHIFT_M.T, "IntrinsicMatrix": INNER}
+    lines = {name: [" ".join(map(str, row)) for row in part] for name, part in parts.items()}
+    (mot / "cam_para.txt").write_text("\n\n".join("\n".join([name, *rows]) for name, rows in lines.items()))
 
 
 def test_gaps_in_trips_that_no_map_has_seen(tmp_path):
