@@ -192,10 +192,10 @@ class EstimateSink(Protocol):
 
 
 class EstimateList:
-    """An `EstimateSink` that keeps all estimates in memory, after those that it is given."""
+    """An `EstimateSink` that keeps all estimates in memory."""
 
-    def __init__(self, *parts: Estimates) -> None:
-        self._parts = list(parts)
+    def __init__(self) -> None:
+        self._parts: list[Estimates] = []
 
     def write(self, frame: TrackedFrame) -> None:
         """Keep the frame's estimates."""

@@ -17,7 +17,7 @@ from dirprim_filter.primitives import _leader, _motion
 from dirprim_filter.primitives._leader import LeaderTable
 from dirprim_filter.primitives._manoeuvres import MotionTable, acceleration_of, offset_from
 from tessellation import OUTSIDE
-from tessellation._compiling import compiled, pasted
+from tessellation._compiling import compiled
 
 
 class Cloud(NamedTuple):
@@ -80,19 +80,13 @@ def advance(
             _leader.bends(table, cloud.manoeuvre[v], cloud.direction[v], curvature)
             _leader.behind(scene, v, cloud.position[v], cloud.direction[v], curvature, seen)
             _leader.respond(response, cloud.speed[v], cloud.push[v], seen, led)
-        step(table, cloud, v, led, dt_s[i])
-
-
-@pasted  # by itself it would compile all of `move` once more
-def step(table: MotionTable, cloud: Cloud, v: int, led: FloatArray, dt_s: float) -> None:
-    """Move the particles of one vehicle."""
-    state = cloud.state[v].copy()  # of its own memory, or threads would count references to one array in turns
-    _motion.move(
-        table, cloud.position[v], cloud.direction[v], cloud.speed[v], cloud.cell[v], cloud.manoeuvre[v],
-        cloud.push[v], led, dt_s, state,
-    )  # fmt: skip
-    for word in range(state.size):  # a slice would compile numba's strings for its error
-        cloud.state[v, word] = state[word]
+        state = cloud.state[v].copy()  # of its own memory, or threads would count references to one array in turns
+        _motion.move(
+            table, cloud.position[v], cloud.direction[v], cloud.speed[v], cloud.cell[v], cloud.manoeuvre[v],
+            cloud.push[v], led, dt_s[i], state,
+        )  # fmt: skip
+        for word in range(state.size):  # a slice would compile numba's strings for its error
+            cloud.state[v, word] = state[word]
 
 
 @compiled
