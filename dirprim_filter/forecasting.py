@@ -21,7 +21,7 @@ from dirprim_filter.distributions.highest_density import Region, highest_density
 from dirprim_filter.estimates import Particles, TrackedFrame
 from dirprim_filter.filtering import _kernels
 from dirprim_filter.filtering._kernels import Cloud
-from dirprim_filter.filtering.belief import birth_key, weigh_by_cue
+from dirprim_filter.filtering.belief import birth_key, empty_cloud, weigh_by_cue
 from dirprim_filter.filtering.transition import Moving, Transition
 from dirprim_filter.primitives._leader import ALONE, LeaderTable
 from dirprim_filter.primitives._manoeuvres import MotionTable
@@ -115,14 +115,12 @@ def sampled(table: MotionTable, belief: Particles, n_samples: int, *, rng: np.ra
 
     They go on by the manoeuvre and the push that the filter found for them; those of no place look at the map anew.
     """
-    share, shape = belief.weight / belief.weight.sum(), (1, n_samples)
+    share = belief.weight / belief.weight.sum()
     row = rng.choice(len(belief), n_samples, p=share) if len(belief) > 1 else np.zeros(n_samples, np.int64)
     drawn = belief[row]
-    cell, manoeuvre = np.empty((2, *shape), np.int64)
-    cloud = Cloud(
-        drawn.position[None], drawn.direction[None], drawn.speed[None], cell=cell, manoeuvre=manoeuvre,
-        push=np.empty(shape), weight=np.full(shape, 1.0 / n_samples),
-        state=rng.integers(2**64, size=(1, 4), dtype=np.uint64), since_s=np.zeros(1),
+    cloud = empty_cloud(1, n_samples)._replace(
+        position=drawn.position[None], direction=drawn.direction[None], speed=drawn.speed[None],
+        state=rng.integers(2**64, size=(1, 4), dtype=np.uint64),
     )  # fmt: skip
     _kernels.initialise_motion(table, cloud, np.arange(1))
     placed = (drawn.manoeuvre >= 0) & (drawn.manoeuvre < table.begin[-1])

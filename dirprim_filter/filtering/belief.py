@@ -28,7 +28,7 @@ class ParticleBelief:
     def __init__(self, *, n_particles: int) -> None:
         if n_particles < 1:
             raise ValueError(f"n_particles: expected at least 1, got {n_particles}")
-        self.cloud = _empty(FIRST_CAPACITY, n_particles)
+        self.cloud = empty_cloud(FIRST_CAPACITY, n_particles)
         self.step = 0
 
     @property
@@ -41,7 +41,7 @@ class ParticleBelief:
         old = len(self.cloud.speed)
         if n_slots <= old:
             return
-        larger = _empty(n_slots, self.n_particles)
+        larger = empty_cloud(n_slots, self.n_particles)
         for new, column in zip(larger, self.cloud, strict=True):
             new[:old] = column
         self.cloud = larger
@@ -133,7 +133,8 @@ def weigh_by_cue(table: MotionTable, cloud: Cloud, vehicle: IntArray, cue: Cue) 
     return np.asarray(top + np.log(total))
 
 
-def _empty(n_slots: int, n_particles: int) -> Cloud:
+def empty_cloud(n_slots: int, n_particles: int) -> Cloud:
+    """Particles of equal weight, of no place and no motion yet."""
     shape = (n_slots, n_particles)
     return Cloud(
         position=np.zeros((*shape, 2)), direction=np.zeros(shape), speed=np.zeros(shape),

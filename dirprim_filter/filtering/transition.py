@@ -15,6 +15,7 @@ import numpy as np
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.filtering import _kernels
 from dirprim_filter.filtering._kernels import Cloud
+from dirprim_filter.filtering.belief import empty_cloud
 from dirprim_filter.primitives._leader import ALONE
 from dirprim_filter.primitives.cues import Cue
 from dirprim_filter.primitives.motion_table import motion_table, under
@@ -89,11 +90,10 @@ class MapTransition:
 def _cloud(particles: Moving, rng: np.random.Generator) -> Cloud:
     """The particles as kernels take them, a copy."""
     cell, manoeuvre, push = particles.own.T.copy()
-    n = push.size
-    return Cloud(
-        particles.position[None].copy(), particles.direction[None].copy(), particles.speed[None].copy(),
-        cell.astype(np.int64)[None], manoeuvre.astype(np.int64)[None], push[None], np.full((1, n), 1.0 / n),
-        rng.integers(2**64, size=(1, 4), dtype=np.uint64), np.zeros(1),
+    return empty_cloud(1, push.size)._replace(
+        position=particles.position[None].copy(), direction=particles.direction[None].copy(),
+        speed=particles.speed[None].copy(), cell=cell.astype(np.int64)[None], push=push[None],
+        manoeuvre=manoeuvre.astype(np.int64)[None], state=rng.integers(2**64, size=(1, 4), dtype=np.uint64),
     )  # fmt: skip
 
 
