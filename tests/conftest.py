@@ -43,6 +43,12 @@ def ring_map(ring):
     return learn_primitives(ring, tessellation="grid", cell_size=6.0, rng=np.random.default_rng(7))
 
 
+@pytest.fixture(params=["particles", "kalman"])
+def either(request, ring_map):
+    """What vehicles are tracked by: the map, or None, which `tracker_of` takes for a Kalman filter."""
+    return ring_map if request.param == "particles" else None
+
+
 @pytest.fixture(scope="session")
 def short_recordings(tmp_path_factory):
     """A folder of logs of the recordings' names, cut down: the same commands on them are sooner done."""

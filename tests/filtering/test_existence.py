@@ -56,9 +56,9 @@ def test_existence_is_the_sum_over_all_ways_through_the_states(steps):
     assert np.abs(other / other.sum() - expected / expected.sum()).max() > 1e-6
 
 
-def followed(ring_map, frames, *, filter_of="particles", tracking=None):
+def followed(model, frames, *, tracking=None):
     """What is reported in each frame: of (seconds, {name: place})."""
-    tracker = tracker_of(ring_map if filter_of == "particles" else None, tracking=tracking, n_particles=300)
+    tracker = tracker_of(model, tracking=tracking, n_particles=300)
     seen = [(t, list(places.values()), ["" if name[0] == "?" else name for name in places]) for t, places in frames]
     return [tracker.step(seen_at(*frame), time_ns=round(frame[0] * 1e9)) for frame in seen]
 
@@ -79,19 +79,17 @@ def log_odds(ring_map, *, turned=None, off=0.0, n=3):
 
 BOTH_KINDS = pytest.mark.parametrize("name", ["a", "?"])
 """With the sensor's id, and without."""
-BOTH_FILTERS = pytest.mark.parametrize("filter_of", ["particles", "kalman"])
 
 
 @BOTH_KINDS
-@BOTH_FILTERS
-def test_one_detection_confirms_nothing_and_four_a_vehicle(ring_map, name, filter_of):
-    found = followed(ring_map, alone(name, n=20), filter_of=filter_of)
+def test_one_detection_confirms_nothing_and_four_a_vehicle(either, name):
+    found = followed(either, alone(name, n=20))
     first = next(i for i, estimates in enumerate(found) if len(estimates))
     assert 1 <= first <= 3
     assert all(len(estimates) == 1 for estimates in found[first:])
     assert found[first].existence[0] >= TrackingConfig().confirm_above
     at_once = TrackingConfig(clutter_density=1e-9)  # the control: of a sensor that says it never errs
-    assert len(followed(ring_map, alone(name, n=1), filter_of=filter_of, tracking=at_once)[0]) == 1
+    assert len(followed(either, alone(name, n=1), tracking=at_once)[0]) == 1
 
 
 def test_a_right_course_and_speed_are_evidence_for_a_vehicle_and_wrong_ones_against(ring_map):
@@ -113,13 +111,13 @@ def test_a_false_detection_is_never_reported(ring_map, name):
     assert len(set(gulled.track_id.tolist())) > 20
 
 
-def test_an_id_that_comes_again_is_evidence_beside_the_place(ring_map):
+def test_an_id_that_comes_again_is_evidence_beside_the_place():
     rng = np.random.default_rng(0)
     missed, noise = rng.random(60) < 0.2, rng.normal(0, 0.5, (60, 2))
 
     def of(name, tracking=None):
         frames = alone(name, n=60, hide=lambda i: missed[i], place=lambda t: on_the_ring(t) + noise[round(10 * t)])
-        return Estimates.concatenate(followed(ring_map, frames, filter_of="kalman", tracking=tracking))
+        return Estimates.concatenate(followed(None, frames, tracking=tracking))
 
     labelled, unlabelled = of("a"), of("?")
     at = np.searchsorted(labelled.time_ns, unlabelled.time_ns)
@@ -158,7 +156,7 @@ def test_who_leaves_the_map_is_gone_half_a_second_after(ring_map, name):
     found = followed(ring_map, frames)
     last = max(i for i, estimates in enumerate(found) if len(estimates))
     assert end_s - 0.2 < 0.1 * last < end_s + 0.5
-    stays = followed(ring_map, frames, filter_of="kalman")  # the control: it knows no map
+    stays = followed(None, frames)  # the control: it knows no map
     assert max(i for i, estimates in enumerate(stays) if len(estimates)) > last + 10
 
 

@@ -32,18 +32,16 @@ def tracked_by(tracker, seen):
 
 
 @pytest.mark.parametrize("ids", [True, False])
-@pytest.mark.parametrize("model", ["particles", "kalman"])
-def test_each_group_is_tracked_as_if_it_were_alone(ring, ring_map, ids, model):
+def test_each_group_is_tracked_as_if_it_were_alone(ring, either, ids):
     """A detection of no track has no name, in whichever group; at first none without an id has a track with one."""
-    model = ring_map if model == "particles" else None
     parts = {group: reported(ring, group, ids=ids) for group in (0, 2, 5)}
-    tracker_of_all = GroupTracker(lambda _: tracker(model, None))
+    tracker_of_all = GroupTracker(lambda _: tracker(either, None))
     found, (of, assigned) = tracked_by(tracker_of_all, Detections.concatenate(parts.values()))
     assert tracker_of_all.n_groups == 3
     assert len(found) > 100
     assert (assigned == "").any() != ids
     for group, seen in parts.items():
-        theirs, (_, names) = tracked_by(tracker(model, None), seen)
+        theirs, (_, names) = tracked_by(tracker(either, None), seen)
         of_group = np.char.startswith(found.track_id, f"{group}/") if group else np.char.find(found.track_id, "/") < 0
         ours = found[of_group]
         prefix = f"{group}/" if group else ""
@@ -53,7 +51,7 @@ def test_each_group_is_tracked_as_if_it_were_alone(ring, ring_map, ids, model):
             np.testing.assert_array_equal(getattr(ours, column.name), getattr(theirs, column.name))
     # What it is about: without groups the vehicles are taken for each other.
     in_one = [replace(seen.without_ids(), group=np.zeros(len(seen), np.int64)) for seen in parts.values()]
-    mixed, _ = tracked_by(tracker(model, None), Detections.concatenate(in_one))
+    mixed, _ = tracked_by(tracker(either, None), Detections.concatenate(in_one))
     assert np.isin(found.position[:, 0], mixed.position[:, 0]).mean() < 0.5
 
 

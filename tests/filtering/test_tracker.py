@@ -16,8 +16,6 @@ from dirprim_filter.filtering.belief import FIRST_CAPACITY
 from oracles import filterpy_constant_velocity
 from situations import TRUSTING, beside, on_the_ring, one_cell_map, ring_traffic, seen_at, tracker_of
 
-on_either_filter = pytest.mark.parametrize("filter_of", ["particles", "kalman"])
-
 
 @pytest.fixture(scope="module")
 def traffic():
@@ -36,9 +34,8 @@ def round_the_ring(times_s):
     return [one("a", t, *on_the_ring(t)) for t in times_s]
 
 
-def track(model, frames, *, filter_of="particles", seed=1, n_particles=100, tracking=TRUSTING, **settings):
+def track(model, frames, *, seed=1, n_particles=100, tracking=TRUSTING, **settings):
     """Estimates of every frame, and the tracker: on a map, or by a Kalman filter."""
-    model = None if filter_of == "kalman" else model
     tracker = tracker_of(model, tracking=tracking, seed=seed, n_particles=n_particles, **settings)
     return Estimates.concatenate([tracker.step(frame) for frame in frames]), tracker
 
@@ -65,13 +62,12 @@ def test_a_vehicles_estimates_are_the_same_to_the_byte(ring_map, traffic, monkey
     assert of_vehicle(track(ring_map, alone.frames(), seed=2)[0], "car 3") != of_vehicle(of_all, "car 3")
 
 
-@on_either_filter
 @pytest.mark.parametrize("late_s", [10.4, 3600.0])
-def test_a_vehicle_unseen_for_longer_than_the_gap_is_reinitialised(ring_map, late_s, filter_of):
+def test_a_vehicle_unseen_for_longer_than_the_gap_is_reinitialised(either, late_s):
     frames = [one("a", t, 20.0, 0.5) for t in (0.0, 0.1, 0.2, 0.3, 5.3, late_s)]
-    found, _ = track(ring_map, frames, filter_of=filter_of, max_gap_s=5.0)
+    found, _ = track(either, frames, max_gap_s=5.0)
     assert np.flatnonzero(found.log_evidence == 0).tolist() == [0, 5]
-    fresh, _ = track(ring_map, frames[5:], filter_of=filter_of)
+    fresh, _ = track(either, frames[5:])
     assert of_vehicle(fresh, "a") == [column[-len(column) // 6 :] for column in of_vehicle(found, "a")]
 
 
@@ -79,7 +75,6 @@ def both(time_s, names=("a", "b")):
     return seen_at(time_s, [(20.0, 0.5), (0.0, 20.0)], ids=names)
 
 
-@on_either_filter
 @pytest.mark.parametrize(
     ("frame", "time_ns", "message"),
     [
@@ -91,9 +86,9 @@ def both(time_s, names=("a", "b")):
         (Detections.none(), None, "expected the time of a frame without detections"),
     ],
 )
-def test_a_frame_out_of_order_is_refused_and_changes_nothing(ring_map, filter_of, frame, time_ns, message):
+def test_a_frame_out_of_order_is_refused_and_changes_nothing(either, frame, time_ns, message):
     def followed(*, bad):
-        _, tracker = track(ring_map, [one("a", 0.5, 20.0, 0.0)], filter_of=filter_of)
+        _, tracker = track(either, [one("a", 0.5, 20.0, 0.0)])
         if bad:
             with pytest.raises(ValueError, match=message):
                 tracker.track(frame, time_ns=time_ns)
@@ -211,8 +206,7 @@ def test_a_lone_outlier_in_sight_reinitialises_nothing_and_who_is_back_out_of_re
     assert abs(found.position[-1, 0] - 150.0) < 2.0
 
 
-@on_either_filter
-def test_out_of_sight_a_vehicle_is_the_same_whenever_others_are_seen(ring_map, filter_of):
+def test_out_of_sight_a_vehicle_is_the_same_whenever_others_are_seen(either):
     """Frames at odd times cut the gap in odd pieces; its estimate must not depend on them.
 
     Whether it exists does: each is a frame in which it was not seen.
@@ -221,7 +215,7 @@ def test_out_of_sight_a_vehicle_is_the_same_whenever_others_are_seen(ring_map, f
     def at_the_end(others):
         frames = [*round_the_ring(0.1 * np.arange(10)), *(one("b", t, 0.0, 20.0) for t in others)]
         frames += round_the_ring([3.0])
-        found, _ = track(ring_map, frames, filter_of=filter_of, tracking=TrackingConfig())
+        found, _ = track(either, frames, tracking=TrackingConfig())
         return of_vehicle(found[found.time_ns == 3_000_000_000], "a", but=["existence"])
 
     assert at_the_end([]) == at_the_end([0.93, 1.0, 1.777, 2.95]) == at_the_end([2.999999999])

@@ -21,8 +21,8 @@ from situations import TRUSTING, on_the_ring, one_cell_map, seen_at, tracker_of
 SETTINGS = TrackingConfig(detection_probability=0.9, clutter_density=5e-4)
 
 
-def made(ring_map, filter_of):
-    return tracker_of(ring_map if filter_of == "particles" else None, tracking=SETTINGS, seed=1, n_particles=200)
+def made(model):
+    return tracker_of(model, tracking=SETTINGS, seed=1, n_particles=200)
 
 
 def followed(tracker, frames):
@@ -40,10 +40,9 @@ def two_vehicles(n_frames=60, *, rng, clutter=0.0):
     return frames
 
 
-@pytest.mark.parametrize("filter_of", ["particles", "kalman"])
-def test_two_vehicles_in_clutter_are_two_tracks_that_keep_their_names(ring_map, filter_of):
+def test_two_vehicles_in_clutter_are_two_tracks_that_keep_their_names(either):
     frames = two_vehicles(rng=np.random.default_rng(0), clutter=1.0)
-    found = followed(made(ring_map, filter_of), frames)
+    found = followed(made(either), frames)
     assert all(len(estimates) == 2 for estimates in found[15:])
     ways = [[on_the_ring(0.1 * i, from_=turn) for i in range(len(frames))] for turn in (0.0, np.pi)]
     assert [len(names) for names in kept_apart(found, ways, late=15)] == [1, 1]
@@ -54,7 +53,7 @@ def test_a_thousand_false_detections_in_a_frame_begin_nothing(ring_map):
     frames = two_vehicles(40, rng=rng)
     time_s, places = frames[25]
     frames[25] = (time_s, np.concatenate([places, rng.uniform(-200, 200, (1000, 2))]))
-    tracker = made(ring_map, "particles")
+    tracker = made(ring_map)
     followed(tracker, frames[:25])
     found = followed(tracker, frames[25:])
     assert all(len(estimates) == 2 for estimates in found[5:])
@@ -63,10 +62,10 @@ def test_a_thousand_false_detections_in_a_frame_begin_nothing(ring_map):
 
 def test_unlabelled_tracks_are_the_same_each_time_and_keep_out_of_the_way_of_labelled_ones(ring_map):
     frames = two_vehicles(30, rng=np.random.default_rng(5))
-    once, again = (Estimates.concatenate(followed(made(ring_map, "particles"), frames)) for _ in range(2))
+    once, again = (Estimates.concatenate(followed(made(ring_map), frames)) for _ in range(2))
     assert once.position.tobytes() == again.position.tobytes()
     assert once.track_id.tolist() == again.track_id.tolist()
-    mixed, alone = made(ring_map, "particles"), made(ring_map, "particles")
+    mixed, alone = made(ring_map), made(ring_map)
     for time_s, places in frames:
         seen = seen_at(time_s, [on_the_ring(time_s, from_=1.0), *places], ids=["track-1", *[""] * len(places)])
         of_all, of_one = mixed.step(seen), alone.step(seen[:1])
@@ -75,9 +74,8 @@ def test_unlabelled_tracks_are_the_same_each_time_and_keep_out_of_the_way_of_lab
     assert len(of_one) == 1
 
 
-@pytest.mark.parametrize("filter_of", ["particles", "kalman"])
-def test_a_sensor_that_later_calls_a_vehicle_as_we_call_another_has_the_name(ring_map, filter_of):
-    tracker = made(ring_map, filter_of)
+def test_a_sensor_that_later_calls_a_vehicle_as_we_call_another_has_the_name(either):
+    tracker = made(either)
     for i in range(20):
         n = 1 if i < 10 else 2
         found = tracker.step(seen_at(0.1 * i, [(0.8 * i, 0.0), (0.8 * i, 50.0)][:n], ids=["", "track-1"][:n]))
@@ -120,28 +118,28 @@ SITUATIONS = {
 
 
 @pytest.mark.parametrize("situation", SITUATIONS)
-def test_vehicles_that_are_near_cross_queue_or_overtake_keep_their_names(ring_map, situation):
+def test_vehicles_that_are_near_cross_queue_or_overtake_keep_their_names(situation):
     ways = SITUATIONS[situation]
-    found = followed(made(ring_map, "kalman"), seen_on(ways))
+    found = followed(made(None), seen_on(ways))
     names = kept_apart(found, ways)
     assert all(len(of) == 1 for of in names)
     assert len(set.union(*names)) == len(ways) == len(found[-1])
 
 
-def test_what_no_position_can_tell_apart_is_not_told_apart(ring_map):
+def test_what_no_position_can_tell_apart_is_not_told_apart():
     """The control: two vehicles 0.3 m apart in noise of 1 m change names, or are one."""
     ways = [straight((-30, 0), (8, 0)), straight((-30, 0.3), (8, 0))]
-    found = followed(made(ring_map, "kalman"), seen_on(ways, noise_m=1.0))
+    found = followed(made(None), seen_on(ways, noise_m=1.0))
     names = {tuple(np.sort(estimates.track_id)) for estimates in found[10:]}
     order = {np.argsort(estimates.position[:, 1]).tolist()[0] for estimates in found[10:] if len(estimates) == 2}
     assert len(names) > 1 or len(order) > 1
 
 
 @pytest.mark.parametrize(("n_missed", "is_kept"), [(1, True), (2, False)])
-def test_a_tentative_track_waits_for_a_vehicle_missed_once_and_no_longer(ring_map, n_missed, is_kept):
+def test_a_tentative_track_waits_for_a_vehicle_missed_once_and_no_longer(n_missed, is_kept):
     sees_all = straight((-30, 30), (8, 0))  # by which the tracker knows how often the sensor reports
     ways = [sees_all, straight((-30, -30), (8, 0))]
-    tracker = made(ring_map, "kalman")
+    tracker = made(None)
     frames = seen_on(ways, hide=lambda i, v: v == 1 and not (i == 20 or i > 20 + n_missed))
     assert len(followed(tracker, frames[: 20 + n_missed + 2])[20]) == 1
     assert len(tracker._roster) == 2
