@@ -130,9 +130,9 @@ class Tracker:
 
         Raises:
             ValueError: several instants or groups, a repeated id, time going backwards, another time than that of the
-                detections, or neither detections nor a time; the beliefs are as before.
+                detections, neither detections nor a time, or detections of no scan; the beliefs are as before.
         """
-        seen, self._time_ns = self._checked(detections, time_ns)
+        seen, self._time_ns = self._checked(detections, time_ns, is_scan=is_scan)
         self._filter.resample(self._weighed)
         is_labelled = seen.track_id != NO_ID
         slot, by_chance, false = self._assigned(seen, is_labelled, is_scan=is_scan)
@@ -149,9 +149,11 @@ class Tracker:
         assigned = np.where(has_name, self._roster.name[slot], NO_ID).astype(np.str_)
         return replace(self._tracked(detections, home, held, lost), assigned=assigned)
 
-    def _checked(self, detections: Detections, time_ns: int | None) -> tuple[Detections, int]:
+    def _checked(self, detections: Detections, time_ns: int | None, *, is_scan: bool) -> tuple[Detections, int]:
         """Detections with the times when they were true, and that of the frame."""
         require("detections", detections, Detections)
+        if len(detections) and not is_scan:
+            raise ValueError(f"detections: expected none where the sensor did not look, got {len(detections)}")
         if detections.origin and self._origin and not detections.origin.is_of(self._origin):
             raise ValueError(f"detections: expected the map's origin, {self._origin}, got {detections.origin}")
         if self._latency_ns:

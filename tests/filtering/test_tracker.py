@@ -76,22 +76,23 @@ def both(time_s, names=("a", "b")):
 
 
 @pytest.mark.parametrize(
-    ("frame", "time_ns", "message"),
+    ("frame", "how", "message"),
     [
-        (both(0.6, names=("a", "a")), None, "each track id once"),
-        (replace(both(0.6), time_ns=[600_000_000, 700_000_000]), None, "one instant"),
-        (both(0.4), None, "expected times after 500000000 ns, got 400000000"),
-        (both(0.6), 700_000_000, "time_ns: expected 600000000, that of the detections, got 700000000"),
-        (Detections.none(), 500_000_000, "expected times after 500000000 ns, got 500000000"),
-        (Detections.none(), None, "expected the time of a frame without detections"),
+        (both(0.6, names=("a", "a")), {}, "each track id once"),
+        (replace(both(0.6), time_ns=[600_000_000, 700_000_000]), {}, "one instant"),
+        (both(0.4), {}, "expected times after 500000000 ns, got 400000000"),
+        (both(0.6), {"time_ns": 700_000_000}, "time_ns: expected 600000000, that of the detections, got 700000000"),
+        (Detections.none(), {"time_ns": 500_000_000}, "expected times after 500000000 ns, got 500000000"),
+        (Detections.none(), {}, "expected the time of a frame without detections"),
+        (both(0.6), {"is_scan": False}, "expected none where the sensor did not look, got 2"),
     ],
 )
-def test_a_frame_out_of_order_is_refused_and_changes_nothing(either, frame, time_ns, message):
+def test_a_frame_out_of_order_is_refused_and_changes_nothing(either, frame, how, message):
     def followed(*, bad):
         _, tracker = track(either, [one("a", 0.5, 20.0, 0.0)])
         if bad:
             with pytest.raises(ValueError, match=message):
-                tracker.track(frame, time_ns=time_ns)
+                tracker.track(frame, **how)
         return tracker.step(both(0.8))
 
     assert followed(bad=True) == followed(bad=False)
