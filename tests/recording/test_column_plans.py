@@ -238,6 +238,9 @@ def test_columns_of_many_numbers_are_whole(lengths):
         np.testing.assert_array_equal(read.read(name), np.concatenate([np.arange(n) for n in lengths]))
 
 
+CLOCK = b"p/T b\n" + b"=" * 80 + b"\nMSG: p/T\n%b sec\nuint32 nanosec"
+
+
 def of_ros(data):
     return lambda field: CdrPlan("p/M", "ros2msg", data, {"x": field})
 
@@ -257,6 +260,8 @@ def of_protobuf(data=DEFINITION):
         (of_ros(b"float64[2000000000] a\nstring[99999999] c\nfloat64 b"), ".b", "a length from 1 to"),
         (of_ros(b"\xff\xfe"), ".b", "does not parse"),
         (of_ros(b"float64[] b"), ".b", "behind the repeated .b"),
+        (of_ros(CLOCK % b"string"), ".b time", "expected a number at .b.sec"),
+        (of_ros(CLOCK % b"p/T"), ".b time", "expected a time at .b.sec, got another"),
         (of_protobuf(b"\xff\xff"), ".double", "FileDescriptorSet"),
         (of_protobuf(b""), ".double", "defines it"),
         (of_protobuf(), ".nothing", "lacks"),

@@ -103,7 +103,7 @@ def walk_protobuf(
         room: (5, as many as tables, and as levels of wanted messages and two) for its work.
         entries: (n_entries, 9) field number, wire type, what it holds, form, which of its values, table, column,
             child node, presence; those of a node one after the other, sorted. Which of several values came is counted
-            in the presence, of messages in the column.
+            in the presence, which is 1 with the one that is wanted.
         node_start: (n_nodes + 1,) where the entries of each node start.
     """
     cells, base, width, n_rows = tables.cells, tables.base, tables.width, tables.n_rows
@@ -162,9 +162,8 @@ def walk_protobuf(
                             return True
                         row = base[table] + of * width[table]
                     elif which != LAST:
-                        counter = row + (column if what == MESSAGE else presence)
-                        cells[counter] += 1
-                        if cells[counter] != which + 1:
+                        cells[row + presence] += 1
+                        if cells[row + presence] != 1:
                             continue
                     if what != MESSAGE:
                         cells[row + column] = bits

@@ -34,8 +34,6 @@ REASONS = {
 }
 CLOCKS: tuple[tuple[str, str], ...] = (("sec", "nanosec"), ("sec", "nsec"), ("secs", "nsecs"), ("seconds", "nanos"))
 """Names of the fields of a time: ROS 2, Foxglove in JSON, ROS 1, and protobuf."""
-_SECONDS = frozenset(names[0] for names in CLOCKS)
-_NOWHERE: tuple[int, int, Form] = (-1, 0, "int")
 ENCAPSULATIONS = {
     0x00: "plain CDR", 0x02: "PL_CDR", 0x06: "CDR2", 0x08: "delimited CDR2", 0x0A: "PL_CDR2", 0x10: "CDR2",
     0x12: "PL_CDR2", 0x14: "delimited CDR2", 0x28B4: "zstd that does not decompress, or to far more than it is",
@@ -58,25 +56,23 @@ class OutputTables:
 
     Attributes:
         schema: its name.
-        fields: what is wanted.
-        wanted: the same as one tree.
+        fields: what is wanted, and the halves of times.
+        wanted: the same as one tree, without the halves.
         tables: number by path.
         defaults: a row of each: the message, the row above, then its columns.
         columns: by label, table, column and form.
-        clocks: by label, the same of seconds and of nanoseconds.
-        presence: by table and column, the columns that say whether its value is there.
-        enough: by table and column, the column that counts, and which element its value is.
+        clocks: by label, those of its seconds and its nanoseconds.
+        presence: by table and column, the columns that are above 0 where its value is there.
     """
 
     def __init__(self, schema: str, fields: Mapping[str, Field]) -> None:
         self.schema = schema
-        self.fields, self.wanted = fields, wanted(fields)
+        self.fields, self.wanted = dict(fields), wanted(fields)
         self.tables: dict[str, int] = {"": 0}
         self.defaults: list[list[int]] = [[0, 0]]
         self.columns: dict[str, tuple[int, int, Form]] = {}
-        self.clocks: dict[str, tuple[tuple[int, int, Form], tuple[int, int, Form]]] = {}
+        self.clocks: dict[str, tuple[str, ...]] = {}
         self.presence: dict[tuple[int, int], list[int]] = {}
-        self.enough: dict[tuple[int, int], tuple[int, int]] = {}
 
     def error(self, text: str) -> SchemaError:
         """Of the schema, to be raised."""
@@ -97,13 +93,7 @@ class OutputTables:
     def value(self, want: Wanted, at: Place, form: Form, default: int = 0) -> int:
         """A column for a value that is there when all of the place's presence are set; its number."""
         column = self.column(at.table, default)
-        place = (at.table, column, form)
         for label, kind in want.labels:
-            clock, _, part = label.partition("/")
-            if part:
-                seconds, nanos = self.clocks[clock]
-                self.clocks[clock] = (place, nanos) if part in _SECONDS else (seconds, place)
-                continue
             if kind == "time" and form not in ("int", "unsigned"):
                 way = "; time_s= takes seconds" if form in ("float", "double") else ""
                 raise self.error(f"expected a time at {self.fields[label].path}, got a {form}{way}")
@@ -111,7 +101,7 @@ class OutputTables:
                 raise self.error(f"expected a message at {self.fields[label].path}, got a {form}")
             if kind == "number" and form in ("cells", "bytes"):
                 raise self.error(f"expected a number at {self.fields[label].path}, got text")
-            self.columns[label] = place
+            self.columns[label] = (at.table, column, form)
         if at.presence:
             self.presence[at.table, column] = list(at.presence)
         return column
@@ -120,15 +110,16 @@ class OutputTables:
         """Ask for the halves of a time, among the `members` of its message.
 
         Raises:
-            SchemaError: they are not those of a time.
+            SchemaError: they are not those of a time, or are a half of one.
         """
-        for names in CLOCKS:
-            if all(name in members for name in names):
-                for part in names:
-                    below.setdefault(part, {}).setdefault(None, Wanted()).labels.append((f"{label}/{part}", "number"))
-                self.clocks[label] = (_NOWHERE, _NOWHERE)
-                return
-        raise self.error(f"expected a time at {self.fields[label].path}, got another message")
+        path, is_half = self.fields[label].path, "/" in label
+        names = next((names for names in CLOCKS if all(name in members for name in names)), None)
+        if names is None or is_half:
+            raise self.error(f"expected a time at {path}, got another message")
+        self.clocks[label] = tuple(f"{label}/{part}" for part in names)
+        for half, part in zip(self.clocks[label], names, strict=True):
+            self.fields[half] = Field(path=f"{path}.{part}")
+            below.setdefault(part, {}).setdefault(None, Wanted()).labels.append((half, "number"))
 
     def check(self) -> None:
         """The schema has all fields that are not optional.
@@ -204,10 +195,10 @@ class ColumnPlan:
             data=data,
             failures={i: _reason(int(status[i])) for i in failed.tolist()},
         )
-        for label, clock in self._output.clocks.items():
-            seconds, nanos = (self._column(written, *place) for place in clock)
+        for label, halves in self._output.clocks.items():
+            seconds, nanos = (columns.columns[half] for half in halves)
             time_ns = nanoseconds(seconds.values.astype(np.int64), nanos.values.astype(np.int64))
-            columns.columns[label] = Column(form="time", values=time_ns, missing=seconds.missing)
+            columns.columns[label] = Column(values=time_ns, missing=seconds.missing)
         return columns
 
     def _wider(self, count: IntArray, size: IntArray) -> IntArray:
@@ -226,15 +217,11 @@ class ColumnPlan:
     def _column(self, tables: Sequence[AnyArray], table: int, column: int, form: Form) -> Column:
         cells = tables[table][column]
         presence = self._output.presence.get((table, column))
-        missing = (tables[table][presence] == 0).any(axis=0) if presence else None
-        if (table, column) in self._output.enough:
-            seen, wanted = self._output.enough[table, column]
-            too_few = tables[table][seen] <= wanted
-            missing = too_few if missing is None else missing | too_few
+        missing = np.asarray((tables[table][presence] <= 0).any(axis=0)) if presence else None
         if form == "cells" or form == "bytes":  # noqa: PLR1714 - mypy follows this
             return Column(form=form, values=cells, missing=missing)
         if form == "float":
             cells = cells.astype(np.uint32).view(np.float32).astype(np.float64)
         elif form in CELL_TYPES:
             cells = cells.view(CELL_TYPES[form])
-        return Column(form="number", values=cells, missing=missing)
+        return Column(values=cells, missing=missing)

@@ -133,7 +133,6 @@ TIME_END_NS = 1 << 63
 FARTHEST_S = (1 << 63) // NANOSECONDS - 1
 """Seconds beyond this, to either side, do not fit into int64 nanoseconds."""
 NO_ROWS: tuple[IntArray, IntArray] = (np.empty(0, np.int64), np.empty(0, np.int64))
-ColumnForm = Literal["number", "cells", "bytes", "names", "time"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -141,15 +140,14 @@ class Column:
     """The values of one field, a row each.
 
     Attributes:
-        form: "number" (float64, int64 or uint64), "cells" (texts in the batch), "bytes" (the same, no text),
-            "names" (str), "time" (int64 nanoseconds).
-        values: (n,) as `form` says.
+        values: (n,) float64, int64, uint64 or str; or int64, places in the batch, as `form` says.
         missing: (n,) where the message has no such value.
+        form: "cells" (of texts in the batch), "bytes" (the same, no text), "values" (none).
     """
 
-    form: ColumnForm
     values: AnyArray
     missing: BoolArray | None = None
+    form: Literal["values", "cells", "bytes"] = "values"
 
 
 @dataclass(slots=True, kw_only=True)
@@ -225,7 +223,7 @@ class FieldColumns:
     def is_set(self, label: str, default: int = 1) -> BoolArray:
         """(n,) whether the message is set; `default` where the schema does not have it."""
         column = self.columns.get(label)
-        return np.asarray(self.read(label, default) if column is None else column.values, np.bool_)
+        return np.asarray((self.read(label, default) if column is None else column.values) > 0)
 
     def _texts(self, cells: IntArray, table: str, *, is_text: bool) -> AnyArray:
         length = cells & kernels.LONGEST

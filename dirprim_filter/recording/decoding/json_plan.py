@@ -26,7 +26,6 @@ from dirprim_filter.recording.decoding.field_columns import (
     NANOSECONDS,
     NO_TIME,
     Column,
-    ColumnForm,
     Field,
     FieldColumns,
     Kind,
@@ -46,11 +45,8 @@ class _UnlikeError(ValueError):
     """A value is not of the kind that is wanted there."""
 
 
-COLUMNS: dict[Kind, tuple[ColumnForm, Any, Any]] = {
-    "name": ("names", "", np.str_), "time": ("time", NO_TIME, np.int64), "number": ("number", 0.0, np.float64),
-    "presence": ("number", 0.0, np.float64),
-}  # fmt: skip
-"""By what is wanted: the form of the column, what stands where it is missing, and the type."""
+NOTHING: dict[Kind, str | int | float] = {"name": "", "time": NO_TIME, "number": 0.0, "presence": 0.0}
+"""By what is wanted: what stands where it is missing, of the column's type."""
 Steps = list[tuple[str, int | None]]
 
 
@@ -175,6 +171,6 @@ def _whole(value: Any) -> int:
 
 
 def _column(kind: Kind, values: list[Any]) -> Column:
-    form, nothing, of = COLUMNS[kind]
+    nothing = NOTHING[kind]
     missing = np.array([value is None for value in values], np.bool_)
-    return Column(form=form, values=np.array([nothing if v is None else v for v in values], of), missing=missing)
+    return Column(values=np.array([nothing if v is None else v for v in values], type(nothing)), missing=missing)

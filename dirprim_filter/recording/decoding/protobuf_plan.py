@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from graphlib import CycleError, TopologicalSorter
-from typing import cast
 
 import numpy as np
 from google.protobuf.descriptor import Descriptor, FieldDescriptor
@@ -99,11 +98,7 @@ class _Program:
             if found is None:
                 continue  # reported by `OutputTables.check`
             self._check(found, set(selected), is_repeated=name in repeated)
-            for selector, one in selected.items():
-                if found.message_type:
-                    entries.append(self._message(found, selector, one, at, depth))
-                else:
-                    entries.append(self._value(found, selector, one, at))
+            entries += [self._entry(found, selector, one, at, depth) for selector, one in selected.items()]
         return node
 
     def _check(self, found: FieldDescriptor, selectors: set[int | None], *, is_repeated: bool) -> None:
@@ -116,42 +111,41 @@ class _Program:
         if found.type == _F.TYPE_GROUP:
             raise self.output.error(f"{what} a group: expected a message")
 
-    def _message(self, found: FieldDescriptor, selector: int | None, want: Wanted, at: Place, depth: int) -> list[int]:
-        descriptor = cast("Descriptor", found.message_type)
+    def _entry(self, found: FieldDescriptor, selector: int | None, want: Wanted, at: Place, depth: int) -> list[int]:
+        """What the walk does with a field: its number, then as `walk_protobuf` has it."""
+        step = f".{found.name}" + {None: "", EACH: "[]"}.get(selector, f"[{selector}]")
+        which, presence = kernels.LAST if selector is None else selector, -1
         if selector == EACH:
-            path = f"{at.path}.{found.name}[]"
-            inner = Place(self.output.table(path), path)
-            child = self.message(descriptor, want, inner, depth + 1)
-            return [found.number, 2, kernels.MESSAGE, 0, kernels.EACH, inner.table, 0, child, -1]
-        clocks = [label for label, kind in want.labels if kind == "time"]
-        presence = self.output.column(at.table) if selector is not None or want.labels else -1
-        for label, kind in want.labels:
+            at = Place(self.output.table(f"{at.path}{step}"), f"{at.path}{step}")
+        elif selector is not None:
+            presence = self.output.column(at.table, -selector)
+            at = at.at(step, presence)
+        else:
+            at = at.at(step)
+        if found.message_type is None:
+            wire, what, bits, column = self._value(found, selector, want, at)
+            return [found.number, wire, what, bits, which, at.table, column, -1, presence]
+        if selector is None and want.labels:
+            presence = self.output.column(at.table)
+            is_clock = any(kind == "time" for _, kind in want.labels)
+            at = at.at("", presence) if is_clock else at
+        for label, kind in want.labels if selector != EACH else ():
             if kind == "presence":
                 self.output.columns[label] = (at.table, presence, "presence")
             else:
-                self.output.clock(label, descriptor.fields_by_name, want.below)
-        step = f".{found.name}" if selector is None else f".{found.name}[{selector}]"
-        below = at.at(step, *([presence] if selector is not None or clocks else []))
-        child = self.message(descriptor, want, below, depth + 1)
-        which, counter = (kernels.LAST, 0) if selector is None else (selector, self.output.column(at.table))
-        return [found.number, 2, kernels.MESSAGE, 0, which, at.table, counter, child, presence]
+                self.output.clock(label, found.message_type.fields_by_name, want.below)
+        child = self.message(found.message_type, want, at, depth + 1)
+        return [found.number, 2, kernels.MESSAGE, 0, which, at.table, 0, child, presence]
 
-    def _value(self, found: FieldDescriptor, selector: int | None, want: Wanted, at: Place) -> list[int]:
+    def _value(self, found: FieldDescriptor, selector: int | None, want: Wanted, at: Place) -> tuple[int, ...]:
+        """Wire type, what is read, how its bits are written, and the column of a value."""
         if want.below:
             raise self.output.error(f"expected a message at {found.full_name}, got a value")
-        is_text = found.type in _TEXTS
-        wire, bits, form = (2, 0, _TEXTS[found.type]) if is_text else _SCALARS[found.type]
-        what, seen = kernels.TEXT if is_text else kernels.NUMBER, -1
-        if selector == EACH:
-            path = f"{at.path}.{found.name}[]"
-            at = Place(self.output.table(path), path)
-        default = _default_bits(found, form) if selector is None and not is_text else 0
-        column = self.output.value(want, at, form, default)
-        if selector is not None and selector != EACH:
-            seen = self.output.column(at.table)
-            self.output.enough[at.table, column] = (seen, selector)
-        which = kernels.LAST if selector is None else selector
-        return [found.number, wire, what, bits, which, at.table, column, -1, seen]
+        if found.type in _TEXTS:
+            return 2, kernels.TEXT, 0, self.output.value(want, at, _TEXTS[found.type])
+        wire, bits, form = _SCALARS[found.type]
+        default = _default_bits(found, form) if selector is None else 0
+        return wire, kernels.NUMBER, bits, self.output.value(want, at, form, default)
 
 
 def _repeated(descriptor: Descriptor) -> frozenset[str]:
