@@ -15,11 +15,9 @@ from test_stated_errors import result
 from dirprim_filter.cli.exit_codes import INPUT_LOST
 from dirprim_filter.cli.main import run
 from dirprim_filter.columns import is_held
-from dirprim_filter.detections import Detections
 from dirprim_filter.recording.reader import FieldMapping, inspect, read_tracks, stream_detections
 from dirprim_filter.recording.tables import read_named
 from dirprim_filter.recording.writer import EstimateWriter, write_tracks
-from dirprim_filter.tracks import Tracks
 from situations import tracks_of
 
 NAN = np.nan
@@ -201,24 +199,6 @@ def test_a_table_keeps_confidence_on_its_way_through_a_log_with_and_without_ids(
         assert seen.track_id.tolist() == [name[:-1] for name in names]
         np.testing.assert_array_equal(seen.confidence, [0.25, np.nan, 0.0, 1.0])
         assert not named or read_tracks(source).n_tracks == 2
-
-
-def test_confidence_stays_with_its_row(tmp_path):
-    rng = np.random.default_rng(0)
-    share, time_ns = np.where(rng.random(40) < 0.3, np.nan, rng.random(40)), np.arange(40) // 4 * 10**8
-    seen = Detections(track_id=[""] * 40, time_ns=time_ns, position=rng.normal(size=(40, 2)), confidence=share)
-    write_tracks(Tracks.none(), tmp_path / "log.mcap", detections=seen)
-    for same in (
-        detections(tmp_path / "log.mcap"),
-        Detections.concatenate(seen.frames()),
-        seen.without_ids(),
-        seen.in_one_group(),
-    ):
-        np.testing.assert_array_equal(same.confidence, share)
-    np.testing.assert_array_equal(seen[share > 0.5].confidence, share[share > 0.5])
-    np.testing.assert_array_equal(seen.to_arrow()["confidence"].to_numpy(), share)
-    bare = Detections.concatenate([seen[:3], Detections(track_id=["a"], time_ns=[0], position=np.zeros((1, 2)))])
-    assert np.isnan(bare.confidence[3])
 
 
 KINDS = ("car", "pedestrian", "truck")
