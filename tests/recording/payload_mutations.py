@@ -17,8 +17,8 @@ from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf.json_format import MessageToDict
 from mcap_files import columns_of, protobuf_schema, scene, transform, write_log
-from ros_messages import header, write_ros2_log
-from test_ros2_schemas import tracked
+from ros_messages import header, ros_transform, tf, write_ros2_log
+from test_ros2_schemas import marker, tracked
 
 from dirprim_filter.recording.container.log import Log
 from dirprim_filter.recording.container.records import Channel, Schema
@@ -56,14 +56,10 @@ def subjects(folder):
         Subject("protobuf transforms", transforms, some_transforms().SerializeToString()),
         Subject("json", replace(scenes, message_encoding="json"), text),
     ]
-    point, turn = {"x": 1.0, "y": 2.0, "z": 3.0}, {"x": 0.0, "y": 0.0, "z": 0.6, "w": 0.8}
-    stamped = {"header": header(10**9), "child_frame_id": "car", "transform": {"translation": point, "rotation": turn}}
-    marker = {"header": header(10**9), "ns": "car", "id": 3, "type": 1, "action": 0, "scale": point, "text": "a car",
-              "pose": {"position": point, "orientation": turn}}  # fmt: skip
     objects = {"header": header(0), "objects": [tracked(1, 0)] * 2}
     messages = [
-        ("/tf", 0, "tf2_msgs/msg/TFMessage", {"transforms": [stamped] * 3}),
-        ("/markers", 1, "visualization_msgs/msg/MarkerArray", {"markers": [marker] * 3}),
+        tf(0, *[ros_transform(10**9, "map", "car", (1, 2, 3), yaw=1.3)] * 3),
+        ("/markers", 1, "visualization_msgs/msg/MarkerArray", {"markers": [marker(1, 1)] * 3}),
         ("/objects", 2, "autoware_perception_msgs/msg/TrackedObjects", objects),
     ]
     with scan(write_ros2_log(folder / "ros.mcap", messages)) as log:

@@ -5,11 +5,13 @@ autoware_msgs, astuff_sensor_msgs and the Foxglove SDK; comments and what no tes
 the rest does not depend on it.
 """
 
+from functools import cache
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from mcap_ros2.writer import Writer
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from scipy.spatial.transform import Rotation
 
 PERCEPTION = "autoware_perception_msgs", "autoware_auto_perception_msgs"
@@ -20,40 +22,30 @@ DEFINITIONS = {
     for name, _, text in (part.partition("\n") for part in PARTS)
     for rename in (("", ""), PERCEPTION)
 }
-_PLAIN = {f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)} | {
-    "bool", "byte", "char", "float32", "float64", "string", "time", "duration",
-}  # fmt: skip
-
-
 ROS = get_typestore(Stores.ROS2_JAZZY)
 
 
-def definition(name, changed=None):
-    """Of package/Name alone; `changed` are those of another version."""
-    if changed and name in changed:
-        return changed[name]
-    if name in DEFINITIONS:
-        return DEFINITIONS[name]
-    return ROS.generate_msgdef(name.replace("/", "/msg/"), ros_version=2)[0].partition("=" * 80)[0].rstrip()
+def definition(name):
+    """Of package/Name alone."""
+    whole = ROS.generate_msgdef(name.replace("/", "/msg/"), ros_version=2)[0] if name not in DEFINITIONS else ""
+    return DEFINITIONS.get(name) or whole.partition("=" * 80)[0].rstrip()
 
 
-def full_definition(name, changed=None):
-    """The ros2msg definition of package/Name with all that it depends on, as rosbag2 writes it."""
-    pending, parts = [name], {}
-    while pending:
-        one = pending.pop(0)
-        if one in parts:
-            continue
-        parts[one] = definition(one, changed)
-        for line in parts[one].splitlines():
-            kind = line.split()[0].partition("[")[0]
-            if kind.partition("<")[0] not in _PLAIN and "=" not in line:
-                pending.append(kind if "/" in kind else f"{one.partition('/')[0]}/{kind}")
-    rest = "".join(f"\n{'=' * 80}\nMSG: {other}\n{text}" for other, text in parts.items() if other != name)
-    return parts[name] + rest
+@cache
+def parsed(name, text):
+    return get_types_from_msg(text, name)
 
 
-def write_ros2_log(path, messages, changed=None):
+def full_definition(name, changed):
+    """The ros2msg definition of package/msg/Name with all that it depends on, as rosbag2 writes it."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    store.fielddefs = dict(ROS.fielddefs)
+    for one, text in (DEFINITIONS | changed).items():
+        store.fielddefs |= parsed(one.replace("/", "/msg/"), text)
+    return store.generate_msgdef(name, ros_version=2)[0]
+
+
+def write_ros2_log(path, messages, changed=MappingProxyType({})):
     """A log of (topic, log time, package/msg/Name, message as a dictionary), by mcap-ros2-support's writer.
 
     `changed` are definitions of another version by package/Name.
@@ -63,7 +55,7 @@ def write_ros2_log(path, messages, changed=None):
         schemas: dict[str, Any] = {}
         for topic, time_ns, name, message in messages:
             if name not in schemas:
-                schemas[name] = writer.register_msgdef(name, full_definition(name.replace("/msg/", "/"), changed))
+                schemas[name] = writer.register_msgdef(name, full_definition(name, changed))
             writer.write_message(topic, schemas[name], message, log_time=time_ns, publish_time=time_ns)
         writer.finish()
     return path

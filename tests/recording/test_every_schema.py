@@ -14,8 +14,7 @@ from foxglove_schemas_protobuf.PosesInFrame_pb2 import PosesInFrame
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf.json_format import ParseDict
 from mcap_files import json_log, scene, write_log, write_protobuf_log
-from ros_messages import header, write_ros2_log
-from test_ros2_schemas import point, quaternion
+from ros_messages import header, point, quaternion, ros_transform, write_ros2_log
 
 from dirprim_filter.cli.main import run
 from dirprim_filter.cli.reading import Reading
@@ -95,11 +94,6 @@ def ros(schema, make):
     return lambda path: write_ros2_log(path, [("/car", TIMES[k], schema, make(k)) for k in range(N)])
 
 
-def ros_transform(k):
-    turned = {"translation": pose(k)["position"], "rotation": pose(k)["orientation"]}
-    return {"transforms": [{"header": header(TIMES[k]), "child_frame_id": "car", "transform": turned}]}
-
-
 def ros_fix(k, status=0):
     return fix(k) | {"header": header(TIMES[k], "gps"), "status": {"status": status, "service": 1}}
 
@@ -139,7 +133,9 @@ LOGS |= {
         lambda k: FrameTransforms(transforms=[ParseDict(transform(k), FrameTransform())])
     ), NAMED),
     "NavSatFix": (ros("sensor_msgs/msg/NavSatFix", ros_fix), ORIGIN),
-    "tf2_msgs/TFMessage": (ros("tf2_msgs/msg/TFMessage", ros_transform), NAMED),
+    "tf2_msgs/TFMessage": (ros("tf2_msgs/msg/TFMessage", lambda k: {
+        "transforms": [ros_transform(TIMES[k], "map", "car", (*PLACE[k], 0), ANGLE[k] + np.pi / 2)],
+    }), NAMED),
     "PoseStamped": (ros("geometry_msgs/msg/PoseStamped", lambda k: {"header": header(TIMES[k]), "pose": pose(k)}), []),
     "private JSON": (
         in_json("acme.Car", lambda k: {"car": {"e": PLACE[k][0], "n": PLACE[k][1]}}), ["--fields", "x=.car.e,y=.car.n"],

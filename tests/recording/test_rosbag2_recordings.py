@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mcap_files import log_bytes, rows
+from ros_messages import ROS, header, point, quaternion, write_ros2_log
 from rosbags.rosbag1 import Writer as OldWriter
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
@@ -91,24 +92,17 @@ def test_a_folder_that_is_no_recording_is_one_line(split, metadata, message, cap
     assert run(["info", str(split)]) == FAILED
 
 
-ROS = get_typestore(Stores.ROS2_JAZZY)
+ODOMETRY = "nav_msgs/msg/Odometry"
 
 
-def odometry(store, k, **more):
-    """Of a car that drives 10 m/s to the north, as a version of ROS has it."""
-    kinds = {name.rpartition("/")[2]: kind for name, kind in store.types.items()}
-    stamp = store.types["builtin_interfaces/msg/Time"](sec=k // 10, nanosec=k % 10 * 100_000_000)
-    pose = kinds["Pose"](
-        position=kinds["Point"](x=5.0, y=1.0 * k, z=0.0),
-        orientation=kinds["Quaternion"](x=0.0, y=0.0, z=np.sqrt(0.5), w=np.sqrt(0.5)),
-    )
-    none = kinds["Vector3"](x=0.0, y=0.0, z=0.0)
-    twist = kinds["Twist"](linear=kinds["Vector3"](x=10.0, y=0.0, z=0.0), angular=none)
-    return kinds["Odometry"](
-        header=kinds["Header"](stamp=stamp, frame_id="map", **more), child_frame_id="car",
-        pose=kinds["PoseWithCovariance"](pose=pose, covariance=np.zeros(36)),
-        twist=kinds["TwistWithCovariance"](twist=twist, covariance=np.zeros(36)),
-    )  # fmt: skip
+def drive(folder, n=20):
+    """Messages in CDR of a car that drives 10 m/s to the north, and their times."""
+    twist, sent = {"twist": {"linear": point(10, 0, 0), "angular": point(0, 0, 0)}}, []
+    for time_ns in range(0, n * 10**8, 10**8):
+        pose = {"pose": {"position": point(5, time_ns / 10**8, 0), "orientation": quaternion(0, 0, np.pi / 2)}}
+        message = {"header": header(time_ns), "child_frame_id": "car", "pose": pose, "twist": twist}
+        sent.append(("/odom", time_ns, ODOMETRY, message))
+    return [(m.log_time_ns, m.data) for m in scan(write_ros2_log(folder / "drive.mcap", sent))]
 
 
 def check_drive(tracks):
@@ -120,9 +114,9 @@ def check_drive(tracks):
 def write_bag(path, plugin, *, n=20):
     """A folder of rosbag2. -> its file."""
     with Writer(path, version=9, storage_plugin=plugin) as bag:
-        topic = bag.add_connection("/odom", "nav_msgs/msg/Odometry", typestore=ROS)
-        for k in range(n):
-            bag.write(topic, k * 100_000_000, ROS.serialize_cdr(odometry(ROS, k), topic.msgtype))
+        topic = bag.add_connection("/odom", ODOMETRY, typestore=ROS)
+        for time_ns, data in drive(path.parent, n):
+            bag.write(topic, time_ns, data)
     (file,) = (file for file in path.iterdir() if file.name != "metadata.yaml")
     return file
 
@@ -146,9 +140,9 @@ def write_old_bag(path, *, n):
     store = get_typestore(Stores.ROS1_NOETIC)
     path.unlink(missing_ok=True)
     with OldWriter(path) as bag:
-        topic = bag.add_connection("/odom", "nav_msgs/msg/Odometry", typestore=store)
-        for k in range(n):
-            bag.write(topic, k * 100_000_000, store.serialize_ros1(odometry(store, k, seq=k), topic.msgtype))
+        topic = bag.add_connection("/odom", ODOMETRY, typestore=store)
+        for time_ns, data in drive(path.parent, n):
+            bag.write(topic, time_ns, ROS.cdr_to_ros1(data, ODOMETRY))
     return path
 
 
