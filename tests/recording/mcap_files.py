@@ -7,10 +7,11 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+import pytest
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from mcap.reader import make_reader
-from mcap.writer import CompressionType, Writer
+from mcap.writer import Writer
 from mcap_protobuf.schema import build_file_descriptor_set
 
 from dirprim_filter.detections import Detections
@@ -22,19 +23,30 @@ RECORD = struct.Struct("<BQ")
 MESSAGE, CHUNK = 5, 6
 
 
-def log_bytes(messages, *, compression=CompressionType.ZSTD, chunk_size=1 << 20, **options):
+def shared(*patterns):
+    """The files that lie beside the repository; without them the test is skipped."""
+    found = sorted(path for pattern in patterns for path in DATA.glob(pattern))
+    return found or pytest.skip(f"{patterns[0]} is not at {DATA}")
+
+
+def log_bytes(messages, **options):
     """A log of (topic, log time, data); publish time is log time + 1, sequence counts all messages."""
-    buffer = io.BytesIO()
-    writer = Writer(buffer, compression=compression, chunk_size=chunk_size, **options)
-    writer.start()
-    schema = writer.register_schema("Blob", "none", b"definition")
-    channels: dict[str, int] = {}
-    for sequence, (topic, time_ns, data) in enumerate(messages):
-        if topic not in channels:
-            channels[topic] = writer.register_channel(topic, "blob", schema)
-        writer.add_message(channels[topic], time_ns, data, time_ns + 1, sequence)
-    writer.finish()
+    blob, buffer = ("Blob", "none", b"definition"), io.BytesIO()
+    write_into(buffer, ((*one, blob, one[1] + 1, i) for i, one in enumerate(messages)), "blob", **options)
     return buffer.getvalue()
+
+
+def write_into(file, messages, encoding, **options):
+    """(topic, log time, data, schema), and publish time and sequence if these are not log time and 0."""
+    writer = Writer(file, **options)
+    writer.start()
+    schemas, channels = {}, {}
+    for topic, time_ns, data, schema, *more in messages:
+        if topic not in channels:
+            schemas[schema] = schemas.get(schema) or writer.register_schema(*schema)
+            channels[topic] = writer.register_channel(topic, encoding, schemas[schema])
+        writer.add_message(channels[topic], time_ns, data, *more or [time_ns])
+    writer.finish()
 
 
 def records(data):
@@ -102,14 +114,7 @@ def json_log(path, schema, messages):
 def write_messages(path, messages, encoding, **options):
     """A log of (topic, log time, data, schema)."""
     with path.open("wb") as file:
-        writer = Writer(file, **options)
-        writer.start()
-        channels: dict[str, int] = {}
-        for topic, time_ns, data, schema in messages:
-            if topic not in channels:
-                channels[topic] = writer.register_channel(topic, encoding, writer.register_schema(*schema))
-            writer.add_message(channels[topic], time_ns, data, time_ns)
-        writer.finish()
+        write_into(file, messages, encoding, **options)
     return path
 
 
@@ -125,9 +130,8 @@ def transform(parent, child, *, time_ns=None, place=(0.0, 0.0, 0.0), turn=(0.0, 
 
 def run(plan, payloads):
     """The columns that a plan finds in messages."""
-    length = np.array([len(payload) for payload in payloads], np.int64)
-    stop = np.cumsum(length)
-    return plan.read(np.frombuffer(b"".join(payloads), np.uint8), stop - length, stop)
+    messages = columns_of(None, payloads)
+    return plan.read(np.frombuffer(messages.contents, np.uint8), messages.start, messages.stop)
 
 
 def columns_of(channel, payloads):

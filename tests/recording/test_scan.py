@@ -8,12 +8,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from mcap.writer import CompressionType, IndexType
-from mcap_files import CHUNK, DATA, log_bytes, records, rows, stock
+from mcap_files import CHUNK, log_bytes, records, rows, shared, stock
 
 from dirprim_filter.recording.container import file_bytes
 from dirprim_filter.recording.scan import scan
 
-CONFORMANCE = DATA / "mcap_conformance"
 LAYOUTS = [
     {"compression": CompressionType.ZSTD, "chunk_size": 400},
     {"compression": CompressionType.LZ4, "chunk_size": 400},
@@ -102,10 +101,7 @@ def test_a_chunk_may_use_channels_that_a_later_one_in_time_defines(log_file):
 
 
 def test_equals_the_stock_reader_on_real_logs():
-    paths = sorted((DATA / "mcap_osi").rglob("*.mcap")) + sorted((DATA / "mcap_rosbag2").rglob("*.mcap"))
-    if not paths:
-        pytest.skip(f"real logs are not at {DATA}")
-    for path in paths:
+    for path in shared("mcap_osi/**/*.mcap", "mcap_rosbag2/**/*.mcap"):
         log = scan(path)
         got = [(m.log_time_ns, m.publish_time_ns, m.sequence, m.topic, m.data, m.schema_name) for m in log]
         assert log.damage == []
@@ -116,9 +112,7 @@ def test_equals_the_stock_reader_on_real_logs():
 
 
 def test_conformance_files_read_to_what_their_json_says_streamed_and_sought(monkeypatch):
-    described = sorted(path for path in CONFORMANCE.glob("*/*.json") if path.parent.name != "old_history")
-    if not described:
-        pytest.skip(f"conformance files are not at {CONFORMANCE}")
+    described = shared("mcap_conformance/[!o]*/*.json")
     assert len(described) == 416
     for path in described:
         log = scan(path.with_suffix(".mcap"))
@@ -139,10 +133,7 @@ def test_conformance_files_read_to_what_their_json_says_streamed_and_sought(monk
 
 
 def test_files_of_older_writers_read_without_an_exception():
-    paths = sorted((CONFORMANCE / "old_history").glob("*.mcap"))
-    if not paths:
-        pytest.skip(f"conformance files are not at {CONFORMANCE}")
-    for path in paths:
+    for path in shared("mcap_conformance/old_history/*.mcap"):
         n_messages = len(list(scan(path)))
         assert n_messages == (10 if path.name.startswith("TenMessages") else 0), path.name
 
