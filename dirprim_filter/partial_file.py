@@ -24,6 +24,7 @@ LONGEST = 200
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 """Errors of a file that finds no room: of a full disk, a quota, a limit."""
 DESCRIPTOR = re.compile(r"/(?:dev|proc/(?:self|\d+))/fd/(\d+)")
+"""Of the number of an open file the name."""
 STANDARD = {"/dev/stdout": "/dev/fd/1", "/dev/stderr": "/dev/fd/2"}
 
 
@@ -96,8 +97,11 @@ class PartialFile:
     def __init__(self, path: str | Path, *, force: bool, keep: bool = False) -> None:
         self.path = Path(path)
         self._force, self.keep = force, keep
-        self._descriptor = _descriptor_of(self.path)
-        self._before = _stat_of(self.path)
+        found = DESCRIPTOR.fullmatch(STANDARD.get(str(self.path), str(self.path)))
+        self._descriptor = int(found[1]) if found else None
+        self._before: os.stat_result | None = None
+        with suppress(FileNotFoundError, NotADirectoryError):  # the latter is said of the folder
+            self._before = self.path.stat()
         kind = 0 if self._before is None else stat.S_IFMT(self._before.st_mode)
         self.is_stream = self._descriptor is not None or kind in (stat.S_IFCHR, stat.S_IFIFO)
         if self.is_stream:
@@ -191,25 +195,6 @@ class PartialFile:
                 self.partial.unlink()
                 return
         self.partial.replace(self._target)
-
-
-def _descriptor_of(path: Path) -> int | None:
-    """The number of the open file that a name such as /dev/stdout or /dev/fd/3 is of."""
-    name = STANDARD.get(str(path), str(path))
-    found = DESCRIPTOR.fullmatch(name)
-    return None if found is None else int(found[1])
-
-
-def _stat_of(path: Path) -> os.stat_result | None:
-    """Of what a name leads to; None where nothing is yet.
-
-    Raises:
-        OSError: it cannot be asked, as of links in a circle.
-    """
-    try:
-        return path.stat()
-    except (FileNotFoundError, NotADirectoryError):  # the latter is said of the folder
-        return None
 
 
 def _require_writable(folder: Path, path: Path) -> None:

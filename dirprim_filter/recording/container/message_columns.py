@@ -95,12 +95,12 @@ class MessageColumns:
         return map(tuple.__new__, repeat(Message), columns)
 
     @classmethod
-    def concatenated(cls, parts: Sequence[Self], contents: bytes) -> Self:
-        """The rows of parts of one iteration whose data stand in the same contents."""
+    def concatenated(cls, parts: Sequence[Self]) -> Self:
+        """The rows of parts of one iteration, without their contents."""
         columns: dict[str, Any] = {
             n: np.concatenate([part._columns()[n] for part in parts]) for n in parts[0]._columns()
         }
-        return replace(parts[0], **columns, contents=contents)
+        return replace(parts[0], **columns, contents=b"")
 
     def _columns(self) -> dict[str, AnyArray]:
         return {f.name: getattr(self, f.name) for f in fields(self)[:-2]}
@@ -113,7 +113,7 @@ def gathered(parts: Sequence[MessageColumns], *, in_order: bool = False) -> Mess
         parts: of one iteration.
         in_order: of log time, and of one time in the order of the log, instead.
     """
-    rows = MessageColumns.concatenated(parts, b"")
+    rows = MessageColumns.concatenated(parts)
     stop = np.cumsum(rows.stop - rows.start)
     at = stop - (rows.stop - rows.start)
     if in_order:
@@ -216,4 +216,4 @@ def _joined(runs: Sequence[_Run]) -> _Run:
         part, at = gathered([window]), copy.tell()
         parts.append(replace(part, start=part.start + at, stop=part.stop + at, contents=b""))
         copy.write(part.contents)
-    return _Run(MessageColumns.concatenated(parts, b""), copy)
+    return _Run(MessageColumns.concatenated(parts), copy)

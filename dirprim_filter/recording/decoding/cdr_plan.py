@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -73,19 +74,18 @@ class CdrPlan:
         self._schema, self._fields = schema, fields
         self._types = types_of(schema, encoding, definition)
         self._last = -1 if encoding == "ros1msg" else 0x00  # what the last messages began with
-        self._plans = {self._last: self._made(self._last)}
+        self._plan = cache(self._made)
+        self._plan(self._last)
 
     def read(self, data: AnyArray, start: IntArray, stop: IntArray) -> FieldColumns:
         """As `ColumnPlan.read`."""
-        columns = self._plans[self._last].read(data, start, stop)
+        columns = self._plan(self._last).read(data, start, stop)
         if columns.failures and self._last >= 0:
             found = np.unique(_READ_BY[data[start[stop - start >= 4] + 1]])
             if found.size > 1:
                 raise TooManyRowsError
             if found.size and found[0] != self._last:
                 self._last = int(found[0])
-                if self._last not in self._plans:
-                    self._plans[self._last] = self._made(self._last)
                 return self.read(data, start, stop)
         if self._last > 0:  # rare, and of several dialects
             columns.failures = {i: f"{why}; {encapsulation_name(self._last)}" for i, why in columns.failures.items()}
@@ -98,8 +98,7 @@ class CdrPlan:
         program.emit(kernels.END, int(representation == DELIMITED))
         program.output.check()
         ops = np.array(program.ops, np.int64)
-        room = program.deepest + 1
-        return ColumnPlan(program.output, kernels.walk_cdr, room, ops, encapsulation)
+        return ColumnPlan(program.output, kernels.walk_cdr, program.deepest + 1, ops, encapsulation)
 
 
 class _Program:

@@ -56,7 +56,7 @@ class Field:
     @property
     def table(self) -> str:
         """The path up to its last `[]`; empty where there is a value for each message."""
-        return self.path[: self.path.rfind("[]") + 2] if "[]" in self.path else ""
+        return "".join(self.path.rpartition("[]")[:2])
 
 
 @dataclass(slots=True)

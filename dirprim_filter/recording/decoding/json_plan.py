@@ -61,7 +61,7 @@ class JsonPlan:
         )
         self._tables: dict[str, tuple[str, Steps]] = {}
         for table in tables:  # an element has a row above it even where nothing is wanted of that
-            above = table[: table.rfind("[]", 0, -2) + 2] if "[]" in table[:-2] else ""
+            above = Field(path=table[:-2]).table
             self._tables[table] = above, steps_of(table[len(above) :])
         self._steps = {
             label: steps_of(rest) if (rest := one.path[len(one.table) :]) else [] for label, one in fields.items()
