@@ -78,10 +78,9 @@ class Observations:
         self.frame.check()
         for note in filter(None, (*sorted(self._decoders.notes), self._stamps.clocks(self.frame.ahead_s))):
             warn(self._scan.log.path, note)
-        if self.frame.tree is not None:
-            lost = self.frame.tree.losses
-            lost.damage = [broken for broken in lost.damage if broken not in self._scan.damage]
-            self.losses += lost
+        lost = self.frame.tree.losses
+        lost.damage = [broken for broken in lost.damage if broken not in self._scan.damage]
+        self.losses += lost
         self._check_intact()
 
     def _check_intact(self) -> None:

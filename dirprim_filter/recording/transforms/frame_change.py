@@ -35,7 +35,7 @@ class FrameChange:
     Attributes:
         target: its name; empty until the first object came with its own.
         origin: of the plane of satellite positions, which counts as the target; None until one was needed.
-        tree: the log's transforms; None until they were needed.
+        tree: the log's transforms; none until they were needed.
         ahead_s: of transforms that were used, by name: by how many seconds their stamps are ahead of log time.
     """
 
@@ -46,9 +46,9 @@ class FrameChange:
         self.target = (target or "").lstrip("/")
         self._shared = shared  # until they were lent
         self._reported: set[str] = set()
-        self._without_name: int | None = None if target else 0  # rows; where a target is asked for they are in it
+        self._is_asked, self._without_name = bool(target), 0  # rows; where a target is asked for they are in it
         self.origin = origin
-        self.tree: TransformTree | None = None
+        self.tree, self._has_tree = TransformTree({}), False
         self.ahead_s: dict[str, float] = {}
         self._meets, self._is_stated = meets, origin is not None and not meets
         self._is_geodetic: bool | None = None
@@ -83,7 +83,8 @@ class FrameChange:
             self._check_kind(is_geodetic=is_geodetic)
             here = np.flatnonzero(rows.frame_id == name)
             if frame in ("", self.target) and not is_geodetic:
-                self._report_unnamed(frame, here.size)
+                if not frame:
+                    self._report_unnamed(here.size)
                 continue
             if is_geodetic:
                 rows = self._on_plane(rows, here, plane)
@@ -106,7 +107,7 @@ class FrameChange:
         Raises:
             MissingTransformError: at no object's time was its transform known.
         """
-        if self._without_name and self.target:
+        if self._without_name and self.target and not self._is_asked:
             line = f"the frame of {self._without_name} rows has no name: they are taken to be in {self.target!r}"
             warn(self._log.path, f"{line}, as others are; --set frame={self.target} says that they are")
         if self._first_lost is not None:
@@ -118,20 +119,18 @@ class FrameChange:
             warn(self._log.path, f"no transform {where}: {missing.why}")
 
     def _missing(self, frame: str, target: str, time_ns: int) -> MissingTransformError:
-        tree = self.tree or TransformTree({})
-        why = tree.why_not(frame, target, time_ns)
+        why = self.tree.why_not(frame, target, time_ns)
         odometry = [channel.topic for channel in self._log.channels() if schema_name(channel).endswith("Odometry")]
-        if odometry and target not in tree.chain(frame):
+        if odometry and target not in self.tree.chain(frame):
             why += f" (odometry, as on {odometry[0]}, is not used as a transform)"
         return MissingTransformError(self._log.path, frame=frame, target=target, time_ns=time_ns, why=why)
 
-    def _report_unnamed(self, frame: str, n_rows: int) -> None:
+    def _report_unnamed(self, n_rows: int) -> None:
         """Report once that positions of a frame without a name are read as they are, where the log has transforms."""
-        if not frame and self._without_name is not None:
-            self._without_name += n_rows
-        if frame or frame in self._reported or self.target:
+        self._without_name += n_rows
+        if "" in self._reported or self.target:
             return
-        self._reported.add(frame)
+        self._reported.add("")
         if placed := TransformTree.of_log(self._log).places():
             how = f"so positions are read as they are, though the log places {placed}: are they a vehicle's?"
             warn(self._log.path, f"the frame of objects has no name, {how} --set frame=map says that they are not")
@@ -161,8 +160,8 @@ class FrameChange:
 
     def _find(self, frame: str, time_ns: IntArray) -> Placement | None:
         """A frame in the target; None where they are the same."""
-        if self.tree is None:
-            self.tree = TransformTree.of_log(self._log, strict=self._strict)
+        if not self._has_tree:
+            self.tree, self._has_tree = TransformTree.of_log(self._log, strict=self._strict), True
             self._own = frozenset(self.tree.edges)
         target = self.target or self.tree.root_of(frame)
         found = None if frame == target else self.tree.placement(frame, target, time_ns)
@@ -171,7 +170,7 @@ class FrameChange:
         if not is_whole and self._shared is not None:
             self.tree, self._shared = self.tree.lent(self._shared.beside(self._log)), None
             return self._find(frame, time_ns)
-        self.target = self.target or self._root(self.tree, frame, int(time_ns[0]))
+        self.target = self.target or self._root(frame, int(time_ns[0]))
         if frame == self.target:
             return None
         if found is None:
@@ -181,7 +180,7 @@ class FrameChange:
 
     def _report(self, frame: str, time_ns: IntArray) -> None:
         """Say once what is odd with the transforms of a frame."""
-        if self.tree is None or frame in self._reported:
+        if frame in self._reported:
             return
         self._reported.add(frame)
         up, down = self.tree.between(frame, self.target) or ([], [])
@@ -194,11 +193,11 @@ class FrameChange:
             if note:
                 warn(self._log.path, f"frame {name!r} {note}")
 
-    def _root(self, tree: TransformTree, frame: str, time_ns: int) -> str:
+    def _root(self, frame: str, time_ns: int) -> str:
         """The frame that all objects are brought into: where those of `frame` have come as far as the log says."""
-        root, parents = tree.root_of(frame), {edge.parent for edge in tree.edges.values()}
+        root, parents = self.tree.root_of(frame), {edge.parent for edge in self.tree.edges.values()}
         fixed = next(filter(parents.__contains__, FIXED), "")
-        if root in MOVING or (fixed and root not in FIXED) or tree.loop_above(frame):
+        if root in MOVING or (fixed and root not in FIXED) or self.tree.loop_above(frame):
             raise self._missing(root, fixed or MAP, time_ns)
         if root not in FIXED:
             where = f"frame {root!r}, which the log places in no other; --set frame={root} says that this is meant"
