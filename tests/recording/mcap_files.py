@@ -105,9 +105,9 @@ def write_log(path, messages, schema, encoding, **options):
     return write_messages(path, ((*message, schema) for message in messages), encoding, **options)
 
 
-def json_log(path, schema, messages):
-    """A log of (log time, message) in JSON on /objects."""
-    sent = (("/objects", time_ns, json.dumps(message).encode()) for time_ns, message in messages)
+def json_log(path, schema, messages, topic="/objects"):
+    """A log of (log time, message) in JSON on a topic."""
+    sent = ((topic, time_ns, json.dumps(message).encode()) for time_ns, message in messages)
     return write_log(path, sent, (schema, "jsonschema", b'{"type": "object"}'), "json")
 
 

@@ -13,7 +13,7 @@ from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from foxglove_schemas_protobuf.PosesInFrame_pb2 import PosesInFrame
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf.json_format import ParseDict
-from mcap_files import json_log, scene, write_log, write_protobuf_log
+from mcap_files import json_log, scene, write_protobuf_log
 from ros_messages import header, point, quaternion, ros_transform, write_ros2_log
 
 from dirprim_filter.cli.main import run
@@ -66,10 +66,9 @@ def in_protobuf(one):
 
 def in_json(schema, make):
     def one(k):
-        return json.dumps({"timestamp": stamp(k, "nsec"), "frame_id": "map"} | make(k)).encode()
+        return TIMES[k], {"timestamp": stamp(k, "nsec"), "frame_id": "map"} | make(k)
 
-    kind = schema, "jsonschema", b"{}"
-    return lambda path: write_log(path, [("/car", TIMES[k], one(k)) for k in range(N)], kind, "json")
+    return lambda path: json_log(path, schema, map(one, range(N)), topic="/car")
 
 
 def fix(k):

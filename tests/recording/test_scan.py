@@ -3,7 +3,6 @@
 import io
 import json
 import sys
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -73,21 +72,6 @@ def test_a_chunk_is_lost_where_its_checksum_does_not_hold_and_not_where_its_size
         log = scan(log_file(whole[: second - 8] + size.to_bytes(8, "little") + whole[second:]))
         assert len(list(log)) == len(sent)
         assert [(damage.kind, damage.messages) for damage in log.damage] == [("chunk_header", 0)]
-
-
-def test_a_schema_may_stand_behind_its_channel(log_file):
-    data = log_bytes([("/a", 10, b"x")], compression=CompressionType.NONE, repeat_channels=False, repeat_schemas=False)
-    (chunk,) = (start for opcode, start, _ in records(data) if opcode == CHUNK)
-    body = chunk + CRC_AT + 4 + 4 + 8  # behind the name of no compression, and the length
-    ends = [body]
-    for _ in range(3):
-        ends.append(ends[-1] + 9 + int.from_bytes(data[ends[-1] + 1 : ends[-1] + 9], "little"))
-    schema, channel, message = (data[at:end] for at, end in pairwise(ends))
-    swapped = bytearray(data[: ends[0]] + channel + schema + message + data[ends[3] :])
-    swapped[chunk + CRC_AT : chunk + CRC_AT + 4] = bytes(4)
-    log = scan(log_file(bytes(swapped)))
-    assert [(channel.topic, channel.schema.name) for channel in log.channels()] == [("/a", "Blob")]
-    assert len(list(log)) == 1
 
 
 def test_a_chunk_may_use_channels_that_a_later_one_in_time_defines(log_file):
