@@ -141,13 +141,10 @@ def test_several_logs_keep_their_vehicles_and_groups_apart(tmp_path):
         read_tracks([])
 
 
-def straight(n=20, noise=0.0):
-    return tracks_of([[(x, noise) for x in range(n)]], track_id=5, speed=10.0)
-
-
 def test_tracks_come_from_our_own_topic_and_detections_from_theirs(tmp_path):
     path = tmp_path / "log.mcap"
-    write_tracks(straight(), path, detections=Detections.of(straight(noise=0.7)))
+    tracks, seen = (tracks_of([[(x, y) for x in range(20)]], track_id=5, speed=10.0) for y in (0.0, 0.7))
+    write_tracks(tracks, path, detections=Detections.of(seen))
     assert set(read_tracks(path).position[:, 1]) == {0.0}
     stream = stream_detections(path)
     assert stream.topics == {"/detections"}
