@@ -74,16 +74,6 @@ def test_a_chunk_is_lost_where_its_checksum_does_not_hold_and_not_where_its_size
         assert [(damage.kind, damage.messages) for damage in log.damage] == [("chunk_header", 0)]
 
 
-def test_a_chunk_may_use_channels_that_a_later_one_in_time_defines(log_file):
-    """The first chunk in the file, which defines the channel, is last in time; no summary helps."""
-    late, early = ("/a", 10_000, b"x" * 900), ("/a", 10, b"y" * 900)
-    data = log_bytes([late, early], chunk_size=600, repeat_channels=False, repeat_schemas=False)
-    assert len([r for r in records(data) if r[0] == CHUNK]) == 2
-    log = scan(log_file(data))
-    assert [(m.topic, m.log_time_ns) for m in log] == [("/a", 10), ("/a", 10_000)]
-    assert log.damage == []
-
-
 def test_equals_the_stock_reader_on_real_logs():
     for path in shared("mcap_osi/**/*.mcap", "mcap_rosbag2/**/*.mcap"):
         log = scan(path)
