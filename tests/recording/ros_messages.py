@@ -36,7 +36,7 @@ def parsed(name, text):
     return get_types_from_msg(text, name)
 
 
-def full_definition(name, changed):
+def full_definition(name, changed=MappingProxyType({})):
     """The ros2msg definition of package/msg/Name with all that it depends on, as rosbag2 writes it."""
     store = get_typestore(Stores.ROS2_JAZZY)
     store.fielddefs = dict(ROS.fielddefs)
