@@ -156,19 +156,18 @@ class Tracker:
             raise ValueError(f"detections: expected none where the sensor did not look, got {len(detections)}")
         if detections.origin and self._origin and not detections.origin.is_of(self._origin):
             raise ValueError(f"detections: expected the map's origin, {self._origin}, got {detections.origin}")
-        if self._latency_ns:
-            detections = replace(detections, time_ns=detections.time_ns - self._latency_ns)
-            time_ns = None if time_ns is None else time_ns - self._latency_ns
-        self._origin = self._origin or detections.origin
-        if self.sensor is not None and is_held(detections.covariance):  # the sensor's model counts
-            detections = replace(detections, covariance=np.empty(0))
         own_ns = detections.instant() if len(detections) else time_ns
         if own_ns is None:
             raise ValueError("time_ns: expected the time of a frame without detections")
         if time_ns not in (None, own_ns):
             raise ValueError(f"time_ns: expected {own_ns}, that of the detections, got {time_ns}")
-        if own_ns <= self._time_ns:
+        if (own_ns := own_ns - self._latency_ns) <= self._time_ns:
             raise ValueError(f"detections: expected times after {self._time_ns} ns, got {own_ns}")
+        self._origin = self._origin or detections.origin
+        if self._latency_ns:
+            detections = replace(detections, time_ns=detections.time_ns - self._latency_ns)
+        if self.sensor is not None and is_held(detections.covariance):  # the sensor's model counts
+            detections = replace(detections, covariance=np.empty(0))
         return detections, own_ns
 
     def _assigned(

@@ -13,6 +13,7 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.filtering import ParticleFilter, Tracker
 from dirprim_filter.filtering.belief import FIRST_CAPACITY
+from dirprim_filter.origin import Origin
 from oracles import filterpy_constant_velocity
 from situations import TRUSTING, beside, on_the_ring, one_cell_map, ring_traffic, seen_at, tracker_of
 
@@ -80,7 +81,7 @@ def both(time_s, names=("a", "b")):
     [
         (both(0.6, names=("a", "a")), {}, "each track id once"),
         (replace(both(0.6), time_ns=[600_000_000, 700_000_000]), {}, "one instant"),
-        (both(0.4), {}, "expected times after 500000000 ns, got 400000000"),
+        (replace(both(0.4), origin=Origin(47.0, 8.0)), {}, "expected times after 500000000 ns, got 400000000"),
         (both(0.6), {"time_ns": 700_000_000}, "time_ns: expected 600000000, that of the detections, got 700000000"),
         (Detections.none(), {"time_ns": 500_000_000}, "expected times after 500000000 ns, got 500000000"),
         (Detections.none(), {}, "expected the time of a frame without detections"),
