@@ -23,7 +23,8 @@ from typer.core import TyperCommand
 
 from dirprim_filter.cli.compiling import mend_cache, quiet_unless_watched
 from dirprim_filter.cli.options import WRITTEN
-from dirprim_filter.cli.reading import OPTIONS, READING, Reading, assignments, deal
+from dirprim_filter.cli.reading import OPTIONS, Reading
+from dirprim_filter.cli.settings import READING, assignments, deal
 from dirprim_filter.partial_file import PartialFile
 
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Say more on stderr; show where errors come from.")]

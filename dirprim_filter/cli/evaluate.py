@@ -13,7 +13,8 @@ import typer
 
 from dirprim_filter.cli import options
 from dirprim_filter.cli.commands import check_outputs, register
-from dirprim_filter.cli.reading import Reading, Settings, taken
+from dirprim_filter.cli.reading import Reading
+from dirprim_filter.cli.settings import Settings, taken
 from dirprim_filter.partial_file import PartialFile
 
 if TYPE_CHECKING:
@@ -140,7 +141,7 @@ def _evaluated(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Own:
-    """Settings of the command."""
+    """Settings of `evaluate tracking`."""
 
     time_limit_s: float = 600.0
 

@@ -1,17 +1,14 @@
-"""How a command reads its logs: the options that all of them share, the reading itself, and `--set NAME=VALUE`.
+"""How a command reads its logs: the options that all of them share, and the reading itself.
 
 A command that reads logs has one parameter `reading`; on the command line it is an option for each of `OPTIONS`, and
-`--set` for the other fields of `Reading`, as for a command's own settings that have no option.
+`--set` for the other fields of `Reading`.
 """
 
 from __future__ import annotations
 
-import tomllib
-from collections.abc import Sequence
-from contextlib import suppress
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import typer
 
@@ -25,10 +22,6 @@ if TYPE_CHECKING:
     from dirprim_filter.recording.reader import DetectionStream, ReadOptions, TrackResult
     from dirprim_filter.recording.tables import TableDetections
 
-Own = TypeVar("Own")
-Settings = dict[str, str]
-"""Texts by name."""
-
 Time = Annotated[
     Literal["log", "publish", "header"],
     typer.Option(help="Time of a message: of logging, publishing, or the stamp in it if there is one."),
@@ -38,8 +31,6 @@ OPTIONS: dict[str, tuple[Any, Any]] = {
     "strict": (Strict, False),
 }  # fmt: skip
 """Of reading, and their defaults."""
-READING = ("frame", "fields", "origin", "labels", "group", "format")
-"""Settings of every command that reads a log: fields of `Reading`."""
 ASKED = {"start": "--start ", "end": "--end ", "labels": "labels=", "group": "group="}
 """What chooses a part of a log, as it is typed."""
 OF_TABLES = ("topics", "start", "end", "strict", "origin", "labels", "group", "format")
@@ -174,8 +165,8 @@ class Reading:
         start_ns, end_ns = (time_ns(given.pop(name, None), f"--{name}") for name in ("start", "end"))
         if start_ns is not None and end_ns is not None and type(start_ns) is type(end_ns) and end_ns <= start_ns:
             raise ValueError(f"--end: expected a time after --start {self.given['start']}, got {self.given['end']}")
-        if mapping := given.pop("fields", None):
-            given["mapping"] = FieldMapping.parse(mapping)
+        if fields := given.pop("fields", None):
+            given["mapping"] = FieldMapping.parse(fields)
         if origin := given.get("origin"):
             given["origin"] = Origin.parse(origin)
         return ReadOptions(start_ns=start_ns, end_ns=end_ns, **given)
@@ -184,58 +175,3 @@ class Reading:
 def _typed(name: str) -> str:
     """An option or a setting of reading, as it is typed."""
     return f"--{name.replace('_', '-')}" if name in OPTIONS else f"--set {name}=..."
-
-
-def assignments(given: Sequence[str]) -> Settings:
-    """The texts of `--set`, by name.
-
-    Raises:
-        BadParameter: a text is no NAME=VALUE, or a name comes twice.
-    """
-    settings: Settings = {}
-    for text in given:
-        name, _, value = (part.strip() for part in text.partition("="))
-        if not (name and value):
-            raise typer.BadParameter(f"expected NAME=VALUE, got {text!r}", param_hint="--set")
-        if (name := name.replace("-", "_")) in settings:
-            raise typer.BadParameter(f"{name}: expected it once, got it twice", param_hint="--set")
-        settings[name] = value
-    return settings
-
-
-def deal(settings: Settings, *kinds: type) -> list[dict[str, Any]]:
-    """For each dataclass the settings that are its fields, with their values; the first that has a name gets it.
-
-    A value is read as one of TOML where it is one (a number, true, a list), else it is text.
-
-    Raises:
-        BadParameter: none has the name.
-    """
-    types = [{field.name: field.type for field in fields(kind)} for kind in kinds]
-    dealt: list[dict[str, Any]] = [{} for _ in kinds]
-    for name, text in settings.items():
-        number = next((number for number, known in enumerate(types) if name in known), None)
-        if number is None:
-            known = ", ".join([*READING, *(name for of in types for name in of)])
-            raise typer.BadParameter(f"{name}: expected one of {known}", param_hint="--set")
-        dealt[number][name] = text
-        if types[number][name] != "str":
-            with suppress(tomllib.TOMLDecodeError, RecursionError):
-                dealt[number][name] = tomllib.loads(f"value = {text}")["value"]
-    return dealt
-
-
-def taken(kind: type[Own], settings: Settings) -> Own:
-    """A command's own settings out of all, as a dataclass of flags, numbers and texts.
-
-    Raises:
-        BadParameter: a value is of another type.
-    """
-    from dirprim_filter.config import from_table
-
-    names = {field.name for field in fields(kind)}  # type: ignore[arg-type]
-    (own,) = deal({name: text for name, text in settings.items() if name in names}, kind)
-    try:
-        return from_table(kind, own)
-    except ValueError as error:
-        raise typer.BadParameter(str(error), param_hint="--set") from error

@@ -16,7 +16,8 @@ import typer
 
 import dirprim_filter as dp
 from dirprim_filter.cli import exit_codes
-from dirprim_filter.cli.reading import Reading, Settings, deal
+from dirprim_filter.cli.reading import Reading
+from dirprim_filter.cli.settings import Settings, deal
 from dirprim_filter.cli.texts import counted
 from dirprim_filter.config import FilterConfig, LearningConfig, TrackingConfig, from_table
 from dirprim_filter.recording.container.errors import without_secrets

@@ -8,7 +8,8 @@ from typing import Annotated
 import typer
 
 from dirprim_filter.cli.options import Json, Outputs, Truth
-from dirprim_filter.cli.reading import Reading, Settings, deal, taken
+from dirprim_filter.cli.reading import Reading
+from dirprim_filter.cli.settings import Settings, deal, taken
 from dirprim_filter.cli.tables import score_text
 from dirprim_filter.cli.texts import counted, say
 from dirprim_filter.recording.name_patterns import is_table

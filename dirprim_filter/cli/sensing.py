@@ -14,7 +14,7 @@ import typer
 
 from dirprim_filter.cli.options import AUTO
 from dirprim_filter.cli.progress import working
-from dirprim_filter.cli.reading import Settings
+from dirprim_filter.cli.settings import Settings
 from dirprim_filter.cli.texts import counted
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import NO_ID, Detections

@@ -9,7 +9,8 @@ import typer
 import dirprim_filter as dp
 from dirprim_filter.cli import exit_codes
 from dirprim_filter.cli.options import Force, Log, MapOrNone, MaybeTruth, Motion, Output, Particles, Rate, Seed
-from dirprim_filter.cli.reading import Reading, Settings
+from dirprim_filter.cli.reading import Reading
+from dirprim_filter.cli.settings import Settings
 from dirprim_filter.cli.tables import score_text
 from dirprim_filter.cli.texts import counted
 

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from dirprim_filter.cli import exit_codes, options
-from dirprim_filter.cli.reading import Reading, Settings, taken
+from dirprim_filter.cli.reading import Reading
+from dirprim_filter.cli.settings import Settings, taken
 from dirprim_filter.cli.texts import counted
 from dirprim_filter.recording.topic_names import RosMessages
 
