@@ -105,17 +105,21 @@ class ArrayTable(ArrayValue):
 
     def __getitem__(self, rows: BoolArray | IntArray | slice) -> Self:
         """The chosen rows, by mask, indices or slice; not validated again: a tracker takes rows ten times a frame."""
-        some = object.__new__(type(self))
-        some._set({f.name: getattr(self, f.name)[rows] for f in column_fields(type(self))})
-        if hasattr(self, "origin"):
-            some._set({"origin": self.origin})
-        return some
+        of_plane = {"origin": self.origin} if hasattr(self, "origin") else {}
+        return self.trusted(**{f.name: getattr(self, f.name)[rows] for f in column_fields(type(self))}, **of_plane)
 
     def having(self, **columns: Any) -> Self:
         """The same rows with some columns in place of their own, which are not validated."""
         same = ArrayTable.__getitem__(self, slice(None))
         same._set(columns)
         return same
+
+    @classmethod
+    def trusted(cls, **columns: Any) -> Self:
+        """A table of all its columns as they are, neither converted nor validated: for those that a program made."""
+        some = object.__new__(cls)
+        some._set(columns)
+        return some
 
     def on_plane(self, origin: Origin | None) -> Self:
         """The same rows on the plane of an origin; without one of their own they are taken to be there.

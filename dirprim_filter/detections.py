@@ -82,8 +82,8 @@ class Detections(ArrayTable):
         Raises:
             ValueError: several instants, several groups, or a repeated id.
         """
-        named = self.track_id[self.track_id != NO_ID]
-        if (self.time_ns != self.time_ns[0]).any() or np.unique(named).size != named.size:
+        named = [name for name in self.track_id.tolist() if name != NO_ID]
+        if (self.time_ns != self.time_ns[0]).any() or len(set(named)) != len(named):
             raise ValueError("detections: expected one instant and each track id once; see Detections.frames")
         if (self.group != self.group[0]).any():
             raise ValueError(

@@ -6,8 +6,6 @@ from collections import deque
 from collections.abc import Collection, Iterable, Sequence
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import EstimateSink
 from dirprim_filter.filtering import GroupTracker, Tracker
@@ -49,7 +47,7 @@ def replay(
     """
     is_grouped = isinstance(tracker, GroupTracker)
     looks = (
-        Look(int(seen.time_ns[0]), seen, np.unique(seen.group).tolist() if is_grouped else [0]) for seen in stream
+        Look(int(seen.time_ns[0]), seen, set(seen.group.tolist()) if is_grouped else [0]) for seen in stream
     )  # fmt: skip
     return follow(looks, tracker, sinks, rate_hz=rate_hz)
 

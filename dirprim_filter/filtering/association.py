@@ -13,7 +13,7 @@ import numpy as np
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
-from dirprim_filter.distributions import gaussian
+from dirprim_filter.filtering._gating import nearest_in_gates
 from dirprim_filter.filtering.existence import OCCLUDED, VISIBLE
 from dirprim_filter.filtering.measurements import measured_covariance
 from dirprim_filter.filtering.protocols import BayesFilter
@@ -53,14 +53,13 @@ def associated(
         (d,) and (d,).
     """
     row_of, m = np.full(len(detections), -1, np.int64), bayes_filter.moments(slot)
+    predicted, errors = m[:, [2, 3, 3, 4]].reshape(-1, 2, 2), measured_covariance(detections, noise)
     for chosen in (np.flatnonzero(is_confirmed), np.flatnonzero(~is_confirmed)):
         left = np.flatnonzero(row_of < 0)
         if chosen.size == 0 or left.size == 0:
             continue
-        seen = detections[left]
         pairs = gated(
-            m[chosen, :2], m[chosen][:, [2, 3, 3, 4]].reshape(-1, 2, 2), seen.position,
-            measured_covariance(seen, noise), gate=config.gate,
+            m[chosen, :2], predicted[chosen], detections.position[left], errors[left], gate=config.gate
         )  # fmt: skip
         track, other = chosen[pairs.one], left[pairs.other]
         fit = bayes_filter.log_likelihood(slot[track], detections[other])
@@ -69,9 +68,11 @@ def associated(
         gain = np.log(expected) - np.log1p(-expected) + fit - np.log(by_chance)[other]
         best = best_pairs(*pairs, gain)
         row_of[other[best]] = track[best]
+    is_known = ~np.isnan(size[:, :2]).any(axis=1)
+    if not is_known.any():
+        return np.append(slot, -1)[row_of], np.zeros(len(detections), np.bool_)
     rank = np.append(np.where(is_confirmed, -1, np.arange(slot.size)), slot.size)
-    is_there = is_confirmed | np.isin(np.arange(slot.size), row_of)
-    bodies = np.flatnonzero(is_there & ~np.isnan(size[:, :2]).any(axis=1))
+    bodies = np.flatnonzero(is_known & (is_confirmed | np.isin(np.arange(slot.size), row_of)))
     depth = _depth(detections.position, m[bodies], size[bodies])
     inside, body = np.nonzero((depth > 0) & (rank[bodies] < rank[row_of][:, None]))
     is_double = np.isin(np.arange(len(detections)), inside)
@@ -90,7 +91,7 @@ def _depth(position: FloatArray, moments: FloatArray, size: FloatArray) -> Float
 
 
 def gated(mean: FloatArray, covariance: FloatArray, position: FloatArray, noise: FloatArray, *, gate: float) -> Pairs:
-    """Tracks and detections that may belong together: a tree finds what is nearest, the ellipse decides.
+    """Tracks and detections that may belong together: of each track the nearest in its ellipse.
 
     Args:
         mean: (t, 2) predicted positions, metres.
@@ -99,18 +100,10 @@ def gated(mean: FloatArray, covariance: FloatArray, position: FloatArray, noise:
         noise: (d, 2, 2) their covariance.
         gate: squared Mahalanobis distance of the ellipse.
     """
-    from scipy.spatial import KDTree  # noqa: PLC0415 - detections with ids do without
-
-    if len(mean) == 0 or len(position) == 0:
-        return Pairs(np.empty(0, np.int64), np.empty(0, np.int64))
-    widest = np.linalg.eigvalsh(noise)[:, -1].max()
-    reach = np.sqrt(gate * (np.linalg.eigvalsh(covariance)[:, -1] + widest))
-    away, near = KDTree(position).query(mean, k=np.arange(1, min(MOST_NEAR, len(position)) + 1))
-    track, place = np.nonzero(away <= reach[:, None])
-    detection = np.asarray(near)[track, place]
-    off, spread = position[detection] - mean[track], covariance[track] + noise[detection]
-    inside = gaussian.squared_distance(off, spread) <= gate
-    return Pairs(track[inside], detection[inside])
+    near = np.empty((len(mean), min(MOST_NEAR, len(position))), np.int64)
+    nearest_in_gates(*map(np.ascontiguousarray, (mean, covariance, position, noise)), gate, near)
+    track, place = np.nonzero(near >= 0)
+    return Pairs(track, near[track, place])
 
 
 def best_pairs(one: IntArray, other: IntArray, gain: FloatArray) -> IntArray:
@@ -125,12 +118,12 @@ def best_pairs(one: IntArray, other: IntArray, gain: FloatArray) -> IntArray:
         gain: (p,) what it is worth; pairs that are worth nothing are never chosen.
     """
     useful = np.flatnonzero(gain > 0)
-    (ones, i), (others, j) = (np.unique(of[useful], return_inverse=True) for of in (one, other))
-    if ones.size == others.size == useful.size:  # none has a choice
+    if all(np.bincount(of[useful], minlength=1).max() < 2 for of in (one, other)):  # none has a choice
         return useful
     from scipy.sparse import coo_array  # noqa: PLC0415 - detections with ids do without
     from scipy.sparse.csgraph import min_weight_full_bipartite_matching  # noqa: PLC0415
 
+    (ones, i), (others, j) = (np.unique(of[useful], return_inverse=True) for of in (one, other))
     alone, most = np.arange(ones.size), gain[useful].max() + 1.0
     cost = np.append(most - gain[useful], np.full(alone.size, most))
     edges = coo_array((cost, (np.append(i, alone), np.append(j, others.size + alone))))

@@ -81,7 +81,7 @@ def later(
     exists = existence[:, VISIBLE] + existence[:, OCCLUDED]
     balance = exists * back / (out + back)
     visible = stays * (balance + (existence[:, VISIBLE] - balance) * mixes)
-    return np.column_stack([visible, stays * exists - visible, 1.0 - stays * exists])
+    return np.array([visible, stays * exists - visible, 1.0 - stays * exists]).T.copy()
 
 
 def after_hit(
@@ -93,13 +93,16 @@ def after_hit(
     together (n,), and then this one was missed or is not there.
     """
     gain = np.exp(np.clip(log_density - np.log(by_chance), -50.0, 50.0))
-    p = config.detection_probability
-    return _normalised(existence * np.column_stack([1.0 - p + p * gain, np.ones_like(gain), np.ones_like(gain)]))
+    weight, p = existence.copy(), config.detection_probability
+    weight[:, VISIBLE] *= 1.0 - p + p * gain
+    return _normalised(weight)
 
 
 def after_miss(existence: FloatArray, config: TrackingConfig) -> FloatArray:
     """(n, 3) -> (n, 3) after a miss: a frame without a detection of the vehicle."""
-    return _normalised(existence * np.array([1.0 - config.detection_probability, 1.0, 1.0]))
+    weight = existence.copy()
+    weight[:, VISIBLE] *= 1.0 - config.detection_probability
+    return _normalised(weight)
 
 
 def _normalised(weight: FloatArray) -> FloatArray:
@@ -204,11 +207,10 @@ class Undetected:
         per_level = self._per_level(position)
         self._learns_level |= self._traffic is not None and not is_labelled.all()
         if self._learns_level:
-            found, per_unlabelled = self._counts[0], per_level[~is_labelled]
+            found, own, other = self._counts[0], per_level[~is_labelled], false[~is_labelled]
             self._counts[1] += (self.config.detection_probability * self._share).sum()
-            for _ in range(N_FIXED_POINT):
-                any_cause = self._density(per_unlabelled) + false[~is_labelled]
-                self._counts[0] = found + (self.level * per_unlabelled / any_cause).sum()
+            for _ in range(N_FIXED_POINT if own.size else 0):
+                self._counts[0] = found + (self.level * own / (self._density(own) + other)).sum()
         expected = self._density(per_level)
         self._share = (1.0 - self.config.detection_probability) * self._share
         return expected

@@ -62,7 +62,7 @@ class GroupTracker:
         Raises:
             ValueError: no group has a frame; or as `Tracker.track`.
         """
-        parts, looked = [], {*np.unique(detections.group).tolist(), *groups}
+        parts, looked = [], {*detections.group.tolist(), *groups}
         every = sorted({*looked, *between})
         for group in every:
             seen = detections if len(every) == 1 else detections[detections.group == group]

@@ -39,8 +39,8 @@ OWN_WAY_SHARE = 0.5
 QUICK, CELL_SHARE, LONGEST_STEP_S = 0.05, 0.4, 0.5
 """Of the ways through cells, the share of the quickest; of a cell, what these pass in the longest step; and seconds:
 in one a deviation from a course is forgotten, and regions would be up to a tenth wider."""
-PARALLEL_FROM_NS = 400_000.0
-"""Work below which handing a part of it to a second thread, some 0.1 ms, costs more than it saves."""
+PARALLEL_FROM_NS = 1_000_000.0
+"""Work below which handing a part of it to a second thread, some 0.1 ms of both, costs more than it saves."""
 PARTS_PER_THREAD = 4
 """Vehicles differ in work: a thread that is done early takes another part."""
 
@@ -219,7 +219,10 @@ class ParticleFilter(ParticleBelief):
 
     def _columns(self, slot: IntArray, measured: Detections) -> FloatArray:
         """(v, 9) measurements as the kernels take them."""
-        axis, errors = np.zeros(len(measured)), np.zeros((len(measured), 4))
+        columns = np.zeros((len(measured), 9))
+        place, course, axis, errors = columns[:, :2], columns[:, 2], columns[:, 4], columns[:, 5:]
+        place[:], columns[:, 3] = measured.position, measured.speed
+        course[:] = np.where(measured.speed < MOVING_FROM, np.nan, measured.direction)  # counts where no speed is known
         if self._sensor is not None:
             for k, one in enumerate((self._sensor.along, self._sensor.across)):
                 errors[:, k], errors[:, 2 + k] = one.new_variance(self.cloud.since_s[slot]), one.bias_m
@@ -230,8 +233,7 @@ class ParticleFilter(ParticleBelief):
             if own.size:
                 errors[own, :2], axes = np.linalg.eigh(measured.covariance[own])
                 axis[own] = np.arctan2(axes[:, 1, 0], axes[:, 0, 0])
-        course = np.where(measured.speed < MOVING_FROM, np.nan, measured.direction)  # it counts where no speed is known
-        return np.column_stack([measured.position, course, measured.speed, axis, errors])
+        return columns
 
     def _split(
         self, kernel: Callable[..., None], shared: tuple[Any, ...], per_vehicle: tuple[AnyArray, ...], *, each_ns: float

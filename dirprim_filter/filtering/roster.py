@@ -214,6 +214,8 @@ class Roster:
 
     def age(self, slot: IntArray, held: IntArray, time_ns: int) -> None:
         """Let existence (v,) come to a time, by where the beliefs in the slots `held` (v,) are then."""
+        if slot.size == 0:
+            return
         dt_s = np.asarray((time_ns - self.existence_ns[slot]) * 1e-9, np.float64)
         pace = 1.0 / np.fmax(self.interval[slot, 0] / SLOW_NS, 1.0)
         slower = np.where(self.is_labelled[slot], USUAL_GAP_S * 1e9 / self._max_gap_ns, 1.0)

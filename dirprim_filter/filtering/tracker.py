@@ -25,6 +25,7 @@ from dirprim_filter.filtering.smoothing.recorder import Recorder
 from dirprim_filter.primitives.motion_sums import AHEAD_S
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.sensor import Sensor
+from dirprim_filter.track_ids import as_track_ids
 
 logger = logging.getLogger(__name__)
 
@@ -205,9 +206,10 @@ class Tracker:
             roster.age(unlabelled, unlabelled, now_ns)
             row = np.flatnonzero(~is_labelled)
             slot[row], is_double[row] = associated(
-                self._filter, unlabelled, detections[row], existence=roster.existence[unlabelled],
-                size=roster.size[unlabelled], is_confirmed=roster.is_confirmed[unlabelled], by_chance=by_chance[row],
-                noise=self.config, config=self.tracking,
+                self._filter, unlabelled, detections[row] if is_labelled.any() else detections,
+                existence=roster.existence[unlabelled], size=roster.size[unlabelled],
+                is_confirmed=roster.is_confirmed[unlabelled], by_chance=by_chance[row], noise=self.config,
+                config=self.tracking,
             )  # fmt: skip
         false[is_double] = np.inf
         return slot, by_chance, false
@@ -320,16 +322,17 @@ class Tracker:
         home, slot = home[reported], self._at(held[reported], time_ns)
         names, is_measured = roster.name[home], roster.measured_ns[home] == self._time_ns
         m = self._filter.moments(slot)
-        estimates = with_unseen_errors(Estimates(
-            track_id=names.astype(np.str_),
+        moments = np.ascontiguousarray(m.T)
+        estimates = with_unseen_errors((Estimates.trusted if np.isfinite(m).all() else Estimates)(
+            track_id=as_track_ids(names),
             time_ns=np.full(home.size, time_ns, np.int64),
-            position=m[:, :2],
+            position=m[:, :2].copy(),
             covariance=m[:, [2, 3, 3, 4]].reshape(-1, 2, 2),
-            direction=m[:, 5],
-            direction_resultant=m[:, 6],
-            speed=m[:, 7],
-            speed_std=m[:, 8],
-            effective_sample_size=m[:, 9],
+            direction=moments[5],
+            direction_resultant=moments[6],
+            speed=moments[7],
+            speed_std=moments[8],
+            effective_sample_size=moments[9],
             log_evidence=np.where(is_measured, roster.log_evidence[home], 0.0),
             existence=exists[reported],
             unseen_s=_seconds(self._time_ns - roster.measured_ns[home]),

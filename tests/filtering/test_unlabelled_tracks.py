@@ -271,7 +271,7 @@ def test_gates_hold_what_a_loop_over_all_pairs_finds():
 def test_of_a_crowd_each_track_is_compared_with_the_nearest_alone():
     rng = np.random.default_rng(0)
     mean, position = rng.normal(0, 0.1, (2, 600, 2))
-    one = np.broadcast_to(np.eye(2), (600, 2, 2))
+    one = np.tile(np.eye(2), (600, 1, 1))
     found = gated(mean, one, position, one, gate=9.0)
     away = np.linalg.norm(mean[:, None] - position, axis=-1)
     nearest = np.argsort(away, axis=1)[:, :MOST_NEAR]
