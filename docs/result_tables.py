@@ -138,7 +138,7 @@ LOGS: dict[str, Log] = {
 }  # fmt: skip
 
 TOWNS = ("roundabout", "intersection", "Lankershim")
-OWN_SCORE, ABOVE = ", mean score by the other sequences", ", mean score above 2.5"
+OWN_SHARE, ABOVE = ", mean confidence by the other sequences", ", mean score above 2.5"
 NEUTRAL = "python tests/benchmarks/neutral.py {options} --json"
 TABLES: dict[str, Table] = {
     "neutral": Table(
@@ -182,7 +182,7 @@ TABLES: dict[str, Table] = {
         ),
         renamed=(
             (r".*(eleven sequences|02 04 09|(the map|constant velocity), mean score above 2\.5).*", ""),
-            (r"^\w+: ", ""), (OWN_SCORE, ", mean score chosen"),
+            (r"^\w+: ", ""), (OWN_SHARE, ", mean confidence chosen"),
         ),
         minutes=240,
     ),
@@ -435,8 +435,8 @@ def _boxes(where: str, run: str, row: str, called: str, *, ours: str = "with the
 
 
 GROUNDS = (
-    _boxes("cars about a driving car (KITTI), no map", "KITTI", f"constant velocity{OWN_SCORE}", "constant velocity",
-           ours="without the map", label=OWN_SCORE),
+    _boxes("cars about a driving car (KITTI), no map", "KITTI", f"constant velocity{OWN_SHARE}", "constant velocity",
+           ours="without the map", label=OWN_SHARE),
     _boxes("the same", "KITTI", "AB3DMOT, five sequences (run again, mean score above 2.5)", "AB3DMOT",
            ours="without the map", label=ABOVE),
     _boxes("people before a camera (MOT17-04)", "MOT17", "constant velocity", "constant velocity"),
@@ -472,7 +472,7 @@ class Place(NamedTuple):
 
 
 PLACES = (
-    Place("cars, KITTI", "neutral_boxes", "KITTI", f"kitti: {{}}{OWN_SCORE}"),
+    Place("cars, KITTI", "neutral_boxes", "KITTI", f"kitti: {{}}{OWN_SHARE}"),
     Place("people, MOT17-04", "neutral_boxes", "MOT17", "mot17: {}"),
     Place("people, PETS09", "neutral_boxes", "PETS09", "pets09: {}"),
     Place("boats, real radar", "peers", "autoferry", "{}", times=100.0),

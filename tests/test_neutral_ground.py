@@ -10,7 +10,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).with_name("benchmarks")))
 
 from grounds.box_trackers import filled
-from grounds.boxes import Boxes, above_mean, overlaps
+from grounds.boxes import Boxes, above_mean, best_share, overlaps
 from grounds.findings import STRAIGHT, WITH, WITHOUT, Asked
 from grounds.gps import SOURCES, log_of, windows_of
 from grounds.mot import Ground
@@ -106,10 +106,12 @@ def test_pixels_come_back_to_the_ground_with_the_spread_of_the_mapping():
     assert drawn[1, 1] == pytest.approx(covariance[0, 1, 1], rel=0.2)
 
 
-def test_tracks_are_kept_by_their_mean_score():
+def test_tracks_are_kept_by_their_mean_confidence_and_the_least_that_is_best_is_chosen():
     box, score = np.zeros((4, 4)), np.array([1.0, 3.0, 3.0, 3.0])
     rows = Boxes(np.arange(4), np.array([1, 1, 2, 2]), box, score, box[:, :2], box[:, :2], box[:, :3])
-    assert above_mean(rows, 2.5).name.tolist() == [2, 2]
+    assert above_mean(rows, np.asarray, 2.5).name.tolist() == [2, 2]
+    assert above_mean(rows, lambda score: 0.2 * score, 0.5).name.tolist() == [2, 2]
+    assert best_share({0.0: 50.0, 0.1: 51.02, 0.2: 51.04, 0.3: 40.0}) == (51.02, 0.1)  # to a tenth they are the same
     one, others = np.array([[0.0, 0, 2, 2]]), np.array([[1.0, 0, 3, 2], [5, 5, 6, 6]])
     assert overlaps(one, others, np.array([0]), np.array([0, 1])).tolist() == [[1 / 3, 0.0]]
 

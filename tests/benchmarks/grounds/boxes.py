@@ -166,11 +166,21 @@ class Fitted(NamedTuple):
         return cls(float(np.median(np.concatenate(squared)) / MEDIAN_SQUARED), tracking, confidence)
 
 
-def above_mean(tracks: Boxes, least: float) -> Boxes:
-    """The tracks of a mean score above this."""
+SHARES = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)
+"""Least mean confidences of a track that are tried."""
+
+
+def above_mean(tracks: Boxes, confidence: Callable[[FloatArray], FloatArray], least: float) -> Boxes:
+    """The tracks of a mean confidence above this: what a detector takes for a vehicle it does so frame after frame."""
     _, number = np.unique(tracks.name, return_inverse=True)
-    mean = np.bincount(number, tracks.score) / np.maximum(np.bincount(number), 1)
+    mean = np.bincount(number, confidence(tracks.score)) / np.maximum(np.bincount(number), 1)
     return tracks.of(mean[number] > least if number.size else np.zeros(0, np.bool_))
+
+
+def best_share(hota: Mapping[float, float]) -> tuple[float, float]:
+    """Of HOTA in percent by least mean confidence the greatest to a tenth, and the least that has it."""
+    least = max(hota, key=lambda share: (round(hota[share], 1), -share))
+    return hota[least], least
 
 
 Write = Callable[[Boxes], Iterable[str]]

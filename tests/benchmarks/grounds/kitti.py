@@ -2,7 +2,7 @@
 
 Sequences with detections are judged; the others say how cars move, apart from places: no road is driven twice. Noise
 and rates are measured on the other judged sequences, for there alone are detections; there each method chooses its
-settings, and the least mean score of a track, by HOTA.
+settings, and the least mean confidence of a track, by HOTA.
 
 Source: Geiger, Lenz and Urtasun, 2012; Weng et al., AB3DMOT, 2020 (detections); Luiten et al., HOTA, 2021.
 """
@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import cache, partial
+from itertools import repeat
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from peer_trackers import Settings
 from dirprim_filter import Tracks
 from dirprim_filter.arrays import AnyArray, FloatArray
 from grounds.box_trackers import Given, ours, packages, tuned
-from grounds.boxes import COLUMNS, Boxes, Fitted, Scene, above_mean, add_rows, trackeval
+from grounds.boxes import COLUMNS, SHARES, Boxes, Fitted, Scene, above_mean, add_rows, best_share, trackeval
 from grounds.findings import WITHOUT, Asked, Findings, learned
 
 FRAME_S = 0.1
@@ -31,7 +32,8 @@ DETECTED_M = 0.3
 """Deviation of a detection to begin with, each axis."""
 TRAINING_FRAMES = 120
 """Of each sequence, by which settings of others are chosen."""
-SCORES = (-1e9, 1.0, 2.5, 4.0)
+PUBLISHED_CUT = 2.5
+"""Mean score of a track, which is no confidence."""
 AB3DMOT = {
     "five sequences": (76.4, 79.2, 73.8, 82.1, 88.0, 11), "eleven sequences": (75.0, 76.6, 73.7, 84.7, 87.7, 15),
 }  # fmt: skip
@@ -97,6 +99,11 @@ def dataset(data: Path, scenes: Sequence[Scene], results: Path, folder: Path) ->
     })  # fmt: skip
 
 
+def cut(tracks: Boxes, fit: Fitted, least: float) -> Boxes:
+    """Those of a mean confidence above this, or above AB3DMOT's mean score."""
+    return above_mean(tracks, np.asarray if least == PUBLISHED_CUT else fit.confidence, least)
+
+
 def of_kitti(asked: Asked) -> list[Findings]:
     """The sequences with detections together."""
     data = asked.data / "kitti_tracking"
@@ -117,36 +124,36 @@ def of_kitti(asked: Asked) -> list[Findings]:
 
     @cache
     def hota(name: str, settings: tuple[tuple[str, float], ...]) -> dict[float, list[float]]:
-        """Of each sequence, by the least mean score of a track."""
+        """Of each sequence, by the least mean confidence of a track."""
         boxes = [methods[name].run(i, of, Given(fits[i], dict(settings))) for i, of in enumerate(training)]
-        cut = {str(least): [above_mean(of, least) for of in boxes] for least in SCORES}
-        found = judge_training(cut, is_short=True)
-        return {least: [found[str(least)][of.name]["hota"] for of in scenes] for least in SCORES}
+        cuts = (*SHARES, PUBLISHED_CUT)
+        found = judge_training({str(of): [*map(cut, boxes, fits, repeat(of))] for of in cuts}, is_short=True)
+        return {least: [found[str(least)][of.name]["hota"] for of in scenes] for least in cuts}
 
-    def of_others(name: str, scores: Sequence[float], own: int, settings: Settings) -> list[float]:
-        """The greatest mean HOTA of other sequences than one's own, and its score."""
+    def of_others(name: str, shares: Sequence[float], own: int, settings: Settings) -> tuple[float, float]:
+        """The greatest mean HOTA of other sequences than one's own, and its least mean confidence."""
         found = hota(name, tuple(settings.items()))
         kept = [i for i in range(len(scenes)) if i != own] or [own]
-        return max([float(np.mean([found[least][i] for i in kept])), least] for least in scores)
+        return best_share({least: float(np.mean([found[least][i] for i in kept])) for least in shares})
 
-    for label, scores in (
-        (", all tracks", SCORES[:1]), (", mean score above 2.5", (2.5,)),
-        (", mean score by the other sequences", SCORES),
+    for label, shares in (
+        (", all tracks", SHARES[:1]), (", mean score above 2.5", (PUBLISHED_CUT,)),
+        (", mean confidence by the other sequences", SHARES),
     ):  # fmt: skip
         runs: dict[str, list[list[Boxes]]] = {}
         for name, method in methods.items():
-            if name not in alone and scores is not SCORES:
+            if name not in alone and shares is not SHARES:
                 continue
             chosen = []
             for i in range(len(scenes)):
-                greatest = partial(of_others, name, scores, i)
+                greatest = partial(of_others, name, shares, i)
                 settings = tuned(
                     table, f"{name}{label}", method.axes, lambda of, by=greatest: by(of)[0], is_smoke=asked.is_smoke
                 )
                 chosen.append((settings, greatest(settings)[1]))
             runs[name] = [
                 [
-                    above_mean(method.run(i, scenes[i], Given(fits[i], of, seed)), least)
+                    cut(method.run(i, scenes[i], Given(fits[i], of, seed)), fits[i], least)
                     for i, (of, least) in enumerate(chosen)
                 ]
                 for seed in range(method.n_seeds)
