@@ -18,11 +18,9 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from threading import Lock
 from typing import Any
 
 from result_figures import shown
@@ -303,7 +301,7 @@ def chosen(asked: list[str]) -> Iterator[tuple[str, Run]]:
         yield from ((name, each) for each in runs)
 
 
-def run_tables(asked: list[str], data: Path, *, only_new: bool = False, at_once: int = 1) -> bool:
+def run_tables(asked: list[str], data: Path, *, only_new: bool = False) -> bool:
     """Run what is asked for, and store it; whether all of it went well."""
     commit = commit_at_hand()
     with tempfile.TemporaryDirectory(prefix="dirprim-results-") as name:
@@ -317,22 +315,17 @@ def run_tables(asked: list[str], data: Path, *, only_new: bool = False, at_once:
         for log in dict.fromkeys(log for table, run in wanted for log in logs_of(command_of(TABLES[table], run))):
             call(LOGS[log].command.format(data=data.resolve(), log=log), folder, minutes=10)
 
-        one_by_one = Lock()
-
-        def one(task: tuple[str, Run]) -> bool:
-            table, run = task
+        well = True
+        for table, run in wanted:
             try:
                 record = measure(TABLES[table], run, folder)
             except (RuntimeError, ValueError, KeyError) as error:
                 say(f"{table}/{run.name}: {error!r}; its former figures stay")
-                return False
-            with one_by_one:
-                store(table, stored(table) | {run.name: record})
+                well = False
+                continue
+            store(table, stored(table) | {run.name: record})
             say(f"{table}/{run.name}: done")
-            return True
-
-        with ThreadPoolExecutor(at_once) as side_by_side:
-            return all(list(side_by_side.map(one, wanted)))
+    return well
 
 
 def say(line: str) -> None:
@@ -345,11 +338,10 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("tables", nargs="*", metavar="TABLE", help=", ".join(TABLES))
     parser.add_argument("--all", action="store_true", help="every run that this commit has no figures of")
-    parser.add_argument("--at-once", type=int, default=1, help="runs side by side; speeds want one")
     parser.add_argument("--data", type=Path, default=DATA, help="folder of the data; default: %(default)s")
     given = parser.parse_args()
     asked = list(TABLES) if given.all else given.tables
-    well = run_tables(asked, given.data, only_new=given.all, at_once=given.at_once)
+    well = run_tables(asked, given.data, only_new=given.all)
     PAGE.write_text(page())
     README.write_text(readme())
     return 0 if well else 1
