@@ -213,7 +213,7 @@ def trackeval(
             into = Path(folder) / "results" / str(number) / "data"
             into.mkdir(parents=True)
             for name, of in zip(names, boxes, strict=True):
-                (into / f"{name}.txt").write_text("\n".join(write(of)) + "\n")
+                (into / f"{name}.txt").write_text("".join(f"{line}\n" for line in write(of)))  # of no track it is empty
         made = dataset(Path(folder) / "results", Path(folder))
         metrics = [HOTA(), *([] if is_short else [of({"PRINT_CONFIG": False}) for of in (CLEAR, Identity)])]
         (found,) = Evaluator(quiet).evaluate([made], metrics)[0].values()
