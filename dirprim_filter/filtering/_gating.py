@@ -10,18 +10,11 @@ from tessellation._compiling import compiled
 def nearest_in_gates(
     mean: FloatArray, covariance: FloatArray, position: FloatArray, noise: FloatArray, gate: float, out: IntArray
 ) -> None:
-    """Fills (t, k): of each track the nearest k detections inside its ellipse, the nearest first; -1 where none is.
+    """Fills (t, k): of each track the nearest k detections inside its ellipse, the nearest first, -1 where none is.
 
-    Args:
-        mean: (t, 2) predicted positions, metres.
-        covariance: (t, 2, 2) of them, square metres.
-        position: (d, 2) detections.
-        noise: (d, 2, 2) their covariance.
-        gate: squared Mahalanobis distance of the ellipse.
-        out: filled.
+    The others are as of `association.gated`.
     """
-    most = out.shape[1]
-    away = np.empty(most)
+    most, away = out.shape[1], np.empty(out.shape[1])
     for t in range(mean.shape[0]):
         n = 0
         for d in range(position.shape[0]):

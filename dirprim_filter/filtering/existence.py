@@ -93,19 +93,19 @@ def after_hit(
     together (n,), and then this one was missed or is not there.
     """
     gain = np.exp(np.clip(log_density - np.log(by_chance), -50.0, 50.0))
-    weight, p = existence.copy(), config.detection_probability
-    weight[:, VISIBLE] *= 1.0 - p + p * gain
-    return _normalised(weight)
+    p = config.detection_probability
+    return _by_visible(existence, 1.0 - p + p * gain)
 
 
 def after_miss(existence: FloatArray, config: TrackingConfig) -> FloatArray:
     """(n, 3) -> (n, 3) after a miss: a frame without a detection of the vehicle."""
+    return _by_visible(existence, 1.0 - config.detection_probability)
+
+
+def _by_visible(existence: FloatArray, likelihood: FloatArray | float) -> FloatArray:
+    """Bayes' rule, by what is that much likelier of a visible vehicle than of any other."""
     weight = existence.copy()
-    weight[:, VISIBLE] *= 1.0 - config.detection_probability
-    return _normalised(weight)
-
-
-def _normalised(weight: FloatArray) -> FloatArray:
+    weight[:, VISIBLE] *= likelihood
     return np.asarray(weight / weight.sum(axis=1, keepdims=True))
 
 

@@ -322,17 +322,14 @@ class Tracker:
         home, slot = home[reported], self._at(held[reported], time_ns)
         names, is_measured = roster.name[home], roster.measured_ns[home] == self._time_ns
         m = self._filter.moments(slot)
-        moments = np.ascontiguousarray(m.T)
+        direction, resultant, speed, speed_std, size = np.ascontiguousarray(m[:, 5:].T)
         estimates = with_unseen_errors((Estimates.trusted if np.isfinite(m).all() else Estimates)(
             track_id=as_track_ids(names),
             time_ns=np.full(home.size, time_ns, np.int64),
             position=m[:, :2].copy(),
             covariance=m[:, [2, 3, 3, 4]].reshape(-1, 2, 2),
-            direction=moments[5],
-            direction_resultant=moments[6],
-            speed=moments[7],
-            speed_std=moments[8],
-            effective_sample_size=moments[9],
+            direction=direction, direction_resultant=resultant, speed=speed, speed_std=speed_std,
+            effective_sample_size=size,
             log_evidence=np.where(is_measured, roster.log_evidence[home], 0.0),
             existence=exists[reported],
             unseen_s=_seconds(self._time_ns - roster.measured_ns[home]),

@@ -1,7 +1,7 @@
 """Pedestrians by fixed cameras: MOT17 by its cameras' parameters, PETS09 by a homography fitted to its truth.
 
 The first half of a sequence makes the map; by its last 150 frames each method chooses its settings, and the least
-confidence of a detection and of a track on average, by 75 who takes .1 s a frame; the second half is judged.
+confidence of a detection, by 75 who takes .1 s a frame; the second half is judged.
 A box stands where the middle of its lower side meets the ground; its covariance there is that of the pixels, carried
 by the mapping's derivative.
 
@@ -23,11 +23,13 @@ from scipy.optimize import least_squares
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.evaluation.settings import Axis
 from grounds.box_trackers import Given, Method, ours, packages, tuned
-from grounds.boxes import COLUMNS, SHARES, Boxes, Fitted, Scene, above_mean, add_rows, best_share, trackeval
+from grounds.boxes import COLUMNS, Boxes, Fitted, Scene, add_rows, trackeval
 from grounds.findings import WITH, WITHOUT, Asked, Findings, learned
 
 CONFIDENCE = Axis("confidence", 0.5, 1.2, most=0.95)
 TRAINING_FRAMES, FEWER_FRAMES = 150, 75
+TUNED_BY = 3
+"""Seeds, of methods that draw, by which settings are chosen: those of one differ by more than most settings do."""
 SLOW = {("mot17", "Stone Soup GNN")}
 FAR_M = 100.0
 """Beyond is the horizon, or the wrong side of it."""
@@ -208,24 +210,16 @@ def of_mot(kind: str, asked: Asked) -> list[Findings]:
         given = [Given(fit, settings, seed) for fit in fits(least)]
         return [method.run(i, of.above(least), given[i]) for i, of in enumerate(scenes)]
 
-    def cut(found: Sequence[Boxes], settings: Settings, share: float) -> list[Boxes]:
-        fitted = fits(settings["confidence"])
-        return [above_mean(of, fit.confidence, share) for of, fit in zip(found, fitted, strict=True)]
-
-    @cache
-    def hota(name: str, chosen: tuple[tuple[str, float], ...]) -> tuple[float, float]:
-        """The greatest on what settings are chosen by, and its least mean confidence of a track."""
-        which, settings = (kind, name) in SLOW, dict(chosen)
-        found = boxes(methods[name], training[which], settings, 0)
-        by_share = judges[2 + which]({str(of): cut(found, settings, of) for of in SHARES}, is_short=True)
-        return best_share({of: float(np.mean([by_share[str(of)][each]["hota"] for each in names])) for of in SHARES})
+    def hota(method: Method, which: int, settings: Settings) -> float:
+        seeds = range(min(method.n_seeds, TUNED_BY))
+        found = judges[2 + which]({str(of): boxes(method, training[which], settings, of) for of in seeds}, is_short=True)
+        return float(np.mean([each[name]["hota"] for each in found.values() for name in names]))
 
     runs = {}
     for name, method in methods.items():
-        axes, greatest = (CONFIDENCE, *method.axes), lambda of, name=name: hota(name, tuple(of.items()))
-        settings = tuned(table, name, axes, lambda of, greatest=greatest: greatest(of)[0], is_smoke=asked.is_smoke)
-        found = [boxes(method, judged, settings, seed) for seed in range(method.n_seeds)]
-        runs[name] = [cut(of, settings, greatest(settings)[1]) for of in found]
+        axes = (CONFIDENCE, *method.axes)
+        settings = tuned(table, name, axes, partial(hota, method, (kind, name) in SLOW), is_smoke=asked.is_smoke)
+        runs[name] = [boxes(method, judged, settings, seed) for seed in range(method.n_seeds)]
     add_rows(table, "", runs, names, judges[1])
     if kind == "mot17":
         table.rows |= {name: dict(zip(COLUMNS, figures, strict=True)) for name, figures in UCMC.items()}
