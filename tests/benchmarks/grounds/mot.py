@@ -212,8 +212,9 @@ def of_mot(kind: str, asked: Asked) -> list[Findings]:
 
     def hota(method: Method, which: int, settings: Settings) -> float:
         seeds = range(min(method.n_seeds, TUNED_BY))
-        found = judges[2 + which]({str(of): boxes(method, training[which], settings, of) for of in seeds}, is_short=True)
-        return float(np.mean([each[name]["hota"] for each in found.values() for name in names]))
+        runs = {str(seed): boxes(method, training[which], settings, seed) for seed in seeds}
+        found = judges[2 + which](runs, is_short=True).values()
+        return float(np.mean([of[name]["hota"] for of in found for name in names]))
 
     runs = {}
     for name, method in methods.items():
